@@ -1,0 +1,363 @@
+"""Task + simulation + control = n episodes in step; the only place with an episode clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.control import DampedLeastSquares, InverseKinematics
+from saver_envs.grasping import Grasp, settled_grasp
+from saver_envs.reachability import reachability_map
+from saver_envs.robots.description import Fingers, Robot
+from saver_envs.scenes import Layout, ObjectProperties, Scene, compose
+from saver_envs.simulation import SUBSTEPS, ArmState, ObjectState, Simulation
+from saver_envs.tasks.base import Task
+from saver_envs.tasks.observation import SIZE_PER_ARM, observe
+from saver_envs.tasks.regions import OVERLAP, regions
+from saver_envs.tasks.sampling import Start, StartSampler
+
+Control = Literal["cartesian", "joints"]
+
+#: Duration of an action (s): 25 Hz.
+ACTION_DURATION = SUBSTEPS * 0.002
+#: Top speeds of the set-point (m/s): ours by default, the makers' (Table 5.3) when rated.
+DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
+DEFAULT_HORIZON, RATED_HORIZON = 50, 125
+#: A set-point runs at most this far ahead of the tool (m), so that a blocked arm presses with
+#: bounded force and turns round at once.
+LEASH = 0.05
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that makes a scene and its episodes, apart from the task.
+
+    :param robot: the arm.
+    :param horizon: actions in an episode.
+    :param max_speed: top speed of the set-points, m/s.
+    :param limit_joint_speed: keep the joints' targets within the makers' joint speed limits.
+    :param control: ``cartesian`` (displacements of the tool) or ``joints`` (of the joint angles).
+    :param objects: size, mass and friction of the cubes.
+    :param layout: ``row`` or ``ring``.
+    :param overlap: how far an arm's box reaches beyond the middle line to a neighbour, metres.
+    :param in_hand_share: share of the arms that start an episode with their cube in hand, for
+        training; 0 in evaluation.
+    """
+
+    robot: Robot
+    horizon: int = DEFAULT_HORIZON
+    max_speed: float = DEFAULT_SPEED
+    limit_joint_speed: bool = False
+    control: Control = "cartesian"
+    objects: ObjectProperties = ObjectProperties()
+    layout: Layout = "row"
+    overlap: float = OVERLAP
+    in_hand_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks = {
+            "horizon": (self.horizon >= 1, "at least 1 action"),
+            "max_speed": (0 < self.max_speed <= 2, "above 0 and at most 2 m/s"),
+            "control": (self.control in ("cartesian", "joints"), "'cartesian' or 'joints'"),
+            "overlap": (0 <= self.overlap <= 0.2, "0 to 0.2 m"),
+            "in_hand_share": (0 <= self.in_hand_share <= 1, "0 to 1"),
+        }
+        for name, (holds, valid) in checks.items():
+            if not holds:
+                raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What an agent sees; fresh float32 arrays with one row per episode.
+
+    :param observation: (n, 28 * arms).
+    :param achieved_goal: (n, goal_size).
+    :param desired_goal: (n, goal_size).
+    """
+
+    observation: NDArray[np.float32]
+    achieved_goal: NDArray[np.float32]
+    desired_goal: NDArray[np.float32]
+
+    def as_dict(self) -> dict[str, NDArray[np.float32]]:
+        """Return the three arrays under the names of the goal API."""
+        return {
+            "observation": self.observation,
+            "achieved_goal": self.achieved_goal,
+            "desired_goal": self.desired_goal,
+        }
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a step or a reset led to; every array has one entry per episode.
+
+    :param reward: (n,) float32.
+    :param truncated: (n,) the episode is over: its horizon is reached, or it diverged.
+    :param success: (n,) ``is_success``.
+    :param reached: (n,) every object is at its target now.
+    :param diverged: (n,) the simulation broke down in this step.
+    :param costs: name -> (n,) of every cost.
+    :param cost: (n,) sum of the costs that the task names.
+    """
+
+    reward: NDArray[np.float32]
+    truncated: NDArray[np.bool_]
+    success: NDArray[np.bool_]
+    reached: NDArray[np.bool_]
+    diverged: NDArray[np.bool_]
+    costs: dict[str, NDArray[np.float64]]
+    cost: NDArray[np.float64]
+
+    def info(self) -> dict[str, NDArray[np.generic]]:
+        """Return the entries of ``info``, an array of n each."""
+        return {
+            "is_success": self.success,
+            "goal_reached": self.reached,
+            "diverged": self.diverged,
+            "cost": self.cost,
+            **{f"cost_{name}": cost for name, cost in self.costs.items()},
+        }
+
+    def info_of(self, index: int) -> dict[str, bool | float]:
+        """Return the ``info`` of one episode, of plain Python values."""
+        return {name: values[index].item() for name, values in self.info().items()}
+
+
+class Episodes:
+    """n episodes of one task, stepped together.
+
+    :param task: what is to be done.
+    :param settings: robot, limits, objects and control.
+    :param n: number of episodes.
+    :param threads: native threads of the simulation.
+    :param inverse_kinematics: set-points to joint targets; damped least squares by default.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        settings: Settings,
+        n: int = 1,
+        threads: int = 1,
+        inverse_kinematics: InverseKinematics | None = None,
+    ) -> None:
+        self.task = task
+        self.settings = settings
+        self.n = n
+        robot = settings.robot
+        self.scene: Scene = compose(
+            robot, task.n_arms, task.fingers, settings.objects, settings.layout
+        )
+        self.simulation = Simulation(self.scene, n, threads)
+        self.regions = regions(robot, task.n_arms, settings.layout, settings.overlap)
+        self.inverse_kinematics = inverse_kinematics or DampedLeastSquares(robot)
+        self._reachability = reachability_map(robot)
+        self._sampler = StartSampler(
+            self.scene,
+            self.regions,
+            self._reachability,
+            task.start_rules(self.scene.object_rest_height),
+        )
+        self._grasp: Grasp | None = None
+        if settings.in_hand_share > 0 and task.fingers is Fingers.ACTUATED:
+            self._grasp = settled_grasp(robot, settings.objects)
+        self._joint_lower = np.asarray(robot.joint_lower)
+        self._joint_upper = np.asarray(robot.joint_upper)
+        self._joint_speed = np.asarray(robot.joint_speed_limits)
+        self._has_gripper = task.fingers is Fingers.ACTUATED
+        degrees_of_freedom = len(robot.arm_joints)
+        self._motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
+        self._generators = [np.random.default_rng() for _ in range(n)]
+        arms = task.n_arms
+        self.set_point = np.zeros((n, arms, 3))
+        self.target = np.zeros((n, arms, 3))
+        self.elapsed = np.zeros(n, dtype=np.int64)
+        self._goal = np.zeros((n, task.goal_size))
+        self._constraint_broken = np.zeros(n, dtype=bool)
+        self._arms: ArmState = self.simulation.arm_state()
+        self._objects: ObjectState = self.simulation.object_state()
+        self._observation = np.zeros((n, self.observation_size))
+        self._achieved = np.zeros((n, task.goal_size))
+
+    @property
+    def action_size_per_arm(self) -> int:
+        """Numbers of an arm's action: motion, and the gripper command where the fingers move."""
+        return self._motion_size + self._has_gripper
+
+    @property
+    def action_size(self) -> int:
+        """Numbers of an action, arm after arm."""
+        return self.action_size_per_arm * self.task.n_arms
+
+    @property
+    def observation_size(self) -> int:
+        """Numbers of an observation, 28 an arm."""
+        return SIZE_PER_ARM * self.task.n_arms
+
+    @property
+    def goal_size(self) -> int:
+        """Numbers of a goal."""
+        return self.task.goal_size
+
+    def set_generator(self, index: int, generator: np.random.Generator) -> None:
+        """Give episode ``index`` its source of randomness for the resets to come."""
+        self._generators[index] = generator
+
+    def reset(self, ids: Sequence[int] | NDArray[np.intp] | None = None) -> Outcome:
+        """Start new episodes.
+
+        :param ids: which of the n; all by default.
+        :return: the outcome of all n, of which that of ``ids`` is new: cost 0, not truncated.
+        """
+        rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
+        starts = [self._sampler.sample(self._generators[row]) for row in rows]
+        hand = np.stack([start.hand for start in starts])
+        self._place(rows, hand, starts)
+        self.set_point[rows] = hand
+        self.target[rows] = np.stack([start.target for start in starts])
+        self._goal[rows] = np.stack([self.task.desired_goal(start.target) for start in starts])
+        self.elapsed[rows] = 0
+        self._constraint_broken[rows] = False
+        self._read()
+        no = np.zeros(self.n, dtype=bool)
+        return self._outcome(collided=no, diverged=no)
+
+    def _place(self, rows: NDArray[np.intp], hand: NDArray[np.float64], starts: list[Start]) -> None:
+        """Put arms, fingers and cubes of episodes ``rows`` where their starts say."""
+        robot, arms = self.settings.robot, self.task.n_arms
+        joints = self._reachability.postures_at(hand.reshape(-1, 3))
+        fingers = np.full((len(rows), *self.scene.finger_qpos.shape), robot.finger_open)
+        position = np.stack([start.object for start in starts])
+        quaternion = np.zeros((len(rows), arms, 4))
+        quaternion[..., 0] = 1
+        held = np.zeros((len(rows), arms), dtype=bool)
+        if self._grasp is not None:
+            share = self.settings.in_hand_share
+            held = np.stack([self._generators[row].random(arms) < share for row in rows])
+            position[held] = hand[held] + self._grasp.object_offset
+            quaternion[held] = self._grasp.object_quaternion
+            fingers[held] = self._grasp.finger_position
+        objects = np.concatenate([self.simulation.to_world(position), quaternion], axis=-1)
+        self.simulation.reset(rows, joints.reshape(len(rows), arms, -1), fingers, objects)
+        if held.any():
+            episode, arm = np.nonzero(held)
+            controls = self.scene.finger_ctrl[arm]
+            self.simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
+
+    def step(self, actions: NDArray[np.floating]) -> Outcome:
+        """Apply one action to every episode.
+
+        :param actions: (n, action_size); clipped to [-1, 1]. A Cartesian motion of 1 moves the
+            set-point by ``max_speed`` times 0.04 s along its axis; the whole displacement is no
+            longer than that. A gripper command of 1 opens the hand, -1 closes it.
+        :return: the outcome.
+        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        """
+        blocks = self._checked(actions).reshape(self.n, self.task.n_arms, -1)
+        targets = self.simulation.ctrl.copy()
+        arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
+        targets[:, self.scene.arm_ctrl] = arm_targets
+        if self._has_gripper:
+            robot = self.settings.robot
+            closing = (1 - blocks[..., -1:]) / 2
+            finger = robot.finger_open + closing * (robot.finger_closed - robot.finger_open)
+            targets[:, self.scene.finger_ctrl] = finger
+        collided, diverged = self.simulation.step(targets, self.settings.limit_joint_speed)
+        self.elapsed += 1
+        self._read(diverged)
+        return self._outcome(collided, diverged)
+
+    def _checked(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
+        values = np.asarray(actions, dtype=np.float64)
+        if values.shape != (self.n, self.action_size):
+            raise ValueError(
+                f"actions of shape {values.shape}: must have shape {(self.n, self.action_size)}"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError(f"actions={values!r}: every value must be finite")
+        return np.clip(values, -1.0, 1.0)
+
+    def _arm_targets(
+        self, motion: NDArray[np.float64], controls: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return joint targets (n, arms, dof), radians, for motions in [-1, 1]."""
+        commanded = controls[:, self.scene.arm_ctrl]
+        if self.settings.control == "joints":
+            # Joints may go as much faster than their makers rate them as the tool may.
+            scale = self.settings.max_speed / RATED_SPEED * ACTION_DURATION
+            wanted = commanded + motion * self._joint_speed * scale
+        else:
+            self._move_set_point(motion)
+            wanted = self.inverse_kinematics(self._arms, self.set_point)
+        if self.settings.limit_joint_speed:
+            change = self._joint_speed * ACTION_DURATION
+            wanted = commanded + np.clip(wanted - commanded, -change, change)
+        return np.clip(wanted, self._joint_lower, self._joint_upper)
+
+    def _move_set_point(self, motion: NDArray[np.float64]) -> None:
+        longest = self.settings.max_speed * ACTION_DURATION
+        moved = self.set_point + shortened(motion * longest, longest)
+        tool = self._arms.tool_position
+        moved = tool + shortened(moved - tool, LEASH)
+        if self.task.held_height is not None:
+            moved[..., 2] = self.task.held_height
+        self.set_point = self.regions.workspace.clip(moved)
+
+    def _read(self, diverged: NDArray[np.bool_] | None = None) -> None:
+        """Read observation and achieved goal; a diverged episode keeps its last good ones."""
+        if diverged is not None and diverged.any():
+            self._restart_quietly(np.flatnonzero(diverged))
+        simulation = self.simulation
+        self._arms = simulation.arm_state()
+        self._objects = simulation.object_state()
+        fingers, finger_velocities = simulation.finger_state()
+        locked = self.settings.robot.finger_closed
+        observation = observe(self._arms, self._objects, fingers, finger_velocities, locked)
+        achieved = self.task.achieved_goal(self._objects)
+        if diverged is not None and diverged.any():
+            observation[diverged] = self._observation[diverged]
+            achieved[diverged] = self._achieved[diverged]
+        self._observation, self._achieved = observation, achieved
+
+    def _restart_quietly(self, rows: NDArray[np.intp]) -> None:
+        """Give broken simulations a sound state, so that they can be stepped until reset."""
+        starts = [self._sampler.sample(self._generators[row]) for row in rows]
+        self._place(rows, np.stack([start.hand for start in starts]), starts)
+
+    def _outcome(self, collided: NDArray[np.bool_], diverged: NDArray[np.bool_]) -> Outcome:
+        achieved, desired = self._achieved, self._goal
+        costs = self.task.costs(achieved, desired, collided)
+        reached = self.task.reached(achieved, desired)
+        success = reached
+        if "distance" in costs:
+            self._constraint_broken |= costs["distance"] > 0
+            success = reached & ~self._constraint_broken
+        return Outcome(
+            reward=self.task.reward(achieved, desired),
+            truncated=(self.elapsed >= self.settings.horizon) | diverged,
+            success=success,
+            reached=reached,
+            diverged=diverged,
+            costs=costs,
+            cost=np.sum([costs[name] for name in self.task.cost_names], axis=0),
+        )
+
+    def observation(self) -> Observation:
+        """Return what the agents see now, in arrays of their own."""
+        return Observation(
+            self._observation.astype(np.float32),
+            self._achieved.astype(np.float32),
+            self._goal.astype(np.float32),
+        )
+
+
+def shortened(vectors: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+    """Return vectors (..., 3), those longer than ``longest`` scaled down to it."""
+    length = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-12))

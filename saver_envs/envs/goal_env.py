@@ -1,0 +1,166 @@
+"""The Gymnasium adapter: one episode, goal-conditioned."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium_robotics.core import GoalEnv
+from numpy.typing import NDArray
+
+from saver_envs.control import InverseKinematics
+from saver_envs.core import ACTION_DURATION
+from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.registration import make_episodes
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+
+RENDER_MODES = ("human", "rgb_array", "depth_array")
+
+
+class SaverGoalEnv(GoalEnv):
+    """One episode of a registered id behind the goal API.
+
+    :param env_id: a registered id; ``gymnasium.make`` fills it in.
+    :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
+    :param width: pixels of a picture.
+    :param height: pixels of a picture.
+    :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
+    :param inverse_kinematics: replaces damped least squares.
+    :param options: see :class:`saver_envs.registration.Options`.
+    :raises ValueError: for an unknown id, render mode or camera, or an option out of range.
+    :raises TypeError: for an unknown option.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": round(1 / ACTION_DURATION),
+    }
+
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera_name: str = DEFAULT_CAMERA,
+        inverse_kinematics: InverseKinematics | None = None,
+        **options: Any,
+    ) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ValueError(
+                f"render_mode={render_mode!r}: valid modes are {', '.join(RENDER_MODES)}"
+            )
+        self._arguments = {
+            "env_id": env_id,
+            "render_mode": render_mode,
+            "width": width,
+            "height": height,
+            "camera_name": camera_name,
+            "inverse_kinematics": inverse_kinematics,
+            **options,
+        }
+        self.render_mode = render_mode
+        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+        self.observation_space = observation_space(self.episodes)
+        self.action_space = action_space(self.episodes)
+        self._picture = SceneRenderer(self.episodes.scene, width, height, camera_name)
+        self._viewer: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+        """Start an episode.
+
+        :param seed: makes this and the following episodes reproducible.
+        :param options: none are known; given for the API's sake.
+        :return: observation and info.
+        """
+        super().reset(seed=seed)
+        self.episodes.set_generator(0, self.np_random)
+        outcome = self.episodes.reset()
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), outcome.info_of(0)
+
+    def step(
+        self, action: NDArray[np.floating]
+    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+        """Apply one action for 0.04 s.
+
+        :param action: (action_size,), clipped to [-1, 1].
+        :return: observation, reward, terminated (never), truncated, info.
+        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        """
+        values = np.asarray(action)
+        if values.shape != self.action_space.shape:
+            raise ValueError(
+                f"action of shape {values.shape}: must have shape {self.action_space.shape}"
+            )
+        outcome = self.episodes.step(values[None])
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._observation(),
+            float(outcome.reward[0]),
+            False,
+            bool(outcome.truncated[0]),
+            outcome.info_of(0),
+        )
+
+    def _observation(self) -> dict[str, NDArray[np.float32]]:
+        return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
+
+    def compute_reward(
+        self,
+        achieved_goal: NDArray[np.floating],
+        desired_goal: NDArray[np.floating],
+        info: Any = None,
+    ) -> Any:
+        """Return the reward of goals (..., goal_size), shape (...); pure."""
+        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
+
+    def compute_terminated(
+        self,
+        achieved_goal: NDArray[np.floating],
+        desired_goal: NDArray[np.floating],
+        info: Any = None,
+    ) -> Any:
+        """Return False for each of the goals (..., goal_size): episodes never end early."""
+        return np.zeros(np.shape(achieved_goal)[:-1], dtype=bool)[()]
+
+    def compute_truncated(
+        self,
+        achieved_goal: NDArray[np.floating],
+        desired_goal: NDArray[np.floating],
+        info: Any = None,
+    ) -> Any:
+        """Return False for each of the goals: the clock, not the goal, truncates."""
+        return np.zeros(np.shape(achieved_goal)[:-1], dtype=bool)[()]
+
+    def render(self) -> Any:
+        """Draw the scene.
+
+        :return: (height, width, 3) uint8 or (height, width) float32 metres; ``None`` in ``human``
+            mode, where a window shows it, and without a render mode.
+        """
+        if self.render_mode is None:
+            return None
+        target = self.episodes.simulation.to_world(self.episodes.target)[0]
+        self._picture.update(self.episodes.simulation, 0, target)
+        if self.render_mode == "rgb_array":
+            return self._picture.rgb()
+        if self.render_mode == "depth_array":
+            return self._picture.depth()
+        if self._viewer is None:
+            from mujoco import viewer  # opens a display: only when a window is asked for
+
+            self._viewer = viewer.launch_passive(*self._picture.model_and_data)
+        self._viewer.sync()
+        return None
+
+    def close(self) -> None:
+        """Free window and graphics context."""
+        self._picture.close()
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None

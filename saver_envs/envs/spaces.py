@@ -1,0 +1,28 @@
+"""The spaces of episodes, shared by all adapters."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium import spaces
+
+from saver_envs.core import Episodes
+
+
+def observation_space(episodes: Episodes) -> spaces.Dict:
+    """Return the goal-conditioned space: ``observation``, ``achieved_goal``, ``desired_goal``."""
+
+    def box(size: int) -> spaces.Box:
+        return spaces.Box(-np.inf, np.inf, (size,), np.float32)
+
+    return spaces.Dict(
+        {
+            "observation": box(episodes.observation_size),
+            "achieved_goal": box(episodes.goal_size),
+            "desired_goal": box(episodes.goal_size),
+        }
+    )
+
+
+def action_space(episodes: Episodes) -> spaces.Box:
+    """Return the box [-1, 1] of all arms' actions."""
+    return spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)

@@ -1,0 +1,144 @@
+"""Which points an arm can reach with its hand as tasks hold it, and postures that reach them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.control import LARGEST_JOINT_STEP, least_squares_step, orientation_error
+from saver_envs.robots.description import Fingers, Robot
+from saver_envs.scenes import compose
+from saver_envs.simulation import ArmState, Simulation
+
+#: Grid over the box of hand positions that SPEC names, with room beyond the side walls (m).
+GRID_LOWER = (0.25, -0.50, 0.02)
+GRID_UPPER = (0.60, 0.50, 0.40)
+GRID_SHAPE = (8, 21, 8)
+#: A point counts as reached within these residuals (m, rad).
+POSITION_TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 1e-2
+_COLD_ITERATIONS, _WARM_ITERATIONS = 60, 8
+_DAMPING = 1e-5
+
+
+class PostureSolver:
+    """Iterated damped least squares on one arm's kinematics, many targets at once.
+
+    :param robot: the arm.
+    :param capacity: most targets that one call can solve.
+    """
+
+    def __init__(self, robot: Robot, capacity: int) -> None:
+        self._robot = robot
+        self._scene = compose(robot, 1, Fingers.LOCKED)
+        self._simulation = Simulation(self._scene, capacity, persistent=False)
+        self._lower = np.asarray(robot.joint_lower)
+        self._upper = np.asarray(robot.joint_upper)
+
+    @property
+    def capacity(self) -> int:
+        """Most targets that one call can solve."""
+        return self._simulation.n
+
+    def solve(
+        self, targets: NDArray[np.float64], guess: NDArray[np.float64], iterations: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Find joint angles for tool positions, a fixed number of iterations each.
+
+        :param targets: (k, 3) tool positions in the base frame, metres; k at most ``capacity``.
+        :param guess: (k, dof) joint angles to start from, radians.
+        :param iterations: number of steps; fixed, so that a row's result depends on no other row.
+        :return: joint angles (k, dof), radians, and which targets are reached (k,).
+        """
+        ids = np.arange(len(targets))
+        joints = np.array(guess, dtype=np.float64)
+        for _ in range(iterations):
+            error, state = self._error(ids, joints, targets)
+            step = least_squares_step(self._rows(state.jacobian[:, 0]), error, _DAMPING)
+            joints += np.clip(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
+            np.clip(joints, self._lower, self._upper, out=joints)
+        error, _ = self._error(ids, joints, targets)
+        reached = np.linalg.norm(error[:, :3], axis=-1) < POSITION_TOLERANCE
+        reached &= np.linalg.norm(error[:, 3:], axis=-1) < ORIENTATION_TOLERANCE
+        return joints, reached
+
+    def _error(
+        self, ids: NDArray[np.intp], joints: NDArray[np.float64], targets: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ArmState]:
+        simulation = self._simulation
+        simulation.qpos[ids[:, None], self._scene.joint_qpos[0]] = joints
+        simulation.refresh(ids)
+        state = simulation.arm_state(ids)
+        error = targets - state.tool_position[:, 0]
+        if self._robot.holds_orientation:
+            turn = orientation_error(state.tool_rotation[:, 0])
+            error = np.concatenate([error, turn], axis=-1)
+        return error, state
+
+    def _rows(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+        return jacobian if self._robot.holds_orientation else jacobian[:, :3]
+
+
+class ReachabilityMap:
+    """A grid of solved postures: a proof that points are reachable, and a start for solving them.
+
+    :param robot: the arm whose workspace is solved.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._axes = [
+            np.linspace(lower, upper, count)
+            for lower, upper, count in zip(GRID_LOWER, GRID_UPPER, GRID_SHAPE, strict=True)
+        ]
+        points = np.stack(np.meshgrid(*self._axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        self._solver = PostureSolver(robot, len(points))
+        guess = np.tile(np.asarray(robot.home), (len(points), 1))
+        # Turning the base joint towards the point leaves little for the iterations to do.
+        guess[:, 0] -= np.arctan2(points[:, 1], points[:, 0])
+        joints, reached = self._solver.solve(points, guess, _COLD_ITERATIONS)
+        self.postures = joints.reshape(*GRID_SHAPE, -1)
+        self.vertex_reached = reached.reshape(GRID_SHAPE)
+        corners = self.vertex_reached
+        for axis in range(3):
+            size = corners.shape[axis]
+            low = np.take(corners, range(size - 1), axis=axis)
+            corners = low & np.take(corners, range(1, size), axis=axis)
+        self._cell_reached = corners
+
+    def reachable(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Say for points (..., 3), metres, whether all corners of their grid cell are reached."""
+        lower, upper = np.asarray(GRID_LOWER), np.asarray(GRID_UPPER)
+        cells = np.asarray(GRID_SHAPE) - 1
+        scaled = (points - lower) / (upper - lower) * cells
+        inside = ((scaled >= 0) & (scaled <= cells)).all(axis=-1)
+        index = np.clip(scaled.astype(np.intp), 0, cells - 1)
+        return inside & self._cell_reached[index[..., 0], index[..., 1], index[..., 2]]
+
+    def postures_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return joint angles (k, dof), radians, that put the tool at points (k, 3).
+
+        :raises RuntimeError: when a point cannot be reached, naming it; points for which
+            :meth:`reachable` holds do not raise.
+        """
+        lower, upper = np.asarray(GRID_LOWER), np.asarray(GRID_UPPER)
+        cells = np.asarray(GRID_SHAPE) - 1
+        nearest = np.rint((points - lower) / (upper - lower) * cells).astype(np.intp)
+        index = np.clip(nearest, 0, cells)
+        guess = self.postures[index[:, 0], index[:, 1], index[:, 2]]
+        joints = np.empty_like(guess)
+        for start in range(0, len(points), self._solver.capacity):
+            part = slice(start, start + self._solver.capacity)
+            joints[part], reached = self._solver.solve(
+                points[part], guess[part], _WARM_ITERATIONS
+            )
+            if not reached.all():
+                missed = points[part][~reached][0]
+                raise RuntimeError(f"no posture puts the tool at {missed} m")
+        return joints
+
+
+@lru_cache(maxsize=8)
+def reachability_map(robot: Robot) -> ReachabilityMap:
+    """Return the robot's map, solved at the first call (about a second) and then kept."""
+    return ReachabilityMap(robot)

@@ -1,0 +1,311 @@
+"""The 6-DOF Kinova Jaco (j2n6s300) with its three-finger hand.
+
+Kinematics, masses, meshes and limits are those of dm-control's ``third_party/kinova``
+(``jaco_arm.xml``, ``jaco_hand.xml``, ``manipulators/kinova``); NOTICE names the licences. The
+meshes are drawn, and give the links their inertia; contact is made by capsules fitted to them.
+Servo gains, armature and damping are ours: dm-control's armature of 4 and 2 kg m^2 would dwarf
+the links' own inertia.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from importlib import resources
+
+import mujoco
+import numpy as np
+
+from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+
+ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 7))
+FINGER_JOINTS = tuple(f"finger_{index}" for index in range(1, 4))
+HAND_BODY = "hand"
+TOOL_SITE = "tool"
+
+#: Joints 2 and 3 are limited by the mechanics, the others turn for ever (radians).
+JOINT_LOWER = (-math.inf, 0.820305, 0.331613, -math.inf, -math.inf, -math.inf)
+JOINT_UPPER = (math.inf, 5.462881, 5.951573, math.inf, math.inf, math.inf)
+#: Large actuators (joints 1 to 3) and small ones (4 to 6), from dm-control's kinova package.
+LARGE_TORQUE, SMALL_TORQUE, FINGER_TORQUE = 30.5, 6.8, 1.0  # N m
+LARGE_SPEED, SMALL_SPEED = math.radians(36.0), math.radians(48.0)  # rad/s
+
+FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
+FINGER_OPEN, FINGER_CLOSED = 0.20, 1.25  # rad
+
+#: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
+LARGE_ARMATURE, SMALL_ARMATURE, FINGER_ARMATURE = 0.25, 0.06, 0.01
+#: Position servo stiffness (N m/rad). The damping ratio is 1 at the home posture.
+LARGE_STIFFNESS, SMALL_STIFFNESS, FINGER_STIFFNESS = 3000.0, 500.0, 5.0
+FINGER_DAMPING = 0.3  # N m s/rad
+FINGER_FRICTION = (1.5, 0.05, 0.001)  # sliding, torsional (m), rolling (m): rubber pads
+
+#: A tool-down posture with the elbow up, tool near x = 0.45 m (rad).
+HOME = (-3.27, 3.827, 1.365, -0.206, 0.791, -0.04)
+
+_MESHES = (
+    "base",
+    "shoulder",
+    "arm",
+    "forearm",
+    "wrist",
+    "hand_3finger_main",
+    "hand_3finger_insert",
+    "finger_proximal",
+    "finger_distal",
+)
+_DARK = (0.12, 0.12, 0.13, 1.0)
+_LIGHT = (0.72, 0.72, 0.74, 1.0)
+
+#: Serial chain: body, position (m), quaternion, mesh, mass (kg), grey ring radius and half-height.
+_LINKS = (
+    ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205, (0.044, 0.011)),
+    (
+        "link_2",
+        (0, 0.0016, -0.11875),
+        (0, 0, -0.707107, 0.707107),
+        "arm",
+        1.16915,
+        (0.044, 0.011),
+    ),
+    ("link_3", (0, -0.41, 0), (0, 0, 1, 0), "forearm", 0.673443, (0.044, 0.011)),
+    (
+        "link_4",
+        (0, 0.2073, -0.0114),
+        (0, 0, -0.707107, 0.707107),
+        "wrist",
+        0.221432,
+        (0.035, 0.009),
+    ),
+    (
+        "link_5",
+        (0, -0.03703, -0.06414),
+        (0, 0, 0.5, 0.866025),
+        "wrist",
+        0.221432,
+        (0.035, 0.009),
+    ),
+    ("link_6", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), None, 0.0, (0.035, 0.009)),
+)
+_BASE_MASS, _HAND_MASS = 0.718306, 0.54719  # kg
+_PROXIMAL_MASS, _DISTAL_MASS = 0.0255204, 0.0132655  # kg
+
+#: Collision capsules: body, from, to, radius (m). Fitted to the meshes' extents slice by slice.
+_CAPSULES = {
+    "base": ("base", (0, 0, 0.04), (0, 0, 0.13), 0.041),
+    "shoulder": ("link_1", (0, 0, -0.02), (0, -0.010, -0.125), 0.040),
+    "upper_arm": ("link_2", (0, 0, -0.021), (0, -0.41, -0.021), 0.041),
+    "forearm": ("link_3", (0, 0, -0.020), (0, 0.19, -0.013), 0.036),
+    "wrist_1": ("link_4", (0, 0, -0.010), (0, -0.018, -0.062), 0.032),
+    "wrist_2": ("link_5", (0, 0, -0.010), (0, -0.018, -0.062), 0.032),
+    "palm": ("hand", (0, 0.001, -0.030), (0, 0.002, -0.080), 0.046),
+}
+#: Finger bases on the hand: position (m) and quaternion.
+_FINGERS = (
+    ((0.00279, 0.03126, -0.11467), (0.24396, -0.63159, -0.38818, 0.62521)),
+    ((-0.02226, -0.02707, -0.11482), (0.601679, -0.254671, 0.659653, -0.37146)),
+    ((0.02226, -0.02707, -0.11482), (0.659653, -0.37146, 0.601679, -0.254671)),
+)
+#: The tool point, in the hand's frame (m): dm-control's pinch site.
+_TOOL_POSITION = (0.015, 0.0024, -0.193)
+#: Frame of the hand on the wrist (quaternion), joint of two half turns in dm-control's models.
+_HAND_QUATERNION = (1.0, 0.0, 0.0, 0.0)
+
+
+@cache
+def _mesh_bytes() -> dict[str, bytes]:
+    folder = resources.files("saver_envs.robots") / "assets" / "jaco"
+    return {f"{name}.stl": (folder / f"{name}.stl").read_bytes() for name in _MESHES}
+
+
+def _add_mesh_geom(
+    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = _DARK
+) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=f"jaco_{mesh}",
+        mass=mass,
+        contype=0,
+        conaffinity=0,
+        group=VISUAL_GROUP,
+        rgba=rgba,
+    )
+
+
+def _add_capsule(
+    body: mujoco.MjsBody,
+    name: str,
+    start: tuple[float, ...],
+    end: tuple[float, ...],
+    radius: float,
+    condim: int = 3,
+    friction: tuple[float, float, float] = (0.8, 0.02, 0.001),
+) -> None:
+    body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=(*start, *end),
+        size=(radius, 0, 0),
+        mass=0,
+        condim=condim,
+        friction=friction,
+        group=COLLISION_GROUP,
+        rgba=(0.9, 0.3, 0.2, 0.4),
+    )
+
+
+def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
+    """Add base, six links and the hand's body; return the hand."""
+    body = spec.worldbody.add_body(name="base")
+    _add_mesh_geom(body, "base", _BASE_MASS)
+    for index, (name, position, quaternion, mesh, mass, ring) in enumerate(_LINKS):
+        body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
+        lower, upper = JOINT_LOWER[index], JOINT_UPPER[index]
+        limited = math.isfinite(lower)
+        body.add_joint(
+            name=ARM_JOINTS[index],
+            axis=(0, 0, 1),
+            limited=limited,
+            range=(lower, upper) if limited else (0, 0),
+            armature=LARGE_ARMATURE if index < 3 else SMALL_ARMATURE,
+            actgravcomp=1,
+            actfrclimited=True,
+            actfrcrange=(-_torque_limit(index), _torque_limit(index)),
+        )
+        if mesh is not None:
+            _add_mesh_geom(body, mesh, mass)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=(*ring, 0),
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+            rgba=_LIGHT,
+        )
+    hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
+    _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
+    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, _LIGHT)
+    hand.add_site(name=TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
+    return hand
+
+
+def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
+    for index, (position, quaternion) in enumerate(_FINGERS, start=1):
+        if fingers is Fingers.LOCKED:
+            quaternion = tuple(_turned_about_z(quaternion, FINGER_CLOSED))
+        proximal = hand.add_body(
+            name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
+        )
+        if fingers is Fingers.ACTUATED:
+            proximal.add_joint(
+                name=FINGER_JOINTS[index - 1],
+                axis=(0, 0, 1),
+                limited=True,
+                range=(FINGER_LOWER, FINGER_UPPER),
+                armature=FINGER_ARMATURE,
+                damping=(0.05, 0, 0),
+            )
+        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, _LIGHT)
+        _add_capsule(
+            proximal,
+            f"proximal_{index}",
+            (0.005, -0.006, 0),
+            (0.044, -0.007, 0),
+            0.010,
+            4,
+            FINGER_FRICTION,
+        )
+        distal = proximal.add_body(
+            name=f"finger_distal_{index}", pos=(0.044, -0.003, 0), gravcomp=1
+        )
+        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, _LIGHT)
+        _add_capsule(
+            distal,
+            f"distal_{index}",
+            (0, -0.004, 0),
+            (0.036, -0.005, 0),
+            0.008,
+            4,
+            FINGER_FRICTION,
+        )
+
+
+def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
+    """Return ``quaternion`` followed by a turn about its own z axis by ``angle`` radians."""
+    turn = np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
+    result = np.empty(4)
+    mujoco.mju_mulQuat(result, np.asarray(quaternion, dtype=float), turn)
+    return result
+
+
+def _torque_limit(index: int) -> float:
+    return LARGE_TORQUE if index < 3 else SMALL_TORQUE
+
+
+def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
+    for index, joint in enumerate(ARM_JOINTS):
+        limit = _torque_limit(index)
+        servo = spec.add_actuator(
+            name=f"servo_{joint}",
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            forcelimited=True,
+            forcerange=(-limit, limit),
+        )
+        servo.set_to_position(
+            kp=LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS, dampratio=1.0
+        )
+    if fingers is Fingers.LOCKED:
+        return
+    for joint in FINGER_JOINTS:
+        servo = spec.add_actuator(
+            name=f"servo_{joint}",
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            forcelimited=True,
+            forcerange=(-FINGER_TORQUE, FINGER_TORQUE),
+        )
+        servo.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
+
+
+def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
+    """Return a fresh model of the arm with hand and servos.
+
+    :param fingers: actuated joints, or locked shut and without joints.
+    :return: a specification whose world holds the body ``base``.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "jaco"
+    spec.compiler.degree = False
+    spec.assets = _mesh_bytes()
+    for name in _MESHES:
+        spec.add_mesh(name=f"jaco_{name}", file=f"{name}.stl")
+    hand = _add_arm(spec)
+    _add_fingers(hand, fingers)
+    for name, (body, start, end, radius) in _CAPSULES.items():
+        _add_capsule(spec.body(body), name, start, end, radius)
+    _add_servos(spec, fingers)
+    return spec
+
+
+JACO = Robot(
+    name="jaco",
+    build=build,
+    base_body="base",
+    tool_site=TOOL_SITE,
+    arm_joints=ARM_JOINTS,
+    finger_joints=FINGER_JOINTS,
+    arm_actuators=tuple(f"servo_{joint}" for joint in ARM_JOINTS),
+    finger_actuators=tuple(f"servo_{joint}" for joint in FINGER_JOINTS),
+    home=HOME,
+    joint_lower=JOINT_LOWER,
+    joint_upper=JOINT_UPPER,
+    joint_speed_limits=(LARGE_SPEED,) * 3 + (SMALL_SPEED,) * 3,
+    joint_torque_limits=(LARGE_TORQUE,) * 3 + (SMALL_TORQUE,) * 3,
+    finger_open=FINGER_OPEN,
+    finger_closed=FINGER_CLOSED,
+    holds_orientation=True,
+    reach=0.62,
+    off_table_geoms=("base", "shoulder"),
+)

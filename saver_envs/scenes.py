@@ -1,0 +1,387 @@
+"""Composes arms, table, objects and cameras into one compiled model with named addresses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+
+Layout = Literal["row", "ring"]
+
+TIMESTEP = 0.002  # s, the dissertation's (chapter 5)
+#: Distance between neighbouring bases in a row (m), Table 8.1.
+BASE_SPACING = 0.72
+#: Radius of the circle on which bases stand around the table (m), ours: as far from the centre
+#: as a base of a row is from the middle of its workspace.
+RING_RADIUS = 0.60
+MAX_ARMS = 4
+
+#: Collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
+TABLE_BIT, OBJECT_BIT, FIRST_ARM_BIT = 1, 2, 4
+
+OBJECT_COLOURS = ((0.85, 0.33, 0.20), (0.20, 0.47, 0.75), (0.93, 0.69, 0.20), (0.45, 0.62, 0.35))
+
+
+@dataclass(frozen=True)
+class ObjectProperties:
+    """Cubes that the arms move, all alike.
+
+    :param size: edge length, metres.
+    :param mass: kilograms.
+    :param friction: sliding friction with the table and the hands, dimensionless.
+    :param damping: linear damping of the free joint, N s/m; 0 for free sliding.
+    """
+
+    size: float = 0.056
+    mass: float = 0.2
+    friction: float = 0.8
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A compiled model and where to find things in it; arrays have one row per arm.
+
+    :param model: the compiled MuJoCo model.
+    :param robot: the arms' description.
+    :param fingers: whether the finger joints exist.
+    :param objects: size, mass and friction of the cubes.
+    :param base_position: (arms, 3), metres, world frame.
+    :param base_rotation: (arms, 3, 3), columns are the base's axes in the world frame.
+    :param joint_qpos: (arms, dof) addresses of the arm joints in ``qpos``.
+    :param joint_dof: (arms, dof) addresses in ``qvel``.
+    :param joint_id: (arms, dof) joint ids.
+    :param finger_qpos: (arms, fingers) addresses in ``qpos``; empty when locked.
+    :param finger_dof: (arms, fingers) addresses in ``qvel``.
+    :param arm_ctrl: (arms, dof) actuator ids.
+    :param finger_ctrl: (arms, fingers) actuator ids.
+    :param tool_site: (arms,) site ids.
+    :param object_qpos: (arms, 7) addresses of position and quaternion.
+    :param object_dof: (arms, 6) addresses of linear and angular velocity.
+    :param target_site: (arms,) sites that show the targets.
+    :param collision_sensor: addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
+    """
+
+    model: mujoco.MjModel
+    robot: Robot
+    fingers: Fingers
+    objects: ObjectProperties
+    base_position: NDArray[np.float64]
+    base_rotation: NDArray[np.float64]
+    joint_qpos: NDArray[np.intp]
+    joint_dof: NDArray[np.intp]
+    joint_id: NDArray[np.intp]
+    finger_qpos: NDArray[np.intp]
+    finger_dof: NDArray[np.intp]
+    arm_ctrl: NDArray[np.intp]
+    finger_ctrl: NDArray[np.intp]
+    tool_site: NDArray[np.intp]
+    object_qpos: NDArray[np.intp]
+    object_dof: NDArray[np.intp]
+    target_site: NDArray[np.intp]
+    collision_sensor: NDArray[np.intp]
+
+    @property
+    def n_arms(self) -> int:
+        """Number of arms, and of objects."""
+        return len(self.base_position)
+
+    @property
+    def object_rest_height(self) -> float:
+        """Height of a resting cube's centre above the table, metres."""
+        return self.objects.size / 2
+
+
+def base_poses(n_arms: int, layout: Layout) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the bases stand and which way they face.
+
+    :param n_arms: 1 to 4.
+    :param layout: ``row``: side by side along y, 0.72 m apart, all facing +x; ``ring``: on a
+        circle round the point (0.6, 0, 0), facing it.
+    :return: positions (arms, 3) in metres and yaw angles (arms,) in radians, world frame.
+    :raises ValueError: for another number of arms or another layout.
+    """
+    if not 1 <= n_arms <= MAX_ARMS:
+        raise ValueError(f"n_arms={n_arms!r}: a scene holds 1 to {MAX_ARMS} arms")
+    index = np.arange(n_arms)
+    positions = np.zeros((n_arms, 3))
+    if layout == "row":
+        positions[:, 1] = (index - (n_arms - 1) / 2) * BASE_SPACING
+        return positions, np.zeros(n_arms)
+    if layout == "ring":
+        yaw = 2 * math.pi * index / n_arms
+        positions[:, 0] = RING_RADIUS * (1 - np.cos(yaw))
+        positions[:, 1] = -RING_RADIUS * np.sin(yaw)
+        return positions, yaw
+    raise ValueError(f"layout={layout!r}: valid layouts are 'row' and 'ring'")
+
+
+def _new_world(table_extent: float) -> mujoco.MjSpec:
+    """Return a specification with options, lights, floor and table, without arms."""
+    spec = mujoco.MjSpec()
+    spec.modelname = "saver"
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Pyramidal cones let a lifted cube slip out of the hand within 4 s; elliptic ones hold it,
+    # and need fewer constraint rows.
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
+    visual = spec.visual
+    visual.global_.offwidth, visual.global_.offheight = 1920, 1080
+    visual.quality.offsamples = 4
+    visual.headlight.ambient = (0.35, 0.35, 0.35)
+    visual.headlight.diffuse = (0.35, 0.35, 0.35)
+    _add_surroundings(spec, table_extent)
+    return spec
+
+
+def _add_surroundings(spec: mujoco.MjSpec, table_extent: float) -> None:
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.93, 0.95, 0.97),
+        rgb2=(0.62, 0.68, 0.74),
+        width=256,
+        height=256,
+    )
+    world = spec.worldbody
+    world.add_light(
+        pos=(0.2, -0.8, 2.2),
+        dir=(0.1, 0.35, -1),
+        diffuse=(0.55, 0.55, 0.52),
+        castshadow=True,
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+    )
+    # A plane is the cheapest shape to rest on; the slab under it is the table that is seen.
+    world.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=(2, 2, 0.1),
+        contype=TABLE_BIT,
+        conaffinity=0,
+        condim=3,
+        friction=(0.8, 0.02, 0.001),
+        group=COLLISION_GROUP,
+    )
+    world.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=(0.32, 0, -0.0205),
+        size=(0.48, table_extent, 0.02),
+        contype=0,
+        conaffinity=0,
+        group=VISUAL_GROUP,
+        rgba=(0.78, 0.72, 0.63, 1),
+    )
+    world.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=(0, 0, -0.75),
+        size=(0, 0, 1),
+        contype=0,
+        conaffinity=0,
+        group=VISUAL_GROUP,
+        rgba=(0.62, 0.65, 0.68, 1),
+    )
+    for x in (-0.10, 0.74):
+        for y in (-table_extent + 0.06, table_extent - 0.06):
+            world.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=(x, y, -0.395),
+                size=(0.03, 0.03, 0.355),
+                contype=0,
+                conaffinity=0,
+                group=VISUAL_GROUP,
+                rgba=(0.35, 0.36, 0.38, 1),
+            )
+
+
+def _add_cameras(spec: mujoco.MjSpec, half_width: float) -> None:
+    """Cameras that frame all arms, whatever their number: the wider the bench, the further."""
+    distance = 1.25 + 0.75 * half_width
+    centre = np.array([0.32, 0.0, 0.12])
+    directions = {
+        "front": (1.0, 0.0, 0.62),
+        "three_quarter": (0.85, 0.75, 0.62),
+        "side": (0.05, 1.0, 0.30),
+        "overhead": (0.02, 0.0, 1.0),
+    }
+    for name, direction in directions.items():
+        backward = np.asarray(direction) / np.linalg.norm(direction)
+        right = np.cross((0.0, 0.0, 1.0), backward)
+        right /= np.linalg.norm(right)
+        up = np.cross(backward, right)
+        rotation = np.stack([right, up, backward], axis=1)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
+        spec.worldbody.add_camera(
+            name=name, pos=centre + distance * backward, quat=quaternion, fovy=45
+        )
+
+
+def _add_arm(
+    spec: mujoco.MjSpec,
+    robot: Robot,
+    fingers: Fingers,
+    index: int,
+    position: NDArray[np.float64],
+    yaw: float,
+    n_arms: int,
+) -> None:
+    arm = robot.build(fingers)
+    spec.assets = {**spec.assets, **arm.assets}  # attaching a body leaves the mesh files behind
+    arm_bits = sum(FIRST_ARM_BIT << other for other in range(n_arms) if other != index)
+    for geom in arm.geoms:
+        if int(geom.group) != COLLISION_GROUP:
+            continue
+        geom.contype = FIRST_ARM_BIT << index
+        geom.conaffinity = arm_bits | OBJECT_BIT
+        if geom.name not in robot.off_table_geoms:
+            geom.conaffinity |= TABLE_BIT
+    quaternion = (math.cos(yaw / 2), 0, 0, math.sin(yaw / 2))
+    frame = spec.worldbody.add_frame(pos=position, quat=quaternion)
+    frame.attach_body(arm.body(robot.base_body), f"arm{index}_", "")
+
+
+def _add_object(spec: mujoco.MjSpec, index: int, objects: ObjectProperties, x: float) -> None:
+    body = spec.worldbody.add_body(name=f"object{index}", pos=(x, 0.1 * index, objects.size / 2))
+    body.add_freejoint(name=f"object{index}_joint")
+    if objects.damping:
+        body.joints[0].damping = (objects.damping, 0, 0)
+    body.add_geom(
+        name=f"object{index}",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(objects.size / 2,) * 3,
+        mass=objects.mass,
+        friction=(objects.friction, 0.02, 0.001),
+        condim=3,
+        contype=OBJECT_BIT,
+        conaffinity=TABLE_BIT | OBJECT_BIT,
+        rgba=(*OBJECT_COLOURS[index], 1),
+    )
+    spec.worldbody.add_site(
+        name=f"target{index}",
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=(objects.size / 3, 0, 0),
+        pos=(x, 0.1 * index, objects.size / 2),
+        rgba=(*OBJECT_COLOURS[index], 0.55),
+    )
+
+
+def _add_collision_sensors(spec: mujoco.MjSpec, robot: Robot, n_arms: int) -> list[str]:
+    """Count contacts between arms, of arms with the table, and with other arms' objects."""
+    pairs: list[tuple[str, int, str, int, str]] = []
+    body, geom = int(mujoco.mjtObj.mjOBJ_XBODY), int(mujoco.mjtObj.mjOBJ_GEOM)
+    for index in range(n_arms):
+        arm = f"arm{index}_{robot.base_body}"
+        pairs.append((f"collision_arm{index}_table", body, arm, geom, "table"))
+        for other in range(n_arms):
+            if other > index:
+                other_arm = f"arm{other}_{robot.base_body}"
+                pairs.append((f"collision_arm{index}_arm{other}", body, arm, body, other_arm))
+            if other != index:
+                name = f"collision_arm{index}_object{other}"
+                pairs.append((name, body, arm, geom, f"object{other}"))
+    for name, first_type, first, second_type, second in pairs:
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=first_type,
+            objname=first,
+            reftype=second_type,
+            refname=second,
+            intprm=(int(1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)), 0, 1),
+        )
+    return [pair[0] for pair in pairs]
+
+
+@lru_cache(maxsize=32)
+def compose(
+    robot: Robot,
+    n_arms: int = 1,
+    fingers: Fingers = Fingers.ACTUATED,
+    objects: ObjectProperties = ObjectProperties(),
+    layout: Layout = "row",
+) -> Scene:
+    """Compile a bench with arms, one cube and one target each, and cameras.
+
+    The result is cached: callers share it and must not change its model.
+
+    :param robot: the arm, used ``n_arms`` times.
+    :param n_arms: 1 to 4.
+    :param fingers: actuated or locked fingers.
+    :param objects: size, mass and friction of the cubes.
+    :param layout: how the bases stand, see :func:`base_poses`.
+    :return: the scene.
+    :raises ValueError: for a number of arms or a layout that cannot be.
+    """
+    positions, yaws = base_poses(n_arms, layout)
+    half_width = float(np.abs(positions[:, 1]).max())
+    spec = _new_world(table_extent=half_width + 0.60)
+    _add_cameras(spec, half_width)
+    for index in range(n_arms):
+        _add_arm(spec, robot, fingers, index, positions[index], float(yaws[index]), n_arms)
+    for index in range(n_arms):
+        _add_object(spec, index, objects, x=0.4)
+    sensors = _add_collision_sensors(spec, robot, n_arms)
+    return _address(spec.compile(), robot, fingers, objects, positions, yaws, sensors)
+
+
+def _address(
+    model: mujoco.MjModel,
+    robot: Robot,
+    fingers: Fingers,
+    objects: ObjectProperties,
+    positions: NDArray[np.float64],
+    yaws: NDArray[np.float64],
+    sensors: list[str],
+) -> Scene:
+    """Look every name up once, after compilation."""
+    arms = range(len(positions))
+    finger_joints = robot.finger_joints if fingers is Fingers.ACTUATED else ()
+    finger_actuators = robot.finger_actuators if fingers is Fingers.ACTUATED else ()
+
+    def table(rows: list[list[int]]) -> NDArray[np.intp]:
+        return np.array(rows, dtype=np.intp).reshape(len(positions), -1)
+
+    def joint_ids(arm: int, names: tuple[str, ...]) -> list[int]:
+        return [model.joint(f"arm{arm}_{name}").id for name in names]
+
+    def actuator_ids(arm: int, names: tuple[str, ...]) -> list[int]:
+        return [model.actuator(f"arm{arm}_{name}").id for name in names]
+
+    joint_id = table([joint_ids(arm, robot.arm_joints) for arm in arms])
+    finger_id = table([joint_ids(arm, finger_joints) for arm in arms])
+    object_id = np.array([model.joint(f"object{arm}_joint").id for arm in arms])
+
+    cosine, sine = np.cos(yaws), np.sin(yaws)
+    zero, one = np.zeros_like(yaws), np.ones_like(yaws)
+    rotation = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=-1)
+    return Scene(
+        model=model,
+        robot=robot,
+        fingers=fingers,
+        objects=objects,
+        base_position=positions,
+        base_rotation=rotation.reshape(-1, 3, 3),
+        joint_id=joint_id,
+        joint_qpos=model.jnt_qposadr[joint_id].astype(np.intp),
+        joint_dof=model.jnt_dofadr[joint_id].astype(np.intp),
+        finger_qpos=model.jnt_qposadr[finger_id].astype(np.intp),
+        finger_dof=model.jnt_dofadr[finger_id].astype(np.intp),
+        arm_ctrl=table([actuator_ids(arm, robot.arm_actuators) for arm in arms]),
+        finger_ctrl=table([actuator_ids(arm, finger_actuators) for arm in arms]),
+        tool_site=np.array([model.site(f"arm{arm}_{robot.tool_site}").id for arm in arms]),
+        object_qpos=model.jnt_qposadr[object_id][:, None].astype(np.intp) + np.arange(7),
+        object_dof=model.jnt_dofadr[object_id][:, None].astype(np.intp) + np.arange(6),
+        target_site=np.array([model.site(f"target{a}").id for a in arms]),
+        collision_sensor=np.array([model.sensor(name).adr[0] for name in sensors]),
+    )

@@ -1,0 +1,93 @@
+"""Distance-constrained pick and place: two cubes stay a shoulder's width apart (chapter 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.simulation import ObjectState
+from saver_envs.tasks.base import FloatArray
+from saver_envs.tasks.goals import constraint_met
+from saver_envs.tasks.pick_and_place import AIR_HEIGHT, AIR_SHARE, HAND_HEIGHT, PickAndPlace
+from saver_envs.tasks.sampling import StartRules
+
+RewardStage = Literal["goal", "constrained"]
+
+#: Mean U.S. shoulder width (m), and how far the distance may stray from it (m).
+REQUIRED_DISTANCE, DISTANCE_TOLERANCE = 0.35, 0.015
+#: Starts and targets are drawn this far inside the band (m).
+_START_MARGIN = 0.005
+
+
+@dataclass(frozen=True)
+class Distance(PickAndPlace):
+    """Pick and place with two arms whose cubes keep 0.35 m apart at every step.
+
+    :param reward_stage: ``goal``: the reward of reaching the targets alone, f_g (eq. 6.4);
+        ``constrained``: min(f_c, f_g), also -1 wherever the band is left (eq. 6.3).
+    """
+
+    reward_stage: RewardStage = "constrained"
+
+    name: ClassVar[str] = "distance"
+    cost_names: ClassVar[tuple[str, ...]] = ("distance",)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.n_arms != 2:
+            raise ValueError(f"n_arms={self.n_arms!r}: the distance task needs exactly 2 arms")
+        if self.reward_stage not in ("goal", "constrained"):
+            raise ValueError(
+                f"reward_stage={self.reward_stage!r}: valid stages are 'goal' and 'constrained'"
+            )
+
+    @property
+    def goal_size(self) -> int:
+        """Number of entries of a goal: two positions and the distance."""
+        return 3 * self.n_arms + 1
+
+    def start_rules(self, object_rest_height: float) -> StartRules:
+        """Return the rules of a start; see :meth:`Task.start_rules`."""
+        margin = DISTANCE_TOLERANCE - _START_MARGIN
+        return StartRules(
+            hand_height=HAND_HEIGHT,
+            air_share=AIR_SHARE,
+            air_height=AIR_HEIGHT,
+            success_threshold=self.success_threshold,
+            pushes=False,
+            separation=(REQUIRED_DISTANCE - margin, REQUIRED_DISTANCE + margin),
+        )
+
+    def achieved_goal(self, objects: ObjectState) -> NDArray[np.float64]:
+        """Return (n, 7): both objects' positions in base frames and their distance, metres."""
+        gap = objects.world_position[:, 0] - objects.world_position[:, 1]
+        distance = np.sqrt(np.sum(gap * gap, axis=-1, keepdims=True))
+        return np.concatenate([super().achieved_goal(objects), distance], axis=-1)
+
+    def desired_goal(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the goal (7,): targets (2, 3) in base frames and the required distance."""
+        return np.append(super().desired_goal(target), REQUIRED_DISTANCE)
+
+    def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
+        """Return the reward of the stage in force, shape of the leading dimensions; pure."""
+        reward = super().reward(achieved, desired)
+        if self.reward_stage == "goal":
+            return reward
+        if self.reward_type == "dense":
+            return reward - np.abs(achieved[..., -1] - desired[..., -1]).astype(np.float32)
+        kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
+        return np.minimum(reward, kept.astype(np.float32) - np.float32(1))
+
+    def costs(
+        self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return collision and distance costs; the latter is 1 where the band is left."""
+        costs = super().costs(achieved, desired, collided)
+        kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
+        costs["distance"] = (~kept).astype(np.float64)
+        return costs
+
+
