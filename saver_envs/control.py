@@ -16,6 +16,8 @@ from saver_envs.simulation import ArmState
 DAMPING = 1e-3
 #: Largest joint step of one solve, radians.
 LARGEST_JOINT_STEP = 0.3
+#: A joint counts as idle where its turning moves the tool by less than this (m/rad).
+IDLE_LEVER = 1e-6
 
 
 class InverseKinematics(Protocol):
@@ -68,7 +70,8 @@ class DampedLeastSquares:
     """One damped least squares step from the present joints towards the set-point.
 
     Arms that can hold their orientation solve for position and orientation, others for the
-    position alone; joints that do not move the tool then stay where they are.
+    position alone; joints that do not move the tool then go back to their home angle, for nothing
+    else would bring them back once a contact has turned them.
 
     :param robot: gives the joint limits and whether orientation is held.
     :param damping: squared damping factor.
@@ -79,6 +82,7 @@ class DampedLeastSquares:
         self._damping = damping
         self._lower = np.asarray(robot.joint_lower)
         self._upper = np.asarray(robot.joint_upper)
+        self._home = np.asarray(robot.home)
 
     def __call__(
         self, state: ArmState, target: NDArray[np.float64]
@@ -91,6 +95,9 @@ class DampedLeastSquares:
         else:
             jacobian = jacobian[..., :3, :]
         step = least_squares_step(jacobian, error, self._damping)
+        if not self._holds_orientation:
+            idle = np.abs(jacobian).max(axis=-2) < IDLE_LEVER
+            step = np.where(idle, self._home - state.joint_position, step)
         step = np.clip(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
         return np.clip(state.joint_position + step, self._lower, self._upper)
 

@@ -41,7 +41,7 @@ class ObjectProperties:
 
     size: float = 0.056
     mass: float = 0.2
-    friction: float = 0.8
+    friction: float = 0.5
     damping: float = 0.0
 
 
@@ -170,7 +170,9 @@ def _add_surroundings(spec: mujoco.MjSpec, table_extent: float) -> None:
         contype=TABLE_BIT,
         conaffinity=0,
         condim=3,
-        friction=(0.8, 0.02, 0.001),
+        # A contact takes the larger friction of its two geoms: with none of its own the table
+        # leaves the choice to what lies on it.
+        friction=(0.01, 0.001, 0.0001),
         group=COLLISION_GROUP,
     )
     world.add_geom(

@@ -2,7 +2,8 @@
 
 from saver_envs.robots.description import Robot
 from saver_envs.robots.jaco import JACO
+from saver_envs.robots.mico import MICO
 
-ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (JACO,)}
+ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (JACO, MICO)}
 
-__all__ = ["JACO", "ROBOTS", "Robot"]
+__all__ = ["JACO", "MICO", "ROBOTS", "Robot"]

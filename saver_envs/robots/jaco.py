@@ -31,13 +31,15 @@ LARGE_TORQUE, SMALL_TORQUE, FINGER_TORQUE = 30.5, 6.8, 1.0  # N m
 LARGE_SPEED, SMALL_SPEED = math.radians(36.0), math.radians(48.0)  # rad/s
 
 FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
-FINGER_OPEN, FINGER_CLOSED = 0.20, 1.25  # rad
+FINGER_OPEN, FINGER_CLOSED = 0.20, 1.30  # rad
 
 #: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
 LARGE_ARMATURE, SMALL_ARMATURE, FINGER_ARMATURE = 0.25, 0.06, 0.01
 #: Position servo stiffness (N m/rad). The damping ratio is 1 at the home posture.
 LARGE_STIFFNESS, SMALL_STIFFNESS, FINGER_STIFFNESS = 3000.0, 500.0, 5.0
 FINGER_DAMPING = 0.3  # N m s/rad
+#: One input drives the hand: fingers 2 and 3 together press as much as finger 1, which faces them.
+FINGER_SHARES = (1.0, 0.5, 0.5)
 FINGER_FRICTION = (1.5, 0.05, 0.001)  # sliding, torsional (m), rolling (m): rubber pads
 
 #: A tool-down posture with the elbow up, tool near x = 0.45 m (rad).
@@ -106,8 +108,9 @@ _FINGERS = (
     ((-0.02226, -0.02707, -0.11482), (0.601679, -0.254671, 0.659653, -0.37146)),
     ((0.02226, -0.02707, -0.11482), (0.659653, -0.37146, 0.601679, -0.254671)),
 )
-#: The tool point, in the hand's frame (m): dm-control's pinch site.
-_TOOL_POSITION = (0.015, 0.0024, -0.193)
+#: The tool point in the hand's frame (m), ours: on the hand's axis, where the closed fingers hold a
+#: cube by the lower half of their pads. dm-control's pinch site lies 15 mm beside the axis.
+_TOOL_POSITION = (0.0, 0.0, -0.183)
 #: Frame of the hand on the wrist (quaternion), joint of two half turns in dm-control's models.
 _HAND_QUATERNION = (1.0, 0.0, 0.0, 0.0)
 
@@ -258,15 +261,15 @@ def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
         )
     if fingers is Fingers.LOCKED:
         return
-    for joint in FINGER_JOINTS:
+    for joint, share in zip(FINGER_JOINTS, FINGER_SHARES, strict=True):
         servo = spec.add_actuator(
             name=f"servo_{joint}",
             target=joint,
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
             forcelimited=True,
-            forcerange=(-FINGER_TORQUE, FINGER_TORQUE),
+            forcerange=(-share * FINGER_TORQUE, share * FINGER_TORQUE),
         )
-        servo.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
+        servo.set_to_position(kp=share * FINGER_STIFFNESS, kv=share * FINGER_DAMPING)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:

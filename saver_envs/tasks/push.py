@@ -10,7 +10,7 @@ from saver_envs.tasks.base import Task
 from saver_envs.tasks.sampling import StartRules
 
 #: Height of the tool above the table while pushing (m): the fingers meet the cube below its top.
-PUSH_HEIGHT = 0.03
+PUSH_HEIGHT = 0.025
 
 
 @dataclass(frozen=True)
