@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,12 +21,23 @@ LARGEST_JOINT_STEP = 0.3
 IDLE_LEVER = 1e-6
 
 
+#: Entries of a rotation matrix, row by row, whose differences are its turn.
+_ABOVE_DIAGONAL, _BELOW_DIAGONAL = np.array([5, 6, 1]), np.array([7, 2, 3])
+
+
+def bounded(
+    values: NDArray[np.float64],
+    lower: NDArray[np.float64] | float,
+    upper: NDArray[np.float64] | float,
+) -> NDArray[np.float64]:
+    """Return values between bounds, as ``numpy.clip`` does, at half its cost on few values."""
+    return np.minimum(np.maximum(values, lower), upper)
+
+
 class InverseKinematics(Protocol):
     """Turns tool set-points into joint targets: the place where a learned model plugs in."""
 
-    def __call__(
-        self, state: ArmState, target: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets for tool positions.
 
         :param state: the arms' present state, leading dimensions (n, arms).
@@ -40,14 +52,8 @@ def orientation_error(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
     It is half the sum of the cross products of each axis with its target axis.
     """
-    return 0.5 * np.stack(
-        [
-            rotation[..., 1, 2] - rotation[..., 2, 1],
-            rotation[..., 2, 0] - rotation[..., 0, 2],
-            rotation[..., 0, 1] - rotation[..., 1, 0],
-        ],
-        axis=-1,
-    )
+    entries = rotation.reshape(*rotation.shape[:-2], 9)
+    return 0.5 * (entries.take(_ABOVE_DIAGONAL, -1) - entries.take(_BELOW_DIAGONAL, -1))
 
 
 def least_squares_step(
@@ -60,9 +66,10 @@ def least_squares_step(
     :param damping: squared damping factor, above 0.
     :return: (..., dof), radians.
     """
-    transposed = np.swapaxes(jacobian, -1, -2)
+    transposed = jacobian.swapaxes(-1, -2)
     gram = jacobian @ transposed
-    gram[..., range(gram.shape[-1]), range(gram.shape[-1])] += damping
+    rows = gram.shape[-1]
+    gram.reshape(*gram.shape[:-2], -1)[..., :: rows + 1] += damping  # the diagonal
     return (transposed @ np.linalg.solve(gram, error[..., None]))[..., 0]
 
 
@@ -84,9 +91,7 @@ class DampedLeastSquares:
         self._upper = np.asarray(robot.joint_upper)
         self._home = np.asarray(robot.home)
 
-    def __call__(
-        self, state: ArmState, target: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof); see :class:`InverseKinematics`."""
         error = target - state.tool_position
         jacobian = state.jacobian
@@ -98,26 +103,44 @@ class DampedLeastSquares:
         if not self._holds_orientation:
             idle = np.abs(jacobian).max(axis=-2) < IDLE_LEVER
             step = np.where(idle, self._home - state.joint_position, step)
-        step = np.clip(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
-        return np.clip(state.joint_position + step, self._lower, self._upper)
+        step = bounded(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
+        return bounded(state.joint_position + step, self._lower, self._upper)
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """The box that set-points are clipped to, one row per arm, in each arm's base frame.
+    """Where set-points may be: a box, less what is too far from the shoulder, in base frames.
 
     :param lower: (arms, 3), metres.
     :param upper: (arms, 3), metres.
+    :param hand_reach: greatest distance from the shoulder, metres; infinity where the box will do.
+    :param shoulder_height: height of the shoulder above the base, metres.
     """
 
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
+    hand_reach: float = math.inf
+    shoulder_height: float = 0.0
 
     def clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., arms, 3) moved into the box."""
-        return np.clip(points, self.lower, self.upper)
+        """Return points (..., arms, 3) moved into the box, then level towards the base's axis."""
+        boxed = bounded(points, self.lower, self.upper)
+        if math.isfinite(self.hand_reach):
+            longest = self._horizontal_reach(boxed[..., 2:])
+            length = np.hypot(boxed[..., :1], boxed[..., 1:2])
+            boxed[..., :2] *= np.minimum(1.0, longest / np.maximum(length, 1e-12))
+        return boxed
 
     def contains(self, points: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
-        """Say which points (..., arms, 3) lie in the box, ``margin`` metres from its walls."""
+        """Say which points (..., arms, 3) lie inside, ``margin`` metres from the box's walls."""
         inside = (points >= self.lower + margin) & (points <= self.upper - margin)
-        return inside.all(axis=-1)
+        within: NDArray[np.bool_] = np.logical_and.reduce(inside, axis=-1)
+        if math.isfinite(self.hand_reach):
+            length = np.hypot(points[..., 0], points[..., 1])
+            within &= length <= self._horizontal_reach(points[..., 2])
+        return within
+
+    def _horizontal_reach(self, height: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Greatest distance from the base's axis at given heights, metres."""
+        rise = height - self.shoulder_height
+        return np.sqrt(np.maximum(self.hand_reach**2 - rise**2, 0.0))

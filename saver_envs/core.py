@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import DampedLeastSquares, InverseKinematics
+from saver_envs.control import DampedLeastSquares, InverseKinematics, bounded
 from saver_envs.grasping import Grasp, settled_grasp
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Layout, ObjectProperties, Scene, compose
-from saver_envs.simulation import SUBSTEPS, ArmState, ObjectState, Simulation
+from saver_envs.simulation import SUBSTEPS, ArmState, Simulation, SimulationState
 from saver_envs.tasks.base import Task
 from saver_envs.tasks.observation import SIZE_PER_ARM, observe
 from saver_envs.tasks.regions import OVERLAP, regions
@@ -53,7 +54,7 @@ class Settings:
     max_speed: float = DEFAULT_SPEED
     limit_joint_speed: bool = False
     control: Control = "cartesian"
-    objects: ObjectProperties = ObjectProperties()
+    objects: ObjectProperties = field(default_factory=ObjectProperties)
     layout: Layout = "row"
     overlap: float = OVERLAP
     in_hand_share: float = 0.0
@@ -129,8 +130,37 @@ class Outcome:
         return {name: values[index].item() for name, values in self.info().items()}
 
 
+@dataclass(frozen=True)
+class EpisodesState:
+    """Everything that n episodes' future depends on; arrays with one row per episode.
+
+    :param simulation: the simulations' state.
+    :param set_point: (n, arms, 3) tool set-points in base frames, metres.
+    :param target: (n, arms, 3) target points in base frames, metres.
+    :param goal: (n, goal_size) desired goals.
+    :param elapsed: (n,) actions since the reset.
+    :param constraint_broken: (n,) whether the distance constraint was ever broken.
+    :param observation: (n, 28 * arms) as last read.
+    :param achieved: (n, goal_size) as last read.
+    :param generators: the episodes' sources of randomness.
+    """
+
+    simulation: SimulationState
+    set_point: NDArray[np.float64]
+    target: NDArray[np.float64]
+    goal: NDArray[np.float64]
+    elapsed: NDArray[np.int64]
+    constraint_broken: NDArray[np.bool_]
+    observation: NDArray[np.float64]
+    achieved: NDArray[np.float64]
+    generators: tuple[np.random.Generator, ...]
+
+
 class Episodes:
     """n episodes of one task, stepped together.
+
+    They can be pickled and deep-copied in the midst of an episode: the copy is built anew from
+    the constructor's arguments, takes over the state and goes on identically.
 
     :param task: what is to be done.
     :param settings: robot, limits, objects and control.
@@ -156,7 +186,8 @@ class Episodes:
         )
         self.simulation = Simulation(self.scene, n, threads)
         self.regions = regions(robot, task.n_arms, settings.layout, settings.overlap)
-        self.inverse_kinematics = inverse_kinematics or DampedLeastSquares(robot)
+        self._threads = threads
+        self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)
         self._reachability = reachability_map(robot)
         self._sampler = StartSampler(
             self.scene,
@@ -181,7 +212,6 @@ class Episodes:
         self._goal = np.zeros((n, task.goal_size))
         self._constraint_broken = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
-        self._objects: ObjectState = self.simulation.object_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, task.goal_size))
 
@@ -209,6 +239,47 @@ class Episodes:
         """Give episode ``index`` its source of randomness for the resets to come."""
         self._generators[index] = generator
 
+    def get_state(self) -> EpisodesState:
+        """Return a copy of everything that the episodes' future depends on."""
+        return EpisodesState(
+            simulation=self.simulation.get_state(),
+            set_point=self.set_point.copy(),
+            target=self.target.copy(),
+            goal=self._goal.copy(),
+            elapsed=self.elapsed.copy(),
+            constraint_broken=self._constraint_broken.copy(),
+            observation=self._observation.copy(),
+            achieved=self._achieved.copy(),
+            generators=tuple(copy.deepcopy(self._generators)),
+        )
+
+    def set_state(self, state: EpisodesState) -> None:
+        """Go back to a state that :meth:`get_state` returned; what follows is then the same.
+
+        :param state: of these episodes, or of others built from the same arguments.
+        :raises ValueError: for a state of another scene or another number of episodes.
+        """
+        self.simulation.set_state(state.simulation)
+        self.set_point = state.set_point.copy()
+        self.target = state.target.copy()
+        self._goal = state.goal.copy()
+        self.elapsed = state.elapsed.copy()
+        self._constraint_broken = state.constraint_broken.copy()
+        self._observation = state.observation.copy()
+        self._achieved = state.achieved.copy()
+        self._arms = self.simulation.arm_state()
+        self._generators = list(copy.deepcopy(state.generators))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        arguments = (self.task, self.settings, self.n, self._threads, self.inverse_kinematics)
+        # Generators as they are, since an environment may share its own with its episode.
+        state = replace(self.get_state(), generators=tuple(self._generators))
+        return type(self), arguments, state
+
+    def __setstate__(self, state: EpisodesState) -> None:
+        self.set_state(state)
+        self._generators = list(state.generators)
+
     def reset(self, ids: Sequence[int] | NDArray[np.intp] | None = None) -> Outcome:
         """Start new episodes.
 
@@ -224,11 +295,12 @@ class Episodes:
         self._goal[rows] = np.stack([self.task.desired_goal(start.target) for start in starts])
         self.elapsed[rows] = 0
         self._constraint_broken[rows] = False
-        self._read()
-        no = np.zeros(self.n, dtype=bool)
-        return self._outcome(collided=no, diverged=no)
+        self._read(rows)
+        return self._outcome(np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool))
 
-    def _place(self, rows: NDArray[np.intp], hand: NDArray[np.float64], starts: list[Start]) -> None:
+    def _place(
+        self, rows: NDArray[np.intp], hand: NDArray[np.float64], starts: list[Start]
+    ) -> None:
         """Put arms, fingers and cubes of episodes ``rows`` where their starts say."""
         robot, arms = self.settings.robot, self.task.n_arms
         joints = self._reachability.postures_at(hand.reshape(-1, 3))
@@ -250,16 +322,18 @@ class Episodes:
             controls = self.scene.finger_ctrl[arm]
             self.simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
 
-    def step(self, actions: NDArray[np.floating]) -> Outcome:
-        """Apply one action to every episode.
+    def step(self, actions: NDArray[np.floating], ids: NDArray[np.intp] | None = None) -> Outcome:
+        """Apply one action to every episode, or to some.
 
         :param actions: (n, action_size); clipped to [-1, 1]. A Cartesian motion of 1 moves the
             set-point by ``max_speed`` times 0.04 s along its axis; the whole displacement is no
             longer than that. A gripper command of 1 opens the hand, -1 closes it.
-        :return: the outcome.
+        :param ids: (k,) which of the n to step; all by default. The others stay where they are
+            and must be reset before they are stepped again: their set-points have moved on.
+        :return: the outcome of all n, of which that of ``ids`` is new.
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         """
-        blocks = self._checked(actions).reshape(self.n, self.task.n_arms, -1)
+        blocks = self.checked(actions).reshape(self.n, self.task.n_arms, -1)
         targets = self.simulation.ctrl.copy()
         arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
         targets[:, self.scene.arm_ctrl] = arm_targets
@@ -268,12 +342,21 @@ class Episodes:
             closing = (1 - blocks[..., -1:]) / 2
             finger = robot.finger_open + closing * (robot.finger_closed - robot.finger_open)
             targets[:, self.scene.finger_ctrl] = finger
-        collided, diverged = self.simulation.step(targets, self.settings.limit_joint_speed)
-        self.elapsed += 1
-        self._read(diverged)
+        collided, diverged = self.simulation.step(targets, self.settings.limit_joint_speed, ids)
+        self.elapsed[slice(None) if ids is None else ids] += 1
+        rows = ids
+        if diverged.any():
+            broken = np.flatnonzero(diverged)
+            self._restart_quietly(broken)
+            rows = np.setdiff1d(np.arange(self.n) if ids is None else ids, broken)
+        self._read(rows)
         return self._outcome(collided, diverged)
 
-    def _checked(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
+    def checked(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return actions (n, action_size) within [-1, 1].
+
+        :raises ValueError: for a wrong shape or a value that is not finite.
+        """
         values = np.asarray(actions, dtype=np.float64)
         if values.shape != (self.n, self.action_size):
             raise ValueError(
@@ -281,13 +364,13 @@ class Episodes:
             )
         if not np.isfinite(values).all():
             raise ValueError(f"actions={values!r}: every value must be finite")
-        return np.clip(values, -1.0, 1.0)
+        return bounded(values, -1.0, 1.0)
 
     def _arm_targets(
         self, motion: NDArray[np.float64], controls: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof), radians, for motions in [-1, 1]."""
-        commanded = controls[:, self.scene.arm_ctrl]
+        commanded = controls.take(self.scene.arm_ctrl, 1)
         if self.settings.control == "joints":
             # Joints may go as much faster than their makers rate them as the tool may.
             scale = self.settings.max_speed / RATED_SPEED * ACTION_DURATION
@@ -297,8 +380,8 @@ class Episodes:
             wanted = self.inverse_kinematics(self._arms, self.set_point)
         if self.settings.limit_joint_speed:
             change = self._joint_speed * ACTION_DURATION
-            wanted = commanded + np.clip(wanted - commanded, -change, change)
-        return np.clip(wanted, self._joint_lower, self._joint_upper)
+            wanted = commanded + bounded(wanted - commanded, -change, change)
+        return bounded(wanted, self._joint_lower, self._joint_upper)
 
     def _move_set_point(self, motion: NDArray[np.float64]) -> None:
         longest = self.settings.max_speed * ACTION_DURATION
@@ -309,21 +392,23 @@ class Episodes:
             moved[..., 2] = self.task.held_height
         self.set_point = self.regions.workspace.clip(moved)
 
-    def _read(self, diverged: NDArray[np.bool_] | None = None) -> None:
-        """Read observation and achieved goal; a diverged episode keeps its last good ones."""
-        if diverged is not None and diverged.any():
-            self._restart_quietly(np.flatnonzero(diverged))
+    def _read(self, rows: NDArray[np.intp] | None = None) -> None:
+        """Read observations and achieved goals of ``rows``, or of all.
+
+        The others keep what was read before: a diverged episode its last good observation.
+        """
         simulation = self.simulation
         self._arms = simulation.arm_state()
-        self._objects = simulation.object_state()
+        objects = simulation.object_state()
         fingers, finger_velocities = simulation.finger_state()
         locked = self.settings.robot.finger_closed
-        observation = observe(self._arms, self._objects, fingers, finger_velocities, locked)
-        achieved = self.task.achieved_goal(self._objects)
-        if diverged is not None and diverged.any():
-            observation[diverged] = self._observation[diverged]
-            achieved[diverged] = self._achieved[diverged]
-        self._observation, self._achieved = observation, achieved
+        observation = observe(self._arms, objects, fingers, finger_velocities, locked)
+        achieved = self.task.achieved_goal(objects)
+        if rows is None:
+            self._observation, self._achieved = observation, achieved
+        else:
+            self._observation[rows] = observation[rows]
+            self._achieved[rows] = achieved[rows]
 
     def _restart_quietly(self, rows: NDArray[np.intp]) -> None:
         """Give broken simulations a sound state, so that they can be stepped until reset."""
@@ -331,7 +416,8 @@ class Episodes:
         self._place(rows, np.stack([start.hand for start in starts]), starts)
 
     def _outcome(self, collided: NDArray[np.bool_], diverged: NDArray[np.bool_]) -> Outcome:
-        achieved, desired = self._achieved, self._goal
+        # From the numbers that agents see, so that relabelling them finds the very same rewards.
+        achieved, desired = self._achieved.astype(np.float32), self._goal.astype(np.float32)
         costs = self.task.costs(achieved, desired, collided)
         reached = self.task.reached(achieved, desired)
         success = reached
@@ -345,7 +431,7 @@ class Episodes:
             reached=reached,
             diverged=diverged,
             costs=costs,
-            cost=np.sum([costs[name] for name in self.task.cost_names], axis=0),
+            cost=sum((costs[name] for name in self.task.cost_names), np.zeros(self.n)),
         )
 
     def observation(self) -> Observation:
@@ -359,5 +445,5 @@ class Episodes:
 
 def shortened(vectors: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
     """Return vectors (..., 3), those longer than ``longest`` scaled down to it."""
-    length = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
     return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-12))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import gymnasium
+import pettingzoo
 
 from saver_envs.control import InverseKinematics
 from saver_envs.core import (
@@ -27,6 +28,9 @@ from saver_envs.tasks.push import Push
 from saver_envs.tasks.regions import OVERLAP
 
 VERSION = 0
+#: Share of contested starts, set so that two arms which ignore one another fail often enough (see
+#: docs/decisions.md).
+CONTESTED_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,8 @@ class Options:
     :param object_damping: linear damping of the cubes' motion, N s/m.
     :param layout: bases in a ``row`` or a ``ring`` round the table.
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
+    :param contested_share: share of the episodes of several arms in which the ways of two hands
+        meet (push and pick and place).
     :param in_hand_share: share of the arms that start with their cube in hand (pick and place;
         for training).
     :param reward_stage: ``goal`` or ``constrained`` (distance task alone).
@@ -78,6 +84,7 @@ class Options:
     object_damping: float = ObjectProperties.damping
     layout: Layout = "row"
     overlap: float = OVERLAP
+    contested_share: float = CONTESTED_SHARE
     in_hand_share: float = 0.0
     reward_stage: RewardStage | None = None
 
@@ -176,7 +183,9 @@ def _task(row: Row, options: Options) -> Task:
         raise ValueError(
             f"reward_stage={options.reward_stage!r}: only the distance task has reward stages"
         )
-    return row.task(n_arms, row.reward_type, options.success_threshold)
+    return row.task(
+        n_arms, row.reward_type, options.success_threshold, options.contested_share
+    )
 
 
 def _settings(row: Row, options: Options) -> Settings:
@@ -201,11 +210,22 @@ def _settings(row: Row, options: Options) -> Settings:
 
 
 def register_all() -> None:
-    """Register every id with Gymnasium. Episodes end by their own clock, so no time limit."""
-    for env_id in ENVIRONMENTS:
+    """Register every id with Gymnasium, and those of several arms with PettingZoo as well.
+
+    Episodes end by their own clock, so no time limit is given. PettingZoo's ids have this package
+    as their namespace: ``pettingzoo.make("parallel", "saver_envs/DualJacoPush-v0")``.
+    """
+    for env_id, row in ENVIRONMENTS.items():
         gymnasium.register(
             id=env_id,
             entry_point="saver_envs.envs.goal_env:SaverGoalEnv",
             vector_entry_point="saver_envs.envs.vector_env:SaverVectorEnv",
             kwargs={"env_id": env_id},
         )
+        if row.n_arms > 1:
+            pettingzoo.register(
+                "parallel",
+                f"saver_envs/{env_id}",
+                entry_point="saver_envs.envs.parallel_env:parallel_env",
+                kwargs={"env_id": env_id},
+            )

@@ -26,6 +26,13 @@ MAX_ARMS = 4
 #: Collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
 TABLE_BIT, OBJECT_BIT, FIRST_ARM_BIT = 1, 2, 4
 
+#: Table round a base, in its frame: from behind it to before it, and to either side (m).
+BENCH_DEPTH, BENCH_SIDE = (-0.16, 0.80), 0.60
+TABLE_COLOUR, TABLE_GRID = (0.80, 0.74, 0.65), 0.10  # red, green, blue; width of a square (m)
+#: Cameras: vertical field of view (degrees), and what they frame: arms up to this height (m)
+#: and this share of the table, whose edges may be cut.
+FIELD_OF_VIEW, FRAMED_HEIGHT, FRAMED_SHARE = 45.0, 0.62, 0.66
+
 OBJECT_COLOURS = ((0.85, 0.33, 0.20), (0.20, 0.47, 0.75), (0.93, 0.69, 0.20), (0.45, 0.62, 0.35))
 
 
@@ -123,7 +130,32 @@ def base_poses(n_arms: int, layout: Layout) -> tuple[NDArray[np.float64], NDArra
     raise ValueError(f"layout={layout!r}: valid layouts are 'row' and 'ring'")
 
 
-def _new_world(table_extent: float) -> mujoco.MjSpec:
+@dataclass(frozen=True)
+class _Bench:
+    """The rectangle of table that all arms work over, world frame, metres."""
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        return (self.lower + self.upper) / 2
+
+    @property
+    def half(self) -> NDArray[np.float64]:
+        return (self.upper - self.lower) / 2
+
+
+def _bench(positions: NDArray[np.float64], yaws: NDArray[np.float64]) -> _Bench:
+    """Return the smallest table with room for the surroundings of every base."""
+    corners = np.array([(x, y) for x in BENCH_DEPTH for y in (-BENCH_SIDE, BENCH_SIDE)])
+    cosine, sine = np.cos(yaws), np.sin(yaws)
+    rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+    points = (positions[:, None, :2] + np.einsum("aij,kj->aki", rotation, corners)).reshape(-1, 2)
+    return _Bench(points.min(axis=0), points.max(axis=0))
+
+
+def _new_world(bench: _Bench) -> mujoco.MjSpec:
     """Return a specification with options, lights, floor and table, without arms."""
     spec = mujoco.MjSpec()
     spec.modelname = "saver"
@@ -138,27 +170,54 @@ def _new_world(table_extent: float) -> mujoco.MjSpec:
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = 1920, 1080
     visual.quality.offsamples = 4
-    visual.headlight.ambient = (0.35, 0.35, 0.35)
-    visual.headlight.diffuse = (0.35, 0.35, 0.35)
-    _add_surroundings(spec, table_extent)
+    visual.quality.shadowsize = 4096
+    # Ambient, headlight and lamp add up to less than 1 on the table, or it would be burnt out.
+    visual.headlight.ambient = (0.36, 0.36, 0.37)
+    visual.headlight.diffuse = (0.22, 0.22, 0.22)
+    visual.headlight.specular = (0.05, 0.05, 0.05)
+    visual.map.haze = 0.15
+    visual.map.shadowclip = 3  # else the floor is speckled where the map of shadows ends
+    visual.rgba.haze = (0.80, 0.83, 0.86, 1)
+    _add_surroundings(spec, bench)
     return spec
 
 
-def _add_surroundings(spec: mujoco.MjSpec, table_extent: float) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, bench: _Bench) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.93, 0.95, 0.97),
+        rgb1=(0.90, 0.93, 0.96),
         rgb2=(0.62, 0.68, 0.74),
         width=256,
         height=256,
     )
+    spec.add_texture(
+        name="table",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        mark=mujoco.mjtMark.mjMARK_EDGE,
+        rgb1=TABLE_COLOUR,
+        markrgb=tuple(0.88 * part for part in TABLE_COLOUR),
+        width=256,
+        height=256,
+    )
+    material = spec.add_material(
+        name="table",
+        texuniform=True,
+        texrepeat=(2 / TABLE_GRID, 2 / TABLE_GRID),
+        specular=0.1,
+        shininess=0.1,
+    )
+    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
+    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = "table"
+    material.textures = textures
     world = spec.worldbody
     world.add_light(
-        pos=(0.2, -0.8, 2.2),
-        dir=(0.1, 0.35, -1),
-        diffuse=(0.55, 0.55, 0.52),
+        pos=(bench.centre[0] - 0.3, bench.centre[1] - 0.9, 2.4),
+        dir=(0.12, 0.35, -1),
+        diffuse=(0.52, 0.52, 0.50),
+        specular=(0.15, 0.15, 0.15),
         castshadow=True,
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
     )
@@ -175,14 +234,34 @@ def _add_surroundings(spec: mujoco.MjSpec, table_extent: float) -> None:
         friction=(0.01, 0.001, 0.0001),
         group=COLLISION_GROUP,
     )
+    (x, y), (half_x, half_y) = bench.centre, bench.half
+    parts = [
+        ((x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR),
+        *(
+            ((x + side_x * (half_x - 0.06), y + side_y * (half_y - 0.06), -0.396),
+             (0.03, 0.03, 0.355), (0.35, 0.36, 0.38))
+            for side_x in (-1, 1)
+            for side_y in (-1, 1)
+        ),
+    ]
+    for position, size, colour in parts:
+        world.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=position,
+            size=size,
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+            rgba=(*colour, 1),
+        )
     world.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=(0.32, 0, -0.0205),
-        size=(0.48, table_extent, 0.02),
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=(x, y, -0.001),
+        size=(half_x, half_y, 0.1),
         contype=0,
         conaffinity=0,
         group=VISUAL_GROUP,
-        rgba=(0.78, 0.72, 0.63, 1),
+        material="table",
     )
     world.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -191,41 +270,36 @@ def _add_surroundings(spec: mujoco.MjSpec, table_extent: float) -> None:
         contype=0,
         conaffinity=0,
         group=VISUAL_GROUP,
-        rgba=(0.62, 0.65, 0.68, 1),
+        rgba=(0.66, 0.69, 0.72, 1),
     )
-    for x in (-0.10, 0.74):
-        for y in (-table_extent + 0.06, table_extent - 0.06):
-            world.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                pos=(x, y, -0.395),
-                size=(0.03, 0.03, 0.355),
-                contype=0,
-                conaffinity=0,
-                group=VISUAL_GROUP,
-                rgba=(0.35, 0.36, 0.38, 1),
-            )
 
 
-def _add_cameras(spec: mujoco.MjSpec, half_width: float) -> None:
-    """Cameras that frame all arms, whatever their number: the wider the bench, the further."""
-    distance = 1.25 + 0.75 * half_width
-    centre = np.array([0.32, 0.0, 0.12])
+def _add_cameras(spec: mujoco.MjSpec, bench: _Bench) -> None:
+    """Cameras that frame bench and arms, whatever their number, in pictures of 4 to 3."""
+    centre = np.array([*bench.centre, FRAMED_HEIGHT / 2])
+    corners = np.array(
+        [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
+    ) * [*(FRAMED_SHARE * bench.half), FRAMED_HEIGHT / 2]
     directions = {
         "front": (1.0, 0.0, 0.62),
         "three_quarter": (0.85, 0.75, 0.62),
         "side": (0.05, 1.0, 0.30),
         "overhead": (0.02, 0.0, 1.0),
     }
+    tangent = np.array([4 / 3, 1.0]) * math.tan(math.radians(FIELD_OF_VIEW) / 2)
     for name, direction in directions.items():
         backward = np.asarray(direction) / np.linalg.norm(direction)
         right = np.cross((0.0, 0.0, 1.0), backward)
         right /= np.linalg.norm(right)
         up = np.cross(backward, right)
         rotation = np.stack([right, up, backward], axis=1)
+        seen = corners @ rotation
+        # The nearest distance from which every corner lies within the picture.
+        distance = float((seen[:, 2:] + np.abs(seen[:, :2]) / tangent).max())
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
         spec.worldbody.add_camera(
-            name=name, pos=centre + distance * backward, quat=quaternion, fovy=45
+            name=name, pos=centre + distance * backward, quat=quaternion, fovy=FIELD_OF_VIEW
         )
 
 
@@ -272,9 +346,9 @@ def _add_object(spec: mujoco.MjSpec, index: int, objects: ObjectProperties, x: f
     spec.worldbody.add_site(
         name=f"target{index}",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=(objects.size / 3, 0, 0),
+        size=(objects.size / 2, 0, 0),
         pos=(x, 0.1 * index, objects.size / 2),
-        rgba=(*OBJECT_COLOURS[index], 0.55),
+        rgba=(*OBJECT_COLOURS[index], 0.45),
     )
 
 
@@ -326,9 +400,9 @@ def compose(
     :raises ValueError: for a number of arms or a layout that cannot be.
     """
     positions, yaws = base_poses(n_arms, layout)
-    half_width = float(np.abs(positions[:, 1]).max())
-    spec = _new_world(table_extent=half_width + 0.60)
-    _add_cameras(spec, half_width)
+    bench = _bench(positions, yaws)
+    spec = _new_world(bench)
+    _add_cameras(spec, bench)
     for index in range(n_arms):
         _add_arm(spec, robot, fingers, index, positions[index], float(yaws[index]), n_arms)
     for index in range(n_arms):

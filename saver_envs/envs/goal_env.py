@@ -9,16 +9,16 @@ from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
 
 from saver_envs.control import InverseKinematics
-from saver_envs.core import ACTION_DURATION
+from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
 from saver_envs.envs.spaces import action_space, observation_space
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
-
-RENDER_MODES = ("human", "rgb_array", "depth_array")
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 
 
 class SaverGoalEnv(GoalEnv):
     """One episode of a registered id behind the goal API.
+
+    It can be pickled and deep-copied in the midst of an episode: the copy goes on identically.
 
     :param env_id: a registered id; ``gymnasium.make`` fills it in.
     :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
@@ -33,7 +33,7 @@ class SaverGoalEnv(GoalEnv):
 
     metadata: ClassVar[dict[str, Any]] = {
         "render_modes": list(RENDER_MODES),
-        "render_fps": round(1 / ACTION_DURATION),
+        "render_fps": RENDER_FPS,
     }
 
     def __init__(
@@ -46,25 +46,11 @@ class SaverGoalEnv(GoalEnv):
         inverse_kinematics: InverseKinematics | None = None,
         **options: Any,
     ) -> None:
-        if render_mode is not None and render_mode not in RENDER_MODES:
-            raise ValueError(
-                f"render_mode={render_mode!r}: valid modes are {', '.join(RENDER_MODES)}"
-            )
-        self._arguments = {
-            "env_id": env_id,
-            "render_mode": render_mode,
-            "width": width,
-            "height": height,
-            "camera_name": camera_name,
-            "inverse_kinematics": inverse_kinematics,
-            **options,
-        }
         self.render_mode = render_mode
         self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
         self.observation_space = observation_space(self.episodes)
         self.action_space = action_space(self.episodes)
-        self._picture = SceneRenderer(self.episodes.scene, width, height, camera_name)
-        self._viewer: Any = None
+        self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -143,24 +129,8 @@ class SaverGoalEnv(GoalEnv):
         :return: (height, width, 3) uint8 or (height, width) float32 metres; ``None`` in ``human``
             mode, where a window shows it, and without a render mode.
         """
-        if self.render_mode is None:
-            return None
-        target = self.episodes.simulation.to_world(self.episodes.target)[0]
-        self._picture.update(self.episodes.simulation, 0, target)
-        if self.render_mode == "rgb_array":
-            return self._picture.rgb()
-        if self.render_mode == "depth_array":
-            return self._picture.depth()
-        if self._viewer is None:
-            from mujoco import viewer  # opens a display: only when a window is asked for
-
-            self._viewer = viewer.launch_passive(*self._picture.model_and_data)
-        self._viewer.sync()
-        return None
+        return self._pictures.draw()
 
     def close(self) -> None:
         """Free window and graphics context."""
-        self._picture.close()
-        if self._viewer is not None:
-            self._viewer.close()
-            self._viewer = None
+        self._pictures.close()

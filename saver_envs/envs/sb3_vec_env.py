@@ -12,9 +12,10 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_envs.control import InverseKinematics
 from saver_envs.core import Outcome
+from saver_envs.envs.pictures import Pictures
 from saver_envs.envs.spaces import action_space, observation_space
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.rendering import DEFAULT_CAMERA
 
 DictObservation = dict[str, NDArray[np.float32]]
 
@@ -45,7 +46,7 @@ class SaverVecEnv(VecEnv):
         self.env_id = env_id
         self.render_mode = "rgb_array"
         self.episodes = make_episodes(env_id, n_envs, threads, inverse_kinematics, **options)
-        self._picture: SceneRenderer | None = None
+        self._pictures: dict[str, Pictures] = {}
         super().__init__(n_envs, observation_space(self.episodes), action_space(self.episodes))
         self._actions: NDArray[np.floating] | None = None
         if seed is not None:
@@ -100,9 +101,7 @@ class SaverVecEnv(VecEnv):
     def _infos(self, outcome: Outcome) -> list[dict[str, Any]]:
         columns = {name: values.tolist() for name, values in outcome.info().items()}
         names = list(columns)
-        return [
-            dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)
-        ]
+        return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
     def compute_reward(
         self, achieved_goal: NDArray[np.floating], desired_goal: NDArray[np.floating], info: Any
@@ -116,17 +115,15 @@ class SaverVecEnv(VecEnv):
 
     def picture(self, index: int, camera: str = DEFAULT_CAMERA) -> NDArray[np.uint8]:
         """Return a picture (480, 640, 3) of episode ``index``."""
-        if self._picture is None:
-            self._picture = SceneRenderer(self.episodes.scene, *DEFAULT_SIZE, camera)
-        target = self.episodes.simulation.to_world(self.episodes.target)[index]
-        self._picture.update(self.episodes.simulation, index, target)
-        return self._picture.rgb()
+        if camera not in self._pictures:
+            self._pictures[camera] = Pictures(self.episodes, "rgb_array", camera=camera)
+        picture: NDArray[np.uint8] = self._pictures[camera].draw(index)
+        return picture
 
     def close(self) -> None:
-        """Free the graphics context."""
-        if self._picture is not None:
-            self._picture.close()
-            self._picture = None
+        """Free the graphics contexts."""
+        while self._pictures:
+            self._pictures.popitem()[1].close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute, the same for every episode asked for."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from saver_envs.core import ACTION_DURATION, DEFAULT_SPEED
 from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.coordination import Way, give_way, go_round, stop_before_hands
 
 FloatArray = NDArray[np.floating]
 
@@ -26,6 +27,8 @@ class PushExpert:
 
     #: The cube is left alone where it will come to rest within this distance of its target (m).
     STOP = 0.015
+    #: Within this distance an arm has nothing left to do and yields (m).
+    DONE = 0.025
     #: Orbit: half the cube's diagonal, half a closed hand and some air, beside half the edge (m).
     ORBIT_GAP = 0.062
     #: Behind the cube the hand stands this far from its face (m).
@@ -81,13 +84,50 @@ class PushExpert:
         return np.where(near, behind, circle)
 
     def actions(self, view: ArmView) -> FloatArray:
-        """Return actions (n, arms, 3) in [-1, 1]."""
-        move = (self.waypoint(view) - view.tool[..., :2]) / self.step
-        length = np.linalg.norm(move, axis=-1, keepdims=True)
-        move = move / np.maximum(length, 1.0)
+        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another."""
+        return self._action(self.waypoint(view) - view.tool[..., :2])
+
+    def coordinated_actions(self, view: ArmView, base: FloatArray) -> FloatArray:
+        """Return actions (n, arms, 3) in [-1, 1] of arms that give way to one another.
+
+        :param view: what the arms see.
+        :param base: (arms, 2) base positions of a row, metres; the frames are parallel.
+        """
+        wanted = self.waypoint(view) + base
+        tool, cube = view.tool[..., :2] + base, view.object[..., :2] + base
+        way = self._way(view, base)
+        goal, turned = give_way(way, wanted)
+        move = _shortened(goal - tool, self.step)
+        everyone = np.ones(turned.shape, dtype=bool)
+        for other in range(1, tool.shape[1]):
+            move = go_round(tool, move, np.roll(cube, other, axis=1), everyone)
+        move = go_round(tool, move, cube, turned | (way.left == 0))
+        return self._action(stop_before_hands(tool, move, turned))
+
+    def _way(self, view: ArmView, base: FloatArray) -> Way:
+        """The hand's way behind the cube and on to where the cube is at its target."""
+        tool, cube, target = (
+            points[..., :2] + base for points in (view.tool, view.object, view.target)
+        )
+        away = target - cube
+        distance = np.linalg.norm(away, axis=-1)
+        done = distance < self.DONE
+        behind = _unit(away) * (self.object_size / 2 + self.BEHIND_GAP)
+        corners = np.stack([tool, cube - behind, target - behind], axis=2)
+        corners = np.where(done[..., None, None], tool[..., None, :], corners)
+        left = np.linalg.norm(np.diff(corners, axis=2), axis=-1).sum(axis=-1)
+        return Way(corners, cube, target, np.where(done, 0.0, left))
+
+    def _action(self, move: FloatArray) -> FloatArray:
+        move = _shortened(move, self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.maximum(length, 1e-6)
+
+
+def _shortened(vectors: FloatArray, longest: float) -> FloatArray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -47,6 +48,9 @@ class Robot:
     :param reach: greatest horizontal distance of objects and targets from the base, metres.
     :param off_table_geoms: collision geoms that never collide with the table, since they stand
         on it.
+    :param hand_reach: greatest distance of set-points from the shoulder, metres; an arm whose
+        hand pitches as it reaches out needs one, others are kept in by their box.
+    :param shoulder_height: height of the shoulder above the base, metres.
     """
 
     name: str
@@ -67,3 +71,5 @@ class Robot:
     holds_orientation: bool
     reach: float
     off_table_geoms: tuple[str, ...]
+    hand_reach: float = math.inf
+    shoulder_height: float = 0.0

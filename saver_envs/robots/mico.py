@@ -45,6 +45,9 @@ FINGER_FRICTION = (1.5, 0.05, 0.001)  # rubber pads
 
 #: A posture with the elbow up and the hand steep, tool at x = 0.40, z = 0.20 m (rad).
 HOME = (0.0, 2.2499, 4.7966, 0.0)
+#: Set-points stay within this distance of the shoulder (m), of the 0.601 m that the arm has when it
+#: is stretched out: the nearer to that, the flatter the hand, which would lie on the cube.
+HAND_REACH = 0.565
 
 _DARK = (0.12, 0.12, 0.13, 1.0)
 _LIGHT = (0.72, 0.72, 0.74, 1.0)
@@ -279,4 +282,6 @@ MICO = Robot(
     holds_orientation=False,
     reach=0.48,
     off_table_geoms=("base", "shoulder"),
+    hand_reach=HAND_REACH,
+    shoulder_height=0.2755,
 )

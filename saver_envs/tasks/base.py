@@ -28,11 +28,14 @@ class Task:
     :param reward_type: ``sparse`` (eq. 6.4: 0 where the goal is reached, else -1) or ``dense``
         (the negative sum of the objects' distances to their targets, metres).
     :param success_threshold: distance that counts as reached, metres.
+    :param contested_share: share of the episodes of several arms in which the ways of two hands
+        meet, so that the arms must give way.
     """
 
     n_arms: int
     reward_type: RewardType = "sparse"
     success_threshold: float = SUCCESS_THRESHOLD
+    contested_share: float = 0.0
 
     #: Lower-case name of the task.
     name: ClassVar[str]

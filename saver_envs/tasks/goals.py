@@ -22,18 +22,19 @@ def object_distances(achieved: FloatArray, desired: FloatArray, n_arms: int) -> 
     """
     difference = (achieved - desired)[..., : 3 * n_arms]
     blocks = difference.reshape(*difference.shape[:-1], n_arms, 3)
-    return np.sqrt(np.sum(blocks * blocks, axis=-1))
+    return np.sqrt((blocks * blocks).sum(axis=-1))
 
 
 def goal_reached(
     achieved: FloatArray, desired: FloatArray, n_arms: int, threshold: float
 ) -> NDArray[np.bool_]:
     """Say where every object is within ``threshold`` metres of its own target, shape (...)."""
-    return (object_distances(achieved, desired, n_arms) <= threshold).all(axis=-1)
+    near = object_distances(achieved, desired, n_arms) <= threshold
+    return np.logical_and.reduce(near, axis=-1)
 
 
 def constraint_met(
     achieved: FloatArray, desired: FloatArray, tolerance: float
 ) -> NDArray[np.bool_]:
-    """Say where the last entries, distances in metres, differ by at most ``tolerance`` (eq. 6.3)."""
+    """Say where the last entries, distances (m), differ by at most ``tolerance`` (eq. 6.3)."""
     return np.abs(achieved[..., -1] - desired[..., -1]) <= tolerance

@@ -30,4 +30,5 @@ class PickAndPlace(Task):
             air_height=AIR_HEIGHT,
             success_threshold=self.success_threshold,
             pushes=False,
+            contested_share=self.contested_share,
         )

@@ -29,4 +29,5 @@ class Push(Task):
             air_height=object_rest_height,
             success_threshold=self.success_threshold,
             pushes=True,
+            contested_share=self.contested_share,
         )

@@ -20,7 +20,7 @@ OBJECT_HALF_WIDTH = 0.42
 #: Beside another arm, a box ends this far outside the arm's base line (m) ...
 OUTSIDE = 0.10
 #: ... and this far beyond the middle line between the two arms (m).
-OVERLAP = 0.06
+OVERLAP = 0.12
 #: Round the table the boxes are narrower, since the arms face each other (m).
 RING_HALF_WIDTH = 0.25
 
@@ -63,4 +63,5 @@ def regions(robot: Robot, n_arms: int, layout: Layout, overlap: float = OVERLAP)
     # A hand has room behind the outermost object, on either side.
     hand_lower[:, 1] = np.minimum(hand_lower[:, 1], lower[:, 1])
     hand_upper[:, 1] = np.maximum(hand_upper[:, 1], upper[:, 1])
-    return Regions(Workspace(hand_lower, hand_upper), lower, upper, robot.reach)
+    workspace = Workspace(hand_lower, hand_upper, robot.hand_reach, robot.shoulder_height)
+    return Regions(workspace, lower, upper, robot.reach)

@@ -7,6 +7,7 @@ boolean mask over the block, so that what a start guarantees can be read here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,21 @@ HAND_CLEARANCE = 0.18
 HAND_TO_OTHER_OBJECT = 0.12
 #: Neighbours in a row start with their hands this far apart in y, uncrossed (m).
 HAND_ORDER = 0.12
+#: So are their objects, and their targets (m).
+OBJECT_ORDER = 0.06
+#: In a contested start the ways of two neighbours' objects cross, so that arms which ignore one
+#: another usually collide. The first arm's object is drawn this near the middle line (m).
+CONTEST_BAND = 0.20
 #: To push an object its hand must get behind it: that far from its centre plus half its width (m).
 PUSH_STANDOFF = 0.03
 _BLOCK = 128
+#: Contested starts are rarer among their candidates: larger blocks cost less in all.
+_CONTESTED_BLOCK = 1024
 _MOST_BLOCKS = 200
+#: Candidates of a block for which hands are drawn.
+_TRIES = 8
+#: Direction from an object of the distance task to its neighbour's, about the y axis (rad).
+_SEPARATION_HEADING = (np.pi / 6, 5 * np.pi / 6)
 
 
 @dataclass(frozen=True)
@@ -59,6 +71,8 @@ class StartRules:
     :param pushes: whether a hand must have room behind its object.
     :param separation: required distance between the objects of two arms and between their targets,
         lowest and highest (m), or ``None``.
+    :param contested_share: share of the starts of several arms in which the ways of two
+        neighbours' hands meet.
     """
 
     hand_height: tuple[float, float]
@@ -67,6 +81,7 @@ class StartRules:
     success_threshold: float
     pushes: bool
     separation: tuple[float, float] | None = None
+    contested_share: float = 0.0
 
 
 class StartSampler:
@@ -87,6 +102,14 @@ class StartSampler:
         self._rules = rules
         self._n_arms = scene.n_arms
         self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
+        self._contested_box = self._towards_neighbour()
+
+    def _towards_neighbour(self) -> tuple[FloatArray, FloatArray]:
+        """The boxes of contested objects: the parts within reach of a neighbour's way."""
+        lower, upper = self._regions.object_lower.copy(), self._regions.object_upper.copy()
+        if self._n_arms > 1:
+            lower[0, 1] = max(lower[0, 1], upper[0, 1] - 2 * CONTEST_BAND)
+        return lower, upper
 
     def sample(self, generator: np.random.Generator) -> Start:
         """Draw a start.
@@ -96,71 +119,142 @@ class StartSampler:
         :raises RuntimeError: when no candidate of many blocks keeps the rules, which means that
             the scene's regions or object size leave no room.
         """
+        contested = bool(self._n_arms > 1 and generator.random() < self._rules.contested_share)
+        block = _CONTESTED_BLOCK if contested else _BLOCK
         for _ in range(_MOST_BLOCKS):
-            candidates = self._draw(generator)
-            valid = np.flatnonzero(self._valid(candidates))
-            if valid.size:
-                first = valid[0]
-                return Start(
-                    candidates.hand[first], candidates.object[first], candidates.target[first]
-                )
+            objects, target = self._draw_ways(generator, block, contested)
+            for candidate in np.flatnonzero(self._ways_valid(objects, target))[:_TRIES]:
+                hand = self._draw_hands(generator, objects[candidate])
+                valid = np.flatnonzero(self._hands_valid(hand, objects[candidate]))
+                if valid.size:
+                    return Start(hand[valid[0]], objects[candidate], target[candidate])
         raise RuntimeError(
             f"no start keeps the rules after {_MOST_BLOCKS * _BLOCK} candidates: "
             f"objects of {self._scene.objects.size} m leave no room in the regions"
         )
 
-    def _draw(self, generator: np.random.Generator) -> Start:
-        """Draw a block of candidates; arrays have shape (block, arms, 3)."""
-        shape = (_BLOCK, self._n_arms)
+    def _draw_ways(
+        self, generator: np.random.Generator, block: int, contested: bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """Draw a block of objects and targets, (block, arms, 3) each."""
+        shape = (block, self._n_arms)
         rest = self._scene.object_rest_height
         lower, upper = self._regions.object_lower, self._regions.object_upper
+        if contested:
+            lower, upper = self._contested_box
         objects = np.empty((*shape, 3))
         objects[..., :2] = generator.uniform(lower, upper, (*shape, 2))
         objects[..., 2] = rest
         if self._rules.separation is not None:
-            self._separate(generator, objects, np.pi / 2, np.pi / 3)
+            self._separate(generator, objects)
         height = generator.uniform(rest, self._rules.air_height, shape)
         in_air = generator.random(shape) < self._rules.air_share
         target_height = np.where(in_air, height, rest)
         target = _at_distance(generator, objects, target_height, OBJECT_TO_TARGET)
+        if contested:
+            self._cross(generator, objects, target)
         if self._rules.separation is not None:
-            self._separate(generator, target, np.pi / 2, np.pi / 3)
-        hand_height = generator.uniform(*self._rules.hand_height, shape)
-        hand = _at_distance(generator, objects, hand_height, HAND_TO_OBJECT)
-        return Start(hand, objects, target)
+            self._separate(generator, target)
+        return objects, target
 
-    def _separate(
-        self, generator: np.random.Generator, points: FloatArray, heading: float, spread: float
-    ) -> None:
+    def _draw_hands(self, generator: np.random.Generator, objects: FloatArray) -> FloatArray:
+        """Draw a block of hand positions (block, arms, 3) for one candidate's objects (arms, 3)."""
+        height = generator.uniform(*self._rules.hand_height, (_BLOCK, self._n_arms))
+        centres = np.broadcast_to(objects, (_BLOCK, *objects.shape))
+        return _at_distance(generator, centres, height, HAND_TO_OBJECT)
+
+    def _separate(self, generator: np.random.Generator, points: FloatArray) -> None:
         """Move the points of later arms to the required distance from their predecessors."""
         assert self._rules.separation is not None
         base = self._scene.base_position
         for arm in range(1, self._n_arms):
             world = points[:, arm - 1] + base[arm - 1]
             rise = points[:, arm, 2] - world[:, 2]
-            distance = generator.uniform(*self._rules.separation, _BLOCK)
+            distance = generator.uniform(*self._rules.separation, len(points))
             run = np.sqrt(np.maximum(distance**2 - rise**2, 0.0))
-            angle = generator.uniform(heading - spread, heading + spread, _BLOCK)
+            angle = generator.uniform(*_SEPARATION_HEADING, len(points))
             points[:, arm, 0] = world[:, 0] + run * np.cos(angle) - base[arm, 0]
             points[:, arm, 1] = world[:, 1] + run * np.sin(angle) - base[arm, 1]
 
-    def _valid(self, start: Start) -> NDArray[np.bool_]:
-        """Say which candidates of a block keep every rule, shape (block,)."""
-        valid = self._in_region(start.object) & self._in_region(start.target)
-        distance = np.linalg.norm(start.target - start.object, axis=-1)
+    def _cross(
+        self, generator: np.random.Generator, objects: FloatArray, target: FloatArray
+    ) -> None:
+        """Move the ways of later arms' objects so that each crosses its predecessor's."""
+        base = self._scene.base_position[:, :2]
+        for arm in range(1, self._n_arms):
+            before = objects[:, arm - 1, :2] + base[arm - 1]
+            after = target[:, arm - 1, :2] + base[arm - 1]
+            meeting = before + generator.random((len(objects), 1)) * (after - before)
+            way = target[:, arm, :2] - objects[:, arm, :2]
+            objects[:, arm, :2] = meeting - generator.random((len(objects), 1)) * way - base[arm]
+            target[:, arm, :2] = objects[:, arm, :2] + way
+
+    def _ways_valid(self, objects: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
+        """Say which objects and targets (block, arms, 3) keep every rule, (block,)."""
+        valid = self._in_region(objects) & self._in_region(target)
+        distance = np.linalg.norm(target - objects, axis=-1)
         valid &= (distance >= OBJECT_TO_TARGET[0]) & (distance <= OBJECT_TO_TARGET[1])
         valid &= distance > self._rules.success_threshold
-        valid &= self._hand_can_be_at(start.hand)
         if self._rules.pushes:
-            direction = (start.target - start.object) / distance[..., None]
-            standoff = self._scene.objects.size / 2 + PUSH_STANDOFF
-            behind = start.object - standoff * direction
-            behind[..., 2] = start.hand[..., 2]
+            heading = (target - objects) / np.maximum(distance, 1e-9)[..., None]
+            behind = objects - heading * (self._scene.objects.size / 2 + PUSH_STANDOFF)
+            behind[..., 2] = self._rules.hand_height[0]
             valid &= self._hand_can_be_at(behind)
         per_start: NDArray[np.bool_] = valid.all(axis=-1)
-        if self._n_arms > 1:
-            per_start &= self._clear_of_others(start)
+        clearance = CLEARANCE_WIDTHS * self._scene.objects.size
+        world_objects, world_target = self._to_world(objects), self._to_world(target)
+        for first, second in combinations(range(self._n_arms), 2):
+            for one in (world_objects, world_target):
+                for other in (world_objects, world_target):
+                    per_start &= _apart(one[:, first], other[:, second]) >= clearance
+            if self._ordered:
+                for points in (world_objects, world_target):
+                    per_start &= points[:, second, 1] - points[:, first, 1] >= OBJECT_ORDER
+            if self._rules.pushes:
+                per_start &= self._one_can_go_first(world_objects, world_target, first, second)
+            if self._rules.separation is not None:
+                low, high = self._rules.separation
+                for points in (world_objects, world_target):
+                    gap = _apart(points[:, first], points[:, second])
+                    per_start &= (gap >= low) & (gap <= high)
         return per_start
+
+    def _one_can_go_first(
+        self, objects: FloatArray, target: FloatArray, first: int, second: int
+    ) -> NDArray[np.bool_]:
+        """Say where one of two arms can finish without blocking the other, (block,).
+
+        Its way is clear of the other's object, and its target is clear of the other's way.
+        """
+        clearance = CLEARANCE_WIDTHS * self._scene.objects.size
+
+        def goes_first(one: int, other: int) -> NDArray[np.bool_]:
+            own_way = _to_segment(objects[:, other], objects[:, one], target[:, one])
+            others_way = _to_segment(target[:, one], objects[:, other], target[:, other])
+            clear: NDArray[np.bool_] = (own_way >= clearance) & (others_way >= clearance)
+            return clear
+
+        return goes_first(first, second) | goes_first(second, first)
+
+    def _hands_valid(self, hand: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
+        """Say which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
+        valid: NDArray[np.bool_] = self._hand_can_be_at(hand).all(axis=-1)
+        world_hand, world_objects = self._to_world(hand), self._to_world(objects)
+        for first, second in combinations(range(self._n_arms), 2):
+            for arm, other in ((first, second), (second, first)):
+                gap = _horizontally_apart(world_hand[:, arm], world_objects[other])
+                valid &= gap >= HAND_TO_OTHER_OBJECT
+            gap = _horizontally_apart(world_hand[:, first], world_hand[:, second])
+            valid &= gap >= HAND_CLEARANCE
+            if self._ordered:
+                valid &= world_hand[:, second, 1] - world_hand[:, first, 1] >= HAND_ORDER
+        return valid
+
+    def _to_world(self, points: FloatArray) -> FloatArray:
+        """Turn base-frame points (..., arms, 3) into world-frame ones."""
+        rotation, position = self._scene.base_rotation, self._scene.base_position
+        turned: FloatArray = np.sum(rotation * points[..., None, :], axis=-1) + position
+        return turned
 
     def _in_region(self, points: FloatArray) -> NDArray[np.bool_]:
         """Points inside their box, within reach, and reachable by the tool, (block, arms)."""
@@ -174,37 +268,6 @@ class StartSampler:
     def _hand_can_be_at(self, points: FloatArray) -> NDArray[np.bool_]:
         inside = self._regions.workspace.contains(points)
         return inside & self._reachability.reachable(points)
-
-    def _clear_of_others(self, start: Start) -> NDArray[np.bool_]:
-        """Rules between arms, in the world frame."""
-        to_world = self._scene.base_rotation
-        hand, objects, target = (
-            np.einsum("aij,kaj->kai", to_world, points) + self._scene.base_position
-            for points in (start.hand, start.object, start.target)
-        )
-        clearance = CLEARANCE_WIDTHS * self._scene.objects.size
-        clear = np.ones(_BLOCK, dtype=bool)
-        for first in range(self._n_arms):
-            for second in range(self._n_arms):
-                if first == second:
-                    continue
-                clear &= _apart(objects[:, first], target[:, second]) >= clearance
-                clear &= _horizontally_apart(hand[:, first], objects[:, second]) >= (
-                    HAND_TO_OTHER_OBJECT
-                )
-                if first > second:
-                    continue
-                clear &= _apart(objects[:, first], objects[:, second]) >= clearance
-                clear &= _apart(target[:, first], target[:, second]) >= clearance
-                clear &= _horizontally_apart(hand[:, first], hand[:, second]) >= HAND_CLEARANCE
-                if self._ordered:
-                    clear &= hand[:, second, 1] - hand[:, first, 1] >= HAND_ORDER
-                if self._rules.separation is not None:
-                    low, high = self._rules.separation
-                    for points in (objects, target):
-                        gap = _apart(points[:, first], points[:, second])
-                        clear &= (gap >= low) & (gap <= high)
-        return clear
 
 
 def _at_distance(
@@ -234,3 +297,10 @@ def _apart(first: FloatArray, second: FloatArray) -> FloatArray:
 
 def _horizontally_apart(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.linalg.norm((first - second)[..., :2], axis=-1)
+
+
+def _to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Distance (block,) of points (block, 3) to segments, metres."""
+    way = end - start
+    share = np.sum((points - start) * way, axis=-1) / np.maximum(np.sum(way * way, axis=-1), 1e-9)
+    return _apart(points, start + np.clip(share, 0.0, 1.0)[..., None] * way)

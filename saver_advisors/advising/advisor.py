@@ -1,0 +1,370 @@
+"""The advisor: asks teacher and strategy, pays from the budget, replaces actions, and counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from saver_advisors.advising.budget import AdviceBudget
+from saver_advisors.advising.mapping import ArmMapping
+from saver_advisors.advising.strategies import AdviceContext, AdvisingStrategy, Mask, make_strategy
+from saver_advisors.advising.teacher import Teacher, TeacherGroup
+
+Compare = Literal["noisy", "noise-free"]
+"""Which student action a correcting strategy judges: the one about to be executed, with exploration
+noise and in
+warm-up at random, or the policy's deterministic one."""
+
+Observation = Mapping[str, NDArray[Any]]
+TeacherLike = str | PathLike[str] | Teacher
+
+
+class Advice(NamedTuple):
+    """One step's outcome.
+
+    actions: (n_envs, n_arms * action_size), the student's with the advised arms' blocks replaced
+    mask: (n_envs, n_arms), which arms were advised
+    """
+
+    actions: NDArray[Any]
+    mask: Mask
+
+
+@dataclass
+class _Figures:
+    """Sums since the last log line. Means over nothing are left out of the log."""
+
+    arms: int
+    transitions: int = 0
+    advised_transitions: int = 0
+    compared_arms: int = 0
+    disagreement_sum: float = 0.0
+    q_gap_arms: int = 0
+    q_gap_sum: float = 0.0
+    advised_arms: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.advised_arms = np.zeros(self.arms, dtype=np.int64)
+
+    def add_mask(self, mask: Mask) -> None:
+        self.transitions += len(mask)
+        self.advised_transitions += int(mask.any(axis=1).sum())
+        self.advised_arms += mask.sum(axis=0)
+
+    def add_context(self, context: AdviceContext) -> None:
+        self.compared_arms += context.disagreement.size
+        self.disagreement_sum += float(context.disagreement.sum())
+        # The gap is a cached property: read it only where the strategy paid for it already.
+        if "q_gap" in vars(context):
+            self.q_gap_arms += context.q_gap.size
+            self.q_gap_sum += float(context.q_gap.sum())
+
+
+class Advisor:
+    """Advises a student of n arms with single-arm teachers.
+
+    :param strategy: when an arm is advised
+    :param teachers: one teacher for every arm, or one per arm
+    :param mapping: where each arm's block lies
+    :param budget: how many environment steps may be advised
+    :param compare: which student action correcting strategies judge
+    :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
+    :raises ValueError: where teacher, strategy and mapping do not fit one another; the message
+        names the sizes
+    """
+
+    def __init__(
+        self,
+        strategy: AdvisingStrategy,
+        teachers: Teacher | Sequence[Teacher],
+        mapping: ArmMapping,
+        budget: AdviceBudget,
+        *,
+        compare: Compare = "noisy",
+        twin_minimum: bool = True,
+    ) -> None:
+        if compare not in get_args(Compare):
+            raise ValueError(f"compare={compare!r} must be one of {', '.join(get_args(Compare))}")
+        self.strategy = strategy
+        self.teachers = TeacherGroup(teachers, mapping.n_arms)
+        self.mapping = mapping
+        self.budget = budget
+        self.compare: Compare = compare
+        self.twin_minimum = twin_minimum
+        self._check_teachers()
+        self._window = _Figures(mapping.n_arms)
+        self._advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
+        self._transitions = 0
+
+    def _check_teachers(self) -> None:
+        mapping = self.mapping
+        for teacher in self.teachers.teachers:
+            for key, size, wanted in (
+                ("observation", teacher.observation_size, mapping.observation_size),
+                ("goal", teacher.goal_size, mapping.goal_size),
+                ("action", teacher.action_size, mapping.action_size),
+            ):
+                if size != wanted:
+                    raise ValueError(
+                        f"teacher {teacher.name!r} has {key} size {size}, but one arm of the "
+                        f"student has {wanted} "
+                        f"({mapping})"
+                    )
+        if self.strategy.needs_critics and not self.teachers.has_critics:
+            raise ValueError(
+                f"strategy {self.strategy.name!r} compares Q values, but teacher "
+                f"{[t.name for t in self.teachers.teachers if not t.has_critics]} has no critics: "
+                f"use 'early', "
+                "'mc-act' or 'mc-actabs', or a teacher saved with its critics"
+            )
+
+    @property
+    def spent(self) -> int:
+        """Environment steps advised so far."""
+        return self.budget.spent
+
+    @property
+    def active(self) -> bool:
+        """Whether any advice can still be given."""
+        return self.budget.remaining > 0 and self.strategy.name != "none"
+
+    @property
+    def needs_noise_free(self) -> bool:
+        """Whether `advise` wants the student's deterministic actions in its next call."""
+        return self.active and self.compare == "noise-free"
+
+    @property
+    def advised_per_arm(self) -> NDArray[np.int64]:
+        """(n_arms,) how often each arm was advised so far."""
+        return self._advised_per_arm.copy()
+
+    def check_spaces(
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
+    ) -> None:
+        """Refuse a student that this advisor was not made for; called before training starts.
+
+        :param observation_space: the student's
+        :param action_space: the student's
+        :raises ValueError: where sizes differ; the message names them
+        """
+        try:
+            self.mapping.check_spaces(observation_space, action_space)
+        except ValueError as error:
+            raise ValueError(
+                f"teacher {self.teachers.names} does not fit this student: {error}"
+            ) from error
+
+    def advise(
+        self,
+        observation: Observation,
+        student_actions: NDArray[Any],
+        compared_actions: NDArray[Any] | None = None,
+    ) -> Advice:
+        """Replace the actions of the arms that should be advised.
+
+        :param observation: `observation`, `achieved_goal` and `desired_goal`, each (n_envs, size),
+            not normalised
+        :param student_actions: (n_envs, n_arms * action_size), in the environment's units; not
+            modified
+        :param compared_actions: the same shape, what a correcting strategy judges with
+            compare="noise-free"
+        :return: actions and mask; the student's own array and an all-False mask where nothing is
+            advised
+        """
+        mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
+        actions = student_actions
+        if self.active:
+            context = self._context(
+                observation, student_actions if compared_actions is None else compared_actions
+            )
+            wanted = self.strategy.decide(context)
+            granted = self.budget.spend(np.any(wanted, axis=1))
+            mask = wanted & granted[:, np.newaxis]
+            self._window.add_context(context)
+            if mask.any():
+                by_arm = self.mapping.split_action(student_actions)
+                advised = np.where(mask[..., np.newaxis], context.teacher_actions, by_arm)
+                actions = self.mapping.join_actions(advised).astype(
+                    student_actions.dtype, copy=False
+                )
+        self._count(mask)
+        return Advice(actions, mask)
+
+    def _context(self, observation: Observation, student_actions: NDArray[Any]) -> AdviceContext:
+        observations = self.mapping.split_observation(observation["observation"])
+        goals = self.mapping.split_goal(observation["desired_goal"])
+        achieved_goals = self.mapping.split_goal(observation["achieved_goal"])
+        return AdviceContext(
+            teachers=self.teachers,
+            observations=observations,
+            goals=goals,
+            achieved_goals=achieved_goals,
+            teacher_actions=self.teachers.act(observations, goals, achieved_goals),
+            student_actions=self.mapping.split_action(student_actions),
+            budget=self.budget,
+            twin_minimum=self.twin_minimum,
+        )
+
+    def _count(self, mask: Mask) -> None:
+        self._window.add_mask(mask)
+        self._advised_per_arm += mask.sum(axis=0)
+        self._transitions += len(mask)
+
+    def log_values(self) -> dict[str, float]:
+        """Figures for SB3's logger: totals, and means over the time since `start_window`.
+
+        :return: names such as `advice/share` (advised transitions / transitions),
+            `advice/disagreement` (mean norm2(a_tr - a_st), in action units) and, where the strategy
+            reads Q values, `advice/q_gap`
+        """
+        window = self._window
+        values: dict[str, float] = {
+            "advice/spent": self.budget.spent,
+            "advice/remaining": self.budget.remaining,
+        }
+        if window.transitions:
+            values["advice/share"] = window.advised_transitions / window.transitions
+            for arm, count in enumerate(window.advised_arms):
+                values[f"advice/share_arm_{arm}"] = float(count) / window.transitions
+        if window.compared_arms:
+            values["advice/disagreement"] = window.disagreement_sum / window.compared_arms
+        if window.q_gap_arms:
+            values["advice/q_gap"] = window.q_gap_sum / window.q_gap_arms
+        return values
+
+    def start_window(self) -> None:
+        """Start the means of `log_values` afresh."""
+        self._window = _Figures(self.mapping.n_arms)
+
+    def state_dict(self) -> dict[str, Any]:
+        """:return: JSON-able state: what was given so far, and under which strategy and teachers"""
+        return {
+            "strategy": self.strategy.name,
+            "settings": dict(self.strategy.settings),
+            "teachers": self.teachers.names,
+            "compare": self.compare,
+            "twin_minimum": self.twin_minimum,
+            "budget": self.budget.state_dict(),
+            "advised_per_arm": self._advised_per_arm.tolist(),
+            "transitions": self._transitions,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on with the budget of an earlier run.
+
+        :param state: what `state_dict` returned, perhaps by way of JSON or a saved model's
+            `advice_state`
+        :raises ValueError: where strategy or number of arms differ, or more was spent than the
+            budget holds
+        """
+        if state["strategy"] != self.strategy.name:
+            raise ValueError(
+                f"the state is of strategy {state['strategy']!r}, this advisor's is "
+                f"{self.strategy.name!r}"
+            )
+        if len(state["advised_per_arm"]) != self.mapping.n_arms:
+            raise ValueError(
+                f"the state is of {len(state['advised_per_arm'])} arms, this advisor has "
+                f"{self.mapping.n_arms}"
+            )
+        self.budget.load_state_dict(state["budget"])
+        self._advised_per_arm = np.asarray(state["advised_per_arm"], dtype=np.int64)
+        self._transitions = int(state["transitions"])
+        self.start_window()
+
+    def __repr__(self) -> str:
+        teachers = self.teachers.names
+        return f"Advisor({self.strategy}, {teachers=}, {self.mapping}, {self.budget})"
+
+
+def make_advisor(
+    strategy: str | AdvisingStrategy,
+    teacher: TeacherLike | Sequence[TeacherLike],
+    budget: int,
+    *,
+    n_arms: int | None = None,
+    observation_space: spaces.Space[Any] | None = None,
+    action_space: spaces.Space[Any] | None = None,
+    threshold: float | None = None,
+    correcting: str | None = None,
+    compare: Compare = "noisy",
+    twin_minimum: bool = True,
+) -> Advisor:
+    """An advisor from names, for either a number of arms or a student's spaces.
+
+    :param strategy: a strategy's name or a strategy of your own
+    :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
+        arm
+    :param budget: environment steps that may be advised
+    :param n_arms: arms of the student; may be left out where the spaces are given
+    :param observation_space: the student's, checked at once
+    :param action_space: the student's, checked at once
+    :param threshold: t_I or alpha of a correcting strategy
+    :param correcting: the second half of `early-mc`
+    :param compare: "noisy" or "noise-free": which student action a correcting strategy judges
+    :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
+    :raises ValueError: where something does not fit; the message names the sizes
+    """
+    if isinstance(strategy, str):
+        strategy = make_strategy(strategy, threshold, correcting=correcting)
+    elif threshold is not None or correcting is not None:
+        raise ValueError(
+            "threshold and correcting belong to a strategy given by name: set them on the object "
+            "instead"
+        )
+    teachers = _resolve(teacher)
+    first = teachers[0]
+    if n_arms is None:
+        if observation_space is None or action_space is None:
+            raise ValueError("give n_arms, or observation_space and action_space to read it from")
+        n_arms = _count_arms(first, action_space)
+    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+    advisor = Advisor(
+        strategy,
+        teachers,
+        mapping,
+        AdviceBudget(budget),
+        compare=compare,
+        twin_minimum=twin_minimum,
+    )
+    if observation_space is not None and action_space is not None:
+        advisor.check_spaces(observation_space, action_space)
+    return advisor
+
+
+def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
+    """:return: teachers, loaded where a name or a path was given; equal names share one teacher"""
+    # Imported here: the pretrained room builds on this one.
+    from saver_advisors.pretrained import load_teacher
+
+    given = [teacher] if isinstance(teacher, (str, PathLike, Teacher)) else list(teacher)
+    if not given:
+        raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")
+    loaded: dict[str, Teacher] = {}
+    teachers = []
+    for one in given:
+        if isinstance(one, Teacher):
+            teachers.append(one)
+        else:
+            teachers.append(loaded.setdefault(str(one), load_teacher(one)))
+    return teachers
+
+
+def _count_arms(teacher: Teacher, action_space: spaces.Space[Any]) -> int:
+    if not isinstance(action_space, spaces.Box) or len(action_space.shape) != 1:
+        raise TypeError(f"advice needs a flat Box action space, not {action_space}")
+    size = int(action_space.shape[0])
+    n_arms, rest = divmod(size, teacher.action_size)
+    if rest or n_arms == 0:
+        raise ValueError(
+            f"teacher {teacher.name!r} has actions of size {teacher.action_size}, which do not "
+            f"divide the student's "
+            f"action of size {size}: choose a teacher of the same task"
+        )
+    return n_arms

@@ -1,0 +1,286 @@
+"""Where advice enters Stable-Baselines3: between the choice of an action and its execution.
+
+`OffPolicyAlgorithm._sample_action` returns the action to execute and its scaled twin for the replay
+buffer, after warm-up and exploration noise. Advising right there keeps the two equal for every
+off-policy algorithm, any number of environments, any action box and HER. A wrapper round the policy
+would be bypassed in warm-up and would contaminate evaluation; a wrapper round the environment would
+leave the unadvised action in the buffer.
+
+Two ways in, with one implementation: `AdvisedTD3(..., advisor=...)` and its siblings, or
+`AdvisingCallback(advisor)` on a stock model.
+"""
+
+from __future__ import annotations
+
+import io
+import pathlib
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from sb3_contrib import TQC
+from stable_baselines3 import DDPG, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.noise import ActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.type_aliases import MaybeCallback
+
+from saver_advisors.advising.advisor import Advisor, make_advisor
+from saver_advisors.advising.strategies import Mask
+
+
+class AdvisedMixin(OffPolicyAlgorithm):
+    """Adds an advisor to an off-policy algorithm; put it first among the bases.
+
+    `infos[i]["advised"]` tells the replay buffer whether environment i was advised, and
+    `infos[i]["advised_arms"]` which arms were. The saved zip holds no teacher: it keeps
+    `advice_state` (spent budget, strategy, teacher names), loads with or without an advisor, and a
+    resumed run calls `advisor.load_state_dict(model.advice_state)`.
+
+    :param advisor: the advisor, or the arguments of `make_advisor` as a mapping (for configuration
+        files), or None for the plain algorithm
+    """
+
+    advisor: Advisor | Mapping[str, Any] | None
+    advice_state: dict[str, Any] | None
+    _advice_mask: Mask | None
+
+    def __init__(
+        self, *args: Any, advisor: Advisor | Mapping[str, Any] | None = None, **kwargs: Any
+    ) -> None:
+        # Before super(), which calls _setup_model, which checks the advisor.
+        self.advisor = advisor
+        self.advice_state = None
+        self._advice_mask = None
+        super().__init__(*args, **kwargs)
+
+    def _setup_model(self) -> None:
+        self._ready_advisor()
+        super()._setup_model()
+
+    def _setup_learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        reset_num_timesteps: bool = True,
+        tb_log_name: str = "run",
+        progress_bar: bool = False,
+    ) -> tuple[int, BaseCallback]:
+        if _unhook(self):
+            # Left over from an AdvisingCallback whose training broke off: begin as the stock model.
+            return self._setup_learn(
+                total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+            )
+        # Once more: the advisor may have been exchanged since the model was built.
+        advisor = self._ready_advisor()
+        if advisor is not None and self.advice_state is not None:
+            spent = self.advice_state["budget"]["spent"]
+            if advisor.spent < spent:
+                warnings.warn(
+                    f"this model was saved after {spent} advised steps, its advisor starts at "
+                    f"{advisor.spent}: call "
+                    "advisor.load_state_dict(model.advice_state) to go on with the same budget",
+                    stacklevel=3,
+                )
+        return super()._setup_learn(
+            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+        )
+
+    def _ready_advisor(self) -> Advisor | None:
+        """Build the advisor where only its arguments are known, and refuse one that does not fit
+        the spaces.
+        """
+        if isinstance(self.advisor, Mapping):
+            self.advisor = make_advisor(
+                **self.advisor,
+                observation_space=self.observation_space,
+                action_space=self.action_space,
+            )
+        elif self.advisor is not None:
+            self.advisor.check_spaces(self.observation_space, self.action_space)
+        return self.advisor
+
+    def _sample_action(
+        self, learning_starts: int, action_noise: ActionNoise | None = None, n_envs: int = 1
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        action, buffer_action = super()._sample_action(learning_starts, action_noise, n_envs)
+        advisor = self.advisor
+        if not isinstance(advisor, Advisor):
+            self._advice_mask = None
+            return action, buffer_action
+        # The teacher has a normaliser of its own, so it gets what the environment said.
+        observation = self._last_obs if self._vec_normalize_env is None else self._last_original_obs
+        assert isinstance(observation, dict), "check_spaces lets only Dict observations through"
+        compared = self._noise_free_action() if advisor.needs_noise_free else None
+        advised_action, mask = advisor.advise(observation, action, compared)
+        self._advice_mask = mask
+        if not mask.any():
+            return action, buffer_action
+        assert isinstance(self.action_space, spaces.Box), "check_spaces lets only Boxes through"
+        low, high = self.action_space.low, self.action_space.high
+        replaced = np.repeat(mask, advisor.mapping.action_size, axis=1)
+        executed = np.where(replaced, np.clip(advised_action, low, high), action)
+        # Elsewhere the buffer keeps the student's own entries, bit for bit.
+        stored = np.where(replaced, self.policy.scale_action(executed), buffer_action)
+        return executed.astype(action.dtype, copy=False), stored.astype(
+            buffer_action.dtype, copy=False
+        )
+
+    def _noise_free_action(self) -> NDArray[Any]:
+        assert self._last_obs is not None, "learn() resets the environments first"
+        action, _ = self.predict(self._last_obs, deterministic=True)
+        return action
+
+    def _store_transition(
+        self,
+        replay_buffer: ReplayBuffer,
+        buffer_action: NDArray[Any],
+        new_obs: NDArray[Any] | dict[str, NDArray[Any]],
+        reward: NDArray[Any],
+        dones: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        if self._advice_mask is not None:
+            # New dicts: an environment may hand out the same one twice.
+            infos = [
+                {**info, "advised": bool(arms.any()), "advised_arms": arms.tolist()}
+                for info, arms in zip(infos, self._advice_mask, strict=True)
+            ]
+        super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
+
+    def dump_logs(self) -> None:
+        """Write log data, the advice figures among them."""
+        if isinstance(self.advisor, Advisor):
+            for name, value in self.advisor.log_values().items():
+                self.logger.record(name, value)
+            self.advisor.start_window()
+        super().dump_logs()
+
+    def save(
+        self,
+        path: str | pathlib.Path | io.BufferedIOBase,
+        exclude: Iterable[str] | None = None,
+        include: Iterable[str] | None = None,
+    ) -> None:
+        """Save to a zip file, without the teacher but with what it has spent.
+
+        :param path: where to write
+        :param exclude: attributes to leave out, besides the default ones
+        :param include: attributes to keep although they are left out by default
+        """
+        if isinstance(self.advisor, Advisor):
+            self.advice_state = self.advisor.state_dict()
+        super().save(path, exclude, include)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "advisor", "_advice_mask", "_plain_class"]
+
+
+class AdvisedDDPG(AdvisedMixin, DDPG):
+    """DDPG with an advisor; constructor as DDPG's, plus `advisor`."""
+
+
+class AdvisedTD3(AdvisedMixin, TD3):
+    """TD3 with an advisor; constructor as TD3's, plus `advisor`."""
+
+
+class AdvisedSAC(AdvisedMixin, SAC):
+    """SAC with an advisor; constructor as SAC's, plus `advisor`."""
+
+
+class AdvisedTQC(AdvisedMixin, TQC):
+    """TQC with an advisor; constructor as TQC's, plus `advisor`."""
+
+
+_BUILT: Final[dict[type[OffPolicyAlgorithm], type[AdvisedMixin]]] = {
+    DDPG: AdvisedDDPG,
+    TD3: AdvisedTD3,
+    SAC: AdvisedSAC,
+    TQC: AdvisedTQC,
+}
+
+
+def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
+    """The advised twin of an algorithm class; the same class for every call.
+
+    :param algorithm_class: an off-policy algorithm of SB3, sb3-contrib or your own
+    :raises TypeError: for anything else, on-policy algorithms above all
+    """
+    if not isinstance(algorithm_class, type) or not issubclass(algorithm_class, OffPolicyAlgorithm):
+        name = getattr(algorithm_class, "__name__", repr(algorithm_class))
+        raise TypeError(
+            f"{name} cannot be advised: it learns from its own policy's actions only, and a "
+            f"teacher's action in its "
+            "rollouts would bias the update. Use an off-policy algorithm: DDPG, TD3, SAC, TQC or a "
+            "subclass"
+        )
+    if issubclass(algorithm_class, AdvisedMixin):
+        return algorithm_class
+    if algorithm_class not in _BUILT:
+        name = f"Advised{algorithm_class.__name__}"
+        body = {"__module__": __name__, "__doc__": f"{algorithm_class.__name__} with an advisor."}
+        _BUILT[algorithm_class] = type(name, (AdvisedMixin, algorithm_class), body)
+    return _BUILT[algorithm_class]
+
+
+def _hook(model: Any, advisor: Advisor) -> None:
+    """Make a stock model an instance of its advised twin; an advised one keeps its class."""
+    if not isinstance(model, AdvisedMixin):
+        model._plain_class = type(model)
+        model.__class__ = build_advised(type(model))
+        model.advice_state = getattr(model, "advice_state", None)
+    model.advisor = advisor
+    model._advice_mask = None
+
+
+def _unhook(model: Any) -> bool:
+    """Undo `_hook`, but for `advice_state`; returns whether there was a stock model to restore."""
+    if "_plain_class" not in vars(model):
+        return False
+    model.advice_state = model.advisor.state_dict()
+    model.__class__ = model._plain_class
+    del model.advisor, model._advice_mask, model._plain_class
+    return True
+
+
+class AdvisingCallback(BaseCallback):
+    """Advises a stock off-policy model while `learn` runs.
+
+    For that time the model is an instance of `build_advised(its class)`: the very code of
+    `AdvisedTD3` and its siblings runs, and checkpoints written meanwhile keep `advice_state` and
+    leave the teacher out. Afterwards the model has its own class again, and `advice_state` remains
+    on it.
+
+    :param advisor: the advisor
+    :param verbose: as in SB3
+    """
+
+    def __init__(self, advisor: Advisor, verbose: int = 0) -> None:
+        super().__init__(verbose)
+        self.advisor = advisor
+
+    def _init_callback(self) -> None:
+        """Refuse what cannot work before training starts."""
+        build_advised(type(self.model))
+        if isinstance(self.model, AdvisedMixin) and self.model.advisor not in (None, self.advisor):
+            raise ValueError(
+                "the model has another advisor already: use either its own or the callback's"
+            )
+        self.advisor.check_spaces(self.model.observation_space, self.model.action_space)
+
+    def _on_training_start(self) -> None:
+        _hook(self.model, self.advisor)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        model: Any = self.model
+        if not _unhook(model):
+            model.advice_state = self.advisor.state_dict()
+            model.advisor = None

@@ -1,0 +1,43 @@
+"""Goal-conditioned learning on SB3: replay with hindsight goals, policies, algorithms."""
+
+from saver_advisors.learner.algorithms import (
+    GoalDDPG,
+    GoalLearnerMixin,
+    GoalSAC,
+    GoalTD3,
+    GoalTQC,
+    episode_horizon,
+    goal_learner,
+)
+from saver_advisors.learner.policies import (
+    GoalPolicyMixin,
+    GoalSACPolicy,
+    GoalTD3Policy,
+    GoalTQCPolicy,
+    NormalizedGoalFeatures,
+)
+from saver_advisors.learner.replay import (
+    GoalReplayBuffer,
+    GoalTransitions,
+    RewardFunction,
+    reward_function_of,
+)
+
+__all__ = [
+    "GoalDDPG",
+    "GoalLearnerMixin",
+    "GoalPolicyMixin",
+    "GoalReplayBuffer",
+    "GoalSAC",
+    "GoalSACPolicy",
+    "GoalTD3",
+    "GoalTD3Policy",
+    "GoalTQC",
+    "GoalTQCPolicy",
+    "GoalTransitions",
+    "NormalizedGoalFeatures",
+    "RewardFunction",
+    "episode_horizon",
+    "goal_learner",
+    "reward_function_of",
+]

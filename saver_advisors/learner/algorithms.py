@@ -1,0 +1,254 @@
+"""DDPG, TD3, SAC and TQC as goal-conditioned learners: one mixin over SB3's algorithms.
+
+The mixin adds to an algorithm, without a copy of its ``train``:
+
+- ``GoalReplayBuffer`` and the goal policies of this package as defaults, told the horizon, the
+  reward function and the range of returns from the environment and the discount
+- exploration by Gaussian noise and now and then a wholly random action (OpenAI baselines' HER),
+  drawn from a generator of its own, so that a resumed run explores as an uninterrupted one would
+- statistics for the policies' normaliser, taken when an episode ends
+
+It is cooperative: ``type("AdvisedTD3", (AdvisedMixin, GoalTD3), {})`` composes, and whatever an
+outer mixin returns from ``_sample_action`` is what the environment gets and the buffer stores.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import torch as th
+from sb3_contrib import TQC
+from stable_baselines3 import DDPG, SAC, TD3
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.noise import ActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from saver_advisors.learner.policies import (
+    GoalPolicyMixin,
+    GoalSACPolicy,
+    GoalTD3Policy,
+    GoalTQCPolicy,
+)
+from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
+
+if TYPE_CHECKING:
+    # For the type checker the mixin is an algorithm; at run time it comes before any of them.
+    _Algorithm = OffPolicyAlgorithm
+else:
+    _Algorithm = object
+
+POLICIES: dict[type[OffPolicyAlgorithm], type[GoalPolicyMixin]] = {
+    TQC: GoalTQCPolicy,
+    SAC: GoalSACPolicy,
+    TD3: GoalTD3Policy,  # and DDPG, its subclass
+}
+
+
+def episode_horizon(env: VecEnv) -> int:
+    """The length of the environment's episodes in steps.
+
+    :param env: a vector env whose environments have an attribute ``horizon``, or a ``spec`` with
+        ``max_episode_steps``
+    :return: steps
+    :raises ValueError: when none of them tells
+    """
+    horizon = _attribute(env, "horizon")
+    if horizon is None:
+        # Our own vector env keeps it with the episodes' other settings.
+        settings = getattr(_attribute(env, "episodes"), "settings", None)
+        horizon = getattr(settings, "horizon", None)
+    if horizon is None:
+        horizon = getattr(_attribute(env, "spec"), "max_episode_steps", None)
+    if horizon is None:
+        raise ValueError(
+            "the environment does not tell its episode length (no attribute `horizon`, no "
+            "`spec.max_episode_steps`): pass replay_buffer_kwargs={'horizon': steps}"
+        )
+    return int(horizon)
+
+
+def _attribute(env: VecEnv, name: str) -> Any:
+    """An attribute of the vector env's first environment, or None."""
+    try:
+        return env.get_attr(name, indices=[0])[0]
+    except AttributeError:
+        return None
+
+
+class GoalLearnerMixin(_Algorithm):
+    """Goal-conditioned learning over an off-policy SB3 algorithm.
+
+    :param arguments: as for the algorithm. ``replay_buffer_class`` defaults to
+        ``GoalReplayBuffer``; ``horizon`` and ``reward_function`` in ``replay_buffer_kwargs`` to the
+        environment's; ``q_min`` in ``policy_kwargs`` to -1 / (1 - gamma), the return of failing
+        for ever at -1 a step
+    :param exploration_noise: standard deviation of Gaussian noise on the scaled action, which spans
+        [-1, 1]; SB3's ``action_noise`` works too, with NumPy's global generator
+    :param random_action_probability: of a uniform action in place of the exploratory one, for
+        each environment and step anew
+    :raises ValueError: for a probability outside [0, 1], negative noise, or an unknown horizon
+    :raises TypeError: for another kind of replay buffer
+    """
+
+    replay_buffer: ReplayBuffer | None
+
+    def __init__(
+        self,
+        *arguments: Any,
+        exploration_noise: float = 0.0,
+        random_action_probability: float = 0.2,
+        **named: Any,
+    ) -> None:
+        if exploration_noise < 0:
+            raise ValueError(f"exploration_noise={exploration_noise} must not be negative")
+        if not 0.0 <= random_action_probability <= 1.0:
+            raise ValueError(
+                f"random_action_probability={random_action_probability} must lie in [0, 1]"
+            )
+        self.exploration_noise = exploration_noise
+        self.random_action_probability = random_action_probability
+        self._exploration_random = np.random.default_rng()
+        super().__init__(*arguments, **named)
+
+    def _setup_model(self) -> None:
+        """Build buffer and networks with what environment and discount imply."""
+        # Streams of their own: what one part draws must not shift what another will draw.
+        seeds = np.random.SeedSequence(self.seed).generate_state(2)
+        self._exploration_random = np.random.default_rng(int(seeds[0]))
+        if self.replay_buffer_class is None:
+            self.replay_buffer_class = GoalReplayBuffer
+        if not issubclass(self.replay_buffer_class, GoalReplayBuffer):
+            raise TypeError(
+                f"replay_buffer_class={self.replay_buffer_class.__name__} must be "
+                "GoalReplayBuffer or a subclass of it"
+            )
+        if "horizon" not in self.replay_buffer_kwargs:
+            if self.env is None:
+                raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
+            self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
+        self.policy_kwargs.setdefault("q_min", -1.0 / (1.0 - self.gamma))
+        permanent = self.replay_buffer_kwargs
+        self.replay_buffer_kwargs = {"seed": int(seeds[1]), **permanent}
+        if self.env is not None:
+            self.replay_buffer_kwargs.setdefault("reward_function", reward_function_of(self.env))
+        try:
+            super()._setup_model()
+        finally:
+            # The reward function holds the environment, which SB3's `save` must not pickle.
+            self.replay_buffer_kwargs = permanent
+
+    def set_env(self, env: Any, force_reset: bool = True) -> None:
+        """As SB3's; a buffer still without a reward function takes the environment's."""
+        super().set_env(env, force_reset)
+        buffer = self.replay_buffer
+        if isinstance(buffer, GoalReplayBuffer) and buffer.reward_function is None:
+            assert self.env is not None
+            buffer.reward_function = reward_function_of(self.env)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "_exploration_random"]
+
+    def _sample_action(
+        self,
+        learning_starts: int,
+        action_noise: ActionNoise | None = None,
+        n_envs: int = 1,
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """The algorithm's actions with noise, some of them replaced by uniform ones.
+
+        :return: actions for the environment and the same, scaled to [-1, 1], for the buffer
+        """
+        _, stored = super()._sample_action(learning_starts, action_noise, n_envs)
+        random = self._exploration_random
+        if self.exploration_noise > 0.0:
+            noise = self.exploration_noise * random.standard_normal(stored.shape)
+            stored = np.clip(stored + noise, -1.0, 1.0)
+        replaced = random.random(n_envs) < self.random_action_probability
+        stored = np.where(replaced[:, None], random.uniform(-1.0, 1.0, stored.shape), stored)
+        # Rounded as the buffer will round it, so that executed and stored are the same action.
+        stored = stored.astype(np.float32)
+        return np.asarray(self.policy.unscale_action(stored)), stored
+
+    def _store_transition(
+        self,
+        replay_buffer: ReplayBuffer,
+        buffer_action: npt.NDArray[Any],
+        new_obs: Any,
+        reward: npt.NDArray[Any],
+        dones: npt.NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
+        if dones.any():
+            self._update_normalizer(np.flatnonzero(dones))
+
+    def _update_normalizer(self, environments: npt.NDArray[np.int64]) -> None:
+        """Take these environments' finished episodes into the policy's statistics.
+
+        Each step counts twice, with the episode's goal and with the goal achieved next, because
+        the networks are trained on both kinds.
+        """
+        policy, buffer = self.policy, self.replay_buffer
+        if not isinstance(policy, GoalPolicyMixin) or not isinstance(buffer, GoalReplayBuffer):
+            return
+        observation, desired, achieved = buffer.episodes_of(environments)
+        policy.update_normalizer(
+            {
+                "observation": np.concatenate((observation, observation)),
+                "desired_goal": np.concatenate((desired, achieved)),
+            }
+        )
+
+    def train(self, gradient_steps: int, batch_size: int) -> None:
+        """As the algorithm's, except that nothing happens while nothing is stored."""
+        buffer = self.replay_buffer
+        if buffer is not None and buffer.size() > 0:
+            super().train(gradient_steps, batch_size)
+
+    def student_value(
+        self, observation: dict[str, npt.NDArray[Any]], action: npt.NDArray[Any]
+    ) -> npt.NDArray[Any]:
+        """The critics' conservative estimate of Q, as a diagnostic.
+
+        :param observation: entries (batch, dim)
+        :param action: (batch, action_dim), in the environment's units
+        :return: (batch,)
+        """
+        assert isinstance(self.policy, GoalPolicyMixin)
+        tensors, _ = self.policy.obs_to_tensor(observation)
+        scaled = th.as_tensor(
+            np.asarray(self.policy.scale_action(action), np.float32), device=self.device
+        )
+        with th.no_grad():
+            return np.asarray(self.policy.student_value(tensors, scaled).cpu())
+
+
+def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
+    """A goal-conditioned learner over an SB3 algorithm, with fitting policies.
+
+    :param algorithm: DDPG, TD3, SAC or TQC, or a subclass of one of them
+    :return: class ``Goal<name>``, whose "MultiInputPolicy" is this package's; no static type can
+        say that it takes the arguments of both its parents
+    :raises TypeError: for another algorithm
+    """
+    for family, policy in POLICIES.items():
+        if issubclass(algorithm, family):
+            return type(
+                f"Goal{algorithm.__name__}",
+                (GoalLearnerMixin, algorithm),
+                {
+                    "__module__": __name__,
+                    "__doc__": f"{algorithm.__name__} with ``GoalLearnerMixin``.",
+                    "policy_aliases": {"MultiInputPolicy": policy},
+                },
+            )
+    raise TypeError(f"algorithm={algorithm!r} must be DDPG, TD3, SAC, TQC or a subclass of one")
+
+
+GoalDDPG = goal_learner(DDPG)
+GoalTD3 = goal_learner(TD3)
+GoalSAC = goal_learner(SAC)
+GoalTQC = goal_learner(TQC)

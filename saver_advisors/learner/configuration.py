@@ -1,0 +1,251 @@
+"""What decides a run's outcome, readable from and writable to YAML and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from saver_advisors.provenance import write_json_atomic
+
+ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
+
+Config = TypeVar("Config", "RunConfig", "AdviceConfig")
+
+
+@dataclass(frozen=True)
+class AdviceConfig:
+    """Advice during a run; see ``saver_advisors.advising.make_advisor``.
+
+    :param strategy: name, e.g. ``mc-q``
+    :param teacher: a shipped policy's name or a weight file
+    :param budget: environment steps that may be advised
+    :param threshold: of a correcting strategy, its default where None
+    :param correcting: the second half of ``early-mc``, its default where None
+    :param compare: "noisy" or "noise-free", the student's action that is judged
+    """
+
+    strategy: str
+    teacher: str
+    budget: int
+    threshold: float | None = None
+    correcting: str | None = None
+    compare: str = "noisy"
+
+    def __post_init__(self) -> None:
+        _check_types(self)
+        _require(self.budget >= 0, "advice.budget", self.budget, "0 or more")
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """All that decides a run's outcome.
+
+    :param env_id: Gymnasium id
+    :param env_kwargs: arguments of the environment
+    :param train_env_kwargs: further ones in training alone, such as easier starts
+    :param n_envs: environments stepped together
+    :param algorithm: ``ddpg``, ``td3``, ``sac`` or ``tqc``
+    :param total_steps: environment steps, all environments together; a block is finished
+    :param seed: of everything random in the run
+    :param net_arch: hidden layers of actor and critics
+    :param batch_size: transitions a gradient step
+    :param learning_rate: of Adam
+    :param gamma: discount
+    :param q_min: least value of a target critic; -1 / (1 - gamma) where None, which fits rewards of
+        -1 and 0
+    :param tau: Polyak step of the targets, for each update of the actor
+    :param policy_delay: critic updates for one of the actor (TD3)
+    :param target_policy_noise: standard deviation of the target smoothing (TD3)
+    :param target_noise_clip: bound on that noise (TD3)
+    :param buffer_size: transitions kept
+    :param gradient_steps: after each block of one episode an environment
+    :param learning_starts: steps with random actions and no learning
+    :param exploration_noise: standard deviation on the action scaled to [-1, 1]
+    :param random_action_probability: of a uniform action instead
+    :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG, TD3)
+    :param layer_norm: LayerNorm in the critics
+    :param relabel_probability: share of sampled transitions with a hindsight goal
+    :param advice: a teacher's advice, or None
+    :param eval_every: steps between evaluations
+    :param eval_episodes: episodes of an evaluation, without noise and advice
+    :param eval_seed: seed of the first of them, the others count up
+    :param checkpoint_every: steps between checkpoints
+    """
+
+    env_id: str
+    env_kwargs: dict[str, Any] = field(default_factory=dict)
+    train_env_kwargs: dict[str, Any] = field(default_factory=dict)
+    n_envs: int = 16
+    algorithm: str = "td3"
+    total_steps: int = 1_000_000
+    seed: int = 0
+    net_arch: tuple[int, ...] = (256, 256, 256)
+    batch_size: int = 512
+    learning_rate: float = 1e-3
+    gamma: float = 0.98
+    q_min: float | None = None
+    tau: float = 0.01
+    policy_delay: int = 2
+    target_policy_noise: float = 0.1
+    target_noise_clip: float = 0.2
+    buffer_size: int = 300_000
+    gradient_steps: int = 40
+    learning_starts: int = 0
+    exploration_noise: float = 0.15
+    random_action_probability: float = 0.2
+    action_penalty: float = 0.1
+    layer_norm: bool = True
+    relabel_probability: float = 0.8
+    advice: AdviceConfig | None = None
+    eval_every: int = 20_000
+    eval_episodes: int = 100
+    eval_seed: int = 10_000
+    checkpoint_every: int = 50_000
+
+    def __post_init__(self) -> None:
+        _check_types(self)
+        if self.algorithm not in ALGORITHM_NAMES:
+            raise ValueError(f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}")
+        for name in (
+            "n_envs",
+            "total_steps",
+            "batch_size",
+            "learning_rate",
+            "policy_delay",
+            "buffer_size",
+            "gradient_steps",
+            "eval_every",
+            "eval_episodes",
+            "checkpoint_every",
+        ):
+            _require(getattr(self, name) > 0, name, getattr(self, name), "positive")
+        for name in ("seed", "learning_starts", "exploration_noise", "action_penalty", "eval_seed"):
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        for name in ("random_action_probability", "relabel_probability", "tau"):
+            _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "in [0, 1]")
+        _require(0 <= self.gamma < 1, "gamma", self.gamma, "in [0, 1)")
+        if any(type(width) is not int for width in self.net_arch):
+            raise TypeError(f"net_arch={self.net_arch} must be a list of whole numbers")
+        positive = len(self.net_arch) > 0 and min(self.net_arch) > 0
+        _require(positive, "net_arch", self.net_arch, "widths of one or more layers")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> RunConfig:
+        """A configuration from plain values, as YAML and JSON have them.
+
+        :param values: by field name; ``advice`` a mapping or None
+        :return: the configuration, with defaults for what is missing
+        :raises ValueError: for unknown or missing names and values that cannot be, naming them
+        :raises TypeError: for values of the wrong type
+        """
+        values = dict(values)
+        if isinstance(values.get("advice"), Mapping):
+            values["advice"] = _build(AdviceConfig, values["advice"], "advice.")
+        if isinstance(values.get("net_arch"), list):
+            values["net_arch"] = tuple(values["net_arch"])
+        return _build(cls, values, "")
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> RunConfig:
+        """A configuration from a ``.yaml``, ``.yml`` or ``.json`` file.
+
+        :param path: of the file
+        :return: the configuration
+        :raises ValueError: as ``from_mapping``, or where the file is neither, naming it
+        """
+        path = Path(path)
+        text = path.read_text(encoding="utf-8")
+        try:
+            values = _parse(path, text)
+            if not isinstance(values, Mapping):
+                raise ValueError("it must hold names and values")
+            return cls.from_mapping(values)
+        except (ValueError, TypeError) as error:
+            kind = TypeError if isinstance(error, TypeError) else ValueError
+            raise kind(f"{path}: {error}") from error
+
+    def to_mapping(self) -> dict[str, Any]:
+        """
+        :return: plain values, for ``from_mapping``, JSON and YAML
+        """
+        return {**asdict(self), "net_arch": list(self.net_arch)}
+
+    def to_file(self, path: str | Path) -> None:
+        """Write the configuration for ``from_file``.
+
+        :param path: ending in ``.yaml``, ``.yml`` or ``.json``
+        """
+        path = Path(path)
+        if path.suffix == ".json":
+            write_json_atomic(path, self.to_mapping())
+            return
+        import yaml
+
+        _require(path.suffix in (".yaml", ".yml"), "path", path, "a .yaml, .yml or .json file")
+        path.write_text(yaml.safe_dump(self.to_mapping(), sort_keys=False), encoding="utf-8")
+
+
+def _parse(path: Path, text: str) -> Any:
+    """The content of a YAML or JSON file."""
+    if path.suffix == ".json":
+        return json.loads(text)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ValueError("the file's name must end in .yaml, .yml or .json")
+    import yaml
+
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f"it is not YAML: {error}") from error
+
+
+def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
+    """A configuration from names and values, with errors that name what is wrong."""
+    known = [f.name for f in fields(cls)]
+    unknown = sorted(str(name) for name in set(values) - set(known))
+    if unknown:
+        raise ValueError(
+            f"unknown {', '.join(prefix + name for name in unknown)}; valid names are "
+            f"{', '.join(known)}"
+        )
+    try:
+        return cls(**values)
+    except TypeError as error:
+        if "missing" not in str(error):
+            raise
+        required = ("strategy", "teacher", "budget") if cls is AdviceConfig else ("env_id",)
+        missing = [prefix + name for name in required if name not in values]
+        raise ValueError(f"{', '.join(missing)} must be given") from error
+
+
+def _check_types(config: RunConfig | AdviceConfig) -> None:
+    """Whole numbers, numbers, names: each where its hint says so."""
+    for f in fields(config):
+        value = getattr(config, f.name)
+        allowed, hint = _EXPECTED[str(f.type)]
+        wrong_bool = isinstance(value, bool) and bool not in allowed
+        if wrong_bool or not isinstance(value, allowed):
+            if isinstance(value, str) and float in allowed:
+                hint += "; YAML reads 1e-3 as text, write 1.0e-3"
+            raise TypeError(f"{f.name}={value!r} must be {hint}")
+
+
+_EXPECTED: dict[str, tuple[tuple[type, ...], str]] = {
+    "str": ((str,), "a text"),
+    "str | None": ((str, type(None)), "a text or null"),
+    "int": ((int,), "a whole number"),
+    "bool": ((bool,), "true or false"),
+    "float": ((float, int), "a number"),
+    "float | None": ((float, int, type(None)), "a number or null"),
+    "dict[str, Any]": ((dict,), "a mapping"),
+    "tuple[int, ...]": ((tuple,), "a list of whole numbers"),
+    "AdviceConfig | None": ((AdviceConfig, type(None)), "a mapping of advice settings or null"),
+}
+
+
+def _require(condition: bool, name: str, value: Any, wanted: str) -> None:
+    if not condition:
+        raise ValueError(f"{name}={value} must be {wanted}")

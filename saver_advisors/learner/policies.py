@@ -1,0 +1,343 @@
+"""SB3 policies for goal-conditioned tasks: normalised input, LayerNorm critics, bounded targets.
+
+What each addition is for, and where it comes from:
+
+- running normalisation of observation and goal, clipped: OpenAI baselines' HER, which SB3 lacks
+- target values clamped to the range a return can have: the same code; arXiv 2312.05787 finds it,
+  with LayerNorm in the critics, the largest gain on sparse tasks
+- a penalty on the actions in the actor's loss: the same code; keeps tanh out of saturation
+
+All are arguments in ``policy_kwargs``, so that SB3's own ``save`` and ``load`` carry them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch as th
+from gymnasium import spaces
+from sb3_contrib.tqc.policies import Critic as QuantileCritic
+from sb3_contrib.tqc.policies import TQCPolicy
+from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
+from stable_baselines3.sac.policies import SACPolicy
+from stable_baselines3.td3.policies import TD3Policy
+from torch import nn
+
+
+class NormalizedGoalFeatures(BaseFeaturesExtractor):
+    """Observation and desired goal side by side, centred and scaled by running statistics.
+
+    The achieved goal is left out: the observation already tells where the objects are, and a
+    network that can subtract the two goals learns nothing about the rest.
+
+    The statistics change only in ``update``, never in ``forward``. The buffers' names avoid
+    "running_": SB3 blends buffers of that name between networks and their targets, and here all
+    networks share one module, which that blending would set to zero.
+
+    :param observation_space: Dict with Boxes observation and desired_goal, 1-D
+    :param clip: bound on the normalised values
+    :param minimum_standard_deviation: floor for coordinates that hardly vary
+    """
+
+    count: th.Tensor
+    mean: th.Tensor
+    squared_deviation: th.Tensor
+    shift: th.Tensor
+    scale: th.Tensor
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        clip: float = 5.0,
+        minimum_standard_deviation: float = 0.01,
+    ) -> None:
+        for name, value in (
+            ("clip", clip),
+            ("minimum_standard_deviation", minimum_standard_deviation),
+        ):
+            if value <= 0:
+                raise ValueError(f"{name}={value} must be positive")
+        features_dim = sum(
+            int(np.prod(observation_space[key].shape or ()))
+            for key in ("observation", "desired_goal")
+        )
+        super().__init__(observation_space, features_dim)
+        self.clip = clip
+        self.minimum_standard_deviation = minimum_standard_deviation
+        self.register_buffer("count", th.zeros((), dtype=th.float64))
+        self.register_buffer("mean", th.zeros(features_dim, dtype=th.float64))
+        self.register_buffer("squared_deviation", th.zeros(features_dim, dtype=th.float64))
+        self.register_buffer("shift", th.zeros(features_dim))
+        self.register_buffer("scale", th.ones(features_dim))
+
+    def forward(self, observations: Mapping[str, th.Tensor]) -> th.Tensor:
+        """
+        :param observations: entries (batch, dim)
+        :return: (batch, features_dim), within +- ``clip``
+        """
+        features = th.cat((observations["observation"], observations["desired_goal"]), dim=1)
+        return features.sub_(self.shift).mul_(self.scale).clamp_(-self.clip, self.clip)
+
+    @th.no_grad()
+    def update(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take more samples into the statistics (merge of Chan et al. 1979, in float64).
+
+        :param observations: "observation" (n, observation_dim) and "desired_goal" (n, goal_dim)
+        :raises ValueError: for values that are not finite: one would spoil the statistics for good
+        """
+        samples = th.as_tensor(
+            np.concatenate((observations["observation"], observations["desired_goal"]), axis=1),
+            dtype=th.float64,
+        )
+        if not bool(th.isfinite(samples).all()):
+            raise ValueError("observations given to the normaliser must be finite")
+        if len(samples) == 0:
+            return
+        samples = samples.to(self.mean.device)
+        sample_mean = samples.mean(dim=0)
+        difference = sample_mean - self.mean
+        total = self.count + len(samples)
+        self.squared_deviation += (samples - sample_mean).square().sum(dim=0)
+        self.squared_deviation += difference.square() * (self.count * len(samples) / total)
+        self.mean += difference * (len(samples) / total)
+        self.count.copy_(total)
+        deviation = (self.squared_deviation / total).sqrt()
+        self.shift.copy_(self.mean)
+        self.scale.copy_(1.0 / deviation.clamp(min=self.minimum_standard_deviation))
+
+
+@contextmanager
+def _frozen(module: nn.Module) -> Iterator[None]:
+    """Record no gradients for a module's own parameters in here; its input's are recorded."""
+    parameters = [parameter for parameter in module.parameters() if parameter.requires_grad]
+    for parameter in parameters:
+        parameter.requires_grad_(False)
+    try:
+        yield
+    finally:
+        for parameter in parameters:
+            parameter.requires_grad_(True)
+
+
+def _value_network(
+    input_dim: int,
+    output_dim: int,
+    net_arch: list[int],
+    activation_fn: type[nn.Module],
+    layer_norm: bool,
+) -> nn.Sequential:
+    """A multi-layer perceptron, with LayerNorm between each hidden layer and its activation."""
+    normalisation: list[type[nn.Module]] = [nn.LayerNorm] if layer_norm else []
+    return nn.Sequential(
+        *create_mlp(
+            input_dim, output_dim, net_arch, activation_fn, post_linear_modules=normalisation
+        )
+    )
+
+
+class GoalCritic(ContinuousCritic):
+    """Q-values of one or more networks, optionally bounded, for DDPG, TD3 and SAC.
+
+    :param layer_norm: LayerNorm after each hidden linear layer
+    :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG and TD3)
+    :param n_critics: networks
+    :param arguments: as for ``ContinuousCritic``
+    """
+
+    def __init__(
+        self,
+        *,
+        layer_norm: bool = True,
+        action_penalty: float = 0.0,
+        n_critics: int = 2,
+        **arguments: Any,
+    ) -> None:
+        super().__init__(**arguments, n_critics=0)
+        self.action_penalty = action_penalty
+        self.value_bounds: tuple[float, float] | None = None
+        self.n_critics = n_critics
+        input_dim = arguments["features_dim"] + int(np.prod(self.action_space.shape or ()))
+        for index in range(n_critics):
+            network = _value_network(
+                input_dim,
+                1,
+                arguments["net_arch"],
+                arguments.get("activation_fn", nn.ReLU),
+                layer_norm,
+            )
+            self.add_module(f"qf{index}", network)
+            self.q_networks.append(network)
+
+    def forward(self, obs: PyTorchObs, actions: th.Tensor) -> tuple[th.Tensor, ...]:
+        """
+        :param obs: entries (batch, dim)
+        :param actions: (batch, action_dim), scaled to [-1, 1]
+        :return: one (batch, 1) a network, within ``value_bounds`` if there are any
+        """
+        values = super().forward(obs, actions)  # type: ignore[arg-type]
+        if self.value_bounds is None:
+            return values
+        return tuple(value.clamp(*self.value_bounds) for value in values)
+
+    def q1_forward(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
+        """What the actor maximises: the first network's value less the action penalty.
+
+        SB3 calls this in the actor's loss and nowhere else. The critic takes no step there, so
+        its own gradients, which SB3 computes and throws away, are not recorded.
+
+        :param obs: entries (batch, dim)
+        :param actions: (batch, action_dim), scaled to [-1, 1]
+        :return: (batch, 1)
+        """
+        with _frozen(self.q_networks[0]):
+            value = super().q1_forward(obs, actions)  # type: ignore[arg-type]
+        return value - self.action_penalty * actions.square().mean(dim=1, keepdim=True)
+
+
+class GoalQuantileCritic(QuantileCritic):
+    """Quantiles of the return, optionally bounded, for TQC.
+
+    :param layer_norm: LayerNorm after each hidden linear layer
+    :param n_critics: networks
+    :param arguments: as for ``sb3_contrib.tqc.policies.Critic``
+    """
+
+    def __init__(self, *, layer_norm: bool = True, n_critics: int = 2, **arguments: Any) -> None:
+        super().__init__(**arguments, n_critics=0)
+        self.value_bounds: tuple[float, float] | None = None
+        self.n_critics = n_critics
+        self.quantiles_total = self.n_quantiles * n_critics
+        input_dim = arguments["features_dim"] + int(np.prod(self.action_space.shape or ()))
+        for index in range(n_critics):
+            network = _value_network(
+                input_dim,
+                self.n_quantiles,
+                arguments["net_arch"],
+                arguments.get("activation_fn", nn.ReLU),
+                layer_norm,
+            )
+            self.add_module(f"qf{index}", network)
+            self.q_networks.append(network)
+
+    def forward(self, obs: PyTorchObs, action: th.Tensor) -> th.Tensor:
+        """
+        :param obs: entries (batch, dim)
+        :param action: (batch, action_dim), scaled to [-1, 1]
+        :return: (batch, n_critics, n_quantiles), within ``value_bounds`` if there are any
+        """
+        quantiles = super().forward(obs, action)
+        return quantiles if self.value_bounds is None else quantiles.clamp(*self.value_bounds)
+
+
+class GoalPolicyMixin(BasePolicy):
+    """What the goal policies have in common, over an SB3 actor-critic policy.
+
+    :param observation_space: Dict of observation, achieved_goal, desired_goal
+    :param action_space: a 1-D Box
+    :param lr_schedule: SB3's learning-rate schedule
+    :param layer_norm: LayerNorm in the critics
+    :param q_min: least value a target critic may give; None for no bounds
+    :param q_max: greatest value a target critic may give
+    :param action_penalty: weight of the actions' mean square in the actor's loss
+    :param arguments: as for the SB3 policy; without ``optimizer_kwargs`` Adam is fused
+    :raises ValueError: when the bounds are the wrong way round or the penalty is negative
+    """
+
+    critic_class: type[GoalCritic] | type[GoalQuantileCritic] = GoalCritic
+    actor: Any
+    critic: Any
+    critic_target: Any
+    critic_kwargs: dict[str, Any]
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        *,
+        layer_norm: bool = True,
+        q_min: float | None = None,
+        q_max: float = 0.0,
+        action_penalty: float = 0.0,
+        **arguments: Any,
+    ) -> None:
+        if q_min is not None and q_min >= q_max:
+            raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
+        if action_penalty < 0:
+            raise ValueError(f"action_penalty={action_penalty} must not be negative")
+        # SB3's constructor builds the networks at its end, so these must be there before it.
+        self._value_bounds = None if q_min is None else (q_min, q_max)
+        self._critic_options: dict[str, Any] = {"layer_norm": layer_norm}
+        self._action_penalty = action_penalty
+        if issubclass(self.critic_class, GoalCritic):
+            self._critic_options["action_penalty"] = action_penalty
+        arguments.setdefault("features_extractor_class", NormalizedGoalFeatures)
+        if arguments.get("optimizer_kwargs") is None:
+            arguments["optimizer_kwargs"] = {"fused": True}
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        super()._build(lr_schedule)  # type: ignore[misc]
+        self.critic_target.value_bounds = self._value_bounds
+
+    def make_features_extractor(self) -> BaseFeaturesExtractor:
+        """One module for the actor, the critics and their targets: they see the same numbers."""
+        if "shared_features" not in self._modules:
+            self.shared_features = super().make_features_extractor()
+        return self.shared_features
+
+    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
+        """A critic of ``critic_class``, on the shared features unless others are given."""
+        arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
+        return self.critic_class(**arguments, **self._critic_options).to(self.device)
+
+    def update_normalizer(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take samples into the running statistics, if the features extractor keeps any.
+
+        :param observations: "observation" (n, observation_dim) and "desired_goal" (n, goal_dim)
+        """
+        if isinstance(self.shared_features, NormalizedGoalFeatures):
+            self.shared_features.update(observations)
+
+    def student_value(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
+        """The critics' conservative estimate of Q: the least network, or the mean quantile.
+
+        :param obs: entries (batch, dim)
+        :param actions: (batch, action_dim), scaled to [-1, 1]
+        :return: (batch,)
+        """
+        values = self.critic(obs, actions)
+        if isinstance(values, tuple):
+            return th.cat(values, dim=1).amin(dim=1)
+        quantiles: th.Tensor = values
+        return quantiles.mean(dim=(1, 2))
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        bounds = self._value_bounds
+        return {
+            **super()._get_constructor_parameters(),
+            "layer_norm": self._critic_options["layer_norm"],
+            "q_min": None if bounds is None else bounds[0],
+            "q_max": 0.0 if bounds is None else bounds[1],
+            "action_penalty": self._action_penalty,
+        }
+
+
+class GoalTD3Policy(GoalPolicyMixin, TD3Policy):
+    """Actor and critics of DDPG and TD3."""
+
+
+class GoalSACPolicy(GoalPolicyMixin, SACPolicy):
+    """Actor and critics of SAC. The bound also cuts the entropy bonus in its values."""
+
+
+class GoalTQCPolicy(GoalPolicyMixin, TQCPolicy):
+    """Actor and quantile critics of TQC. The bound also cuts the entropy bonus in its values."""
+
+    critic_class = GoalQuantileCritic

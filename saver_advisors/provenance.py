@@ -1,0 +1,115 @@
+"""Where a measurement comes from: command, commit, versions and machine, for every JSON file."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+PACKAGES = {
+    "torch": "torch",
+    "sb3": "stable-baselines3",
+    "sb3_contrib": "sb3-contrib",
+    "mujoco": "mujoco",
+    "gymnasium": "gymnasium",
+    "numpy": "numpy",
+}
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def provenance() -> dict[str, Any]:
+    """What is needed to say how a result came about.
+
+    :return: JSON-able: ``command``, ``commit`` (None outside a checkout, "-dirty" appended where
+        files differ from it), ``time`` (UTC, ISO 8601), ``versions`` and ``machine``
+    """
+    return {
+        "command": _command(),
+        "commit": _commit(),
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": {"python": platform.python_version()}
+        | {name: _version(package) for name, package in PACKAGES.items()},
+        "machine": {
+            "cpu": _cpu_model(),
+            "cores": os.cpu_count(),
+            "system": f"{platform.system()} {platform.machine()}",
+        },
+    }
+
+
+def write_json_atomic(path: str | Path, data: Any) -> None:
+    """Write a JSON file as a whole: a reader sees the old content or the new, never a part.
+
+    :param path: of the file
+    :param data: JSON-able; NaN and infinity are refused, as no other program could read them
+    :raises ValueError: for NaN or infinity
+    :raises TypeError: for what JSON does not know
+    :raises OSError: when it cannot be written; an old file is then intact
+    """
+    path = Path(path)
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    temporary = path.with_name(path.name + ".partial")
+    try:
+        with open(temporary, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _command() -> str:
+    """The command line, without the folder that the program happens to live in."""
+    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _commit() -> str | None:
+    """The checkout's commit; None for an installed package, even inside somebody's repository."""
+    top_level = _git("rev-parse", "--show-toplevel")
+    if top_level is None or Path(top_level).resolve() != REPOSITORY:
+        return None
+    commit = _git("rev-parse", "HEAD")
+    if commit is not None and _git("status", "--porcelain"):
+        commit += "-dirty"
+    return commit
+
+
+def _git(*arguments: str) -> str | None:
+    """The output of a git command in the repository, or None."""
+    try:
+        completed = subprocess.run(
+            ["git", "-C", str(REPOSITORY), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return completed.stdout.strip()
+
+
+def _cpu_model() -> str:
+    """The processor's name as the system tells it."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

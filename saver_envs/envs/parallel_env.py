@@ -1,0 +1,205 @@
+"""The PettingZoo adapter: one agent per arm, all acting at once for a shared reward."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from saver_envs.control import InverseKinematics
+from saver_envs.core import Outcome
+from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.registration import make_episodes
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
+from saver_envs.tasks.goals import object_distances
+from saver_envs.tasks.observation import SIZE_PER_ARM
+
+Arrays = dict[str, NDArray[np.float32]]
+Infos = dict[str, dict[str, Any]]
+
+_GOAL_PER_ARM = 3
+
+
+class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating]]):
+    """One episode of a registered id with an agent for every arm: ``arm_0``, ``arm_1``, ...
+
+    An agent sees the 28 numbers of its own arm and object, the 3 of its own target, and after
+    them what the whole team's goal holds besides positions: in the distance task the achieved and
+    the required distance (m). It acts with its own arm's numbers. All agents get the team's
+    reward, and all are truncated together. An agent's ``info`` has ``is_success`` of its own
+    object, ``team_success``, ``goal_reached`` (every object is at its target), ``diverged`` and
+    the costs, which are the team's.
+
+    It can be pickled and deep-copied in the midst of an episode: the copy goes on identically.
+
+    :param env_id: a registered id.
+    :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
+    :param max_cycles: actions in an episode, under PettingZoo's name; takes precedence over
+        ``horizon``.
+    :param width: pixels of a picture.
+    :param height: pixels of a picture.
+    :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
+    :param inverse_kinematics: replaces damped least squares.
+    :param options: see :class:`saver_envs.registration.Options`.
+    :raises ValueError: for an unknown id, render mode or camera, or an option out of range.
+    :raises TypeError: for an unknown option.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        max_cycles: int | None = None,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera_name: str = DEFAULT_CAMERA,
+        inverse_kinematics: InverseKinematics | None = None,
+        **options: Any,
+    ) -> None:
+        if max_cycles is not None:
+            options["horizon"] = max_cycles
+        self.render_mode = render_mode
+        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+        self.metadata = {**self.metadata, "name": env_id}  # type: ignore[misc]
+        n_arms = self.episodes.task.n_arms
+        self.possible_agents = [f"arm_{index}" for index in range(n_arms)]
+        self.agents: list[str] = []
+        shared = self.episodes.goal_size - _GOAL_PER_ARM * n_arms
+        size = SIZE_PER_ARM + _GOAL_PER_ARM + 2 * shared
+        action_size = self.episodes.action_size_per_arm
+        self.observation_spaces = {
+            agent: spaces.Box(-np.inf, np.inf, (size,), np.float32)
+            for agent in self.possible_agents
+        }
+        self.action_spaces = {
+            agent: spaces.Box(-1.0, 1.0, (action_size,), np.float32)
+            for agent in self.possible_agents
+        }
+        state_size = self.episodes.observation_size + 2 * self.episodes.goal_size
+        self.state_space = spaces.Box(-np.inf, np.inf, (state_size,), np.float32)
+        self._generator: np.random.Generator | None = None
+        self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
+
+    def observation_space(self, agent: str) -> spaces.Box:
+        """Return an agent's observation space, the same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Box:
+        """Return an agent's action space, the same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Arrays, Infos]:
+        """Start an episode.
+
+        :param seed: makes this and the following episodes reproducible.
+        :param options: none are known; given for the API's sake.
+        :return: every agent's observation and info.
+        """
+        if seed is not None or self._generator is None:
+            self._generator = seeding.np_random(seed)[0]
+            self.episodes.set_generator(0, self._generator)
+        outcome = self.episodes.reset()
+        self.agents = list(self.possible_agents)
+        if self.render_mode == "human":
+            self.render()
+        return self._observations(), self._infos(outcome)
+
+    def step(
+        self, actions: dict[str, NDArray[np.floating]]
+    ) -> tuple[Arrays, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """Apply every agent's action for 0.04 s.
+
+        :param actions: agent -> (action_size,), clipped to [-1, 1]; one for every living agent.
+        :return: observations, rewards, terminated (never), truncated and infos of the agents that
+            acted; all empty once the episode is over.
+        :raises ValueError: for a missing or unknown agent, a wrong shape or a value that is not
+            finite; nothing has changed.
+        """
+        agents = self.agents
+        if not agents and not actions:
+            return {}, {}, {}, {}, {}
+        joined = self._joined(actions)
+        outcome = self.episodes.step(joined[None])
+        truncated = bool(outcome.truncated[0])
+        if truncated:
+            self.agents = []
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._observations(),
+            dict.fromkeys(agents, float(outcome.reward[0])),
+            dict.fromkeys(agents, False),
+            dict.fromkeys(agents, truncated),
+            self._infos(outcome),
+        )
+
+    def _joined(self, actions: dict[str, NDArray[np.floating]]) -> NDArray[np.float64]:
+        """Return the agents' actions one after the other, (action_size of all arms,)."""
+        if set(actions) != set(self.agents):
+            raise ValueError(
+                f"actions for {sorted(actions)}: one is needed for each of {self.agents}"
+            )
+        shape = (self.episodes.action_size_per_arm,)
+        blocks = [np.asarray(actions[agent], dtype=np.float64) for agent in self.agents]
+        for agent, block in zip(self.agents, blocks, strict=True):
+            if block.shape != shape:
+                raise ValueError(f"{agent}'s action has shape {block.shape}: must be {shape}")
+            if not np.isfinite(block).all():
+                raise ValueError(f"{agent}'s action is {block!r}: every value must be finite")
+        return np.concatenate(blocks)
+
+    def _observations(self) -> Arrays:
+        seen = self.episodes.observation()
+        n_arms = len(self.possible_agents)
+        blocks = seen.observation[0].reshape(n_arms, SIZE_PER_ARM)
+        positions = _GOAL_PER_ARM * n_arms
+        targets = seen.desired_goal[0, :positions].reshape(n_arms, _GOAL_PER_ARM)
+        team = (seen.achieved_goal[0, positions:], seen.desired_goal[0, positions:])
+        return {
+            agent: np.concatenate([blocks[arm], targets[arm], *team])
+            for arm, agent in enumerate(self.possible_agents)
+        }
+
+    def _infos(self, outcome: Outcome) -> Infos:
+        seen, task = self.episodes.observation(), self.episodes.task
+        distances = object_distances(seen.achieved_goal[0], seen.desired_goal[0], task.n_arms)
+        team = outcome.info_of(0)
+        team["team_success"] = team.pop("is_success")
+        return {
+            agent: {"is_success": bool(distances[arm] <= task.success_threshold), **team}
+            for arm, agent in enumerate(self.possible_agents)
+        }
+
+    def state(self) -> NDArray[np.float32]:
+        """Return what all agents together see: observation, achieved goal and desired goal."""
+        seen = self.episodes.observation()
+        return np.concatenate([seen.observation[0], seen.achieved_goal[0], seen.desired_goal[0]])
+
+    def render(self) -> Any:
+        """Draw the scene; see :meth:`saver_envs.envs.pictures.Pictures.draw`."""
+        return self._pictures.draw()
+
+    def close(self) -> None:
+        """Free window and graphics context."""
+        self._pictures.close()
+
+
+def parallel_env(env_id: str, **kwargs: Any) -> SaverParallelEnv:
+    """Build a :class:`SaverParallelEnv`; the entry point in PettingZoo's registry.
+
+    :param env_id: a registered id.
+    :param kwargs: the class's other arguments.
+    """
+    return SaverParallelEnv(env_id, **kwargs)

@@ -1,0 +1,86 @@
+"""Pictures of episodes, as every adapter renders them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from saver_envs.core import ACTION_DURATION, Episodes
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+
+RENDER_MODES = ("human", "rgb_array", "depth_array")
+#: Frames per second at which a recording plays in real time.
+RENDER_FPS = round(1 / ACTION_DURATION)
+
+
+class Pictures:
+    """Draws episodes in a render mode; nothing is allocated until the first picture.
+
+    A copy, by pickling or ``copy.deepcopy``, draws the copied episodes with a graphics context of
+    its own.
+
+    :param episodes: what is drawn.
+    :param render_mode: one of ``valid_modes`` or ``None``.
+    :param width: pixels of a picture.
+    :param height: pixels of a picture.
+    :param camera: name of a camera of the scene.
+    :param valid_modes: the render modes that the adapter knows.
+    :raises ValueError: for an unknown render mode or camera; the message lists the valid ones.
+    """
+
+    def __init__(
+        self,
+        episodes: Episodes,
+        render_mode: str | None,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera: str = DEFAULT_CAMERA,
+        valid_modes: tuple[str, ...] = RENDER_MODES,
+    ) -> None:
+        if render_mode is not None and render_mode not in valid_modes:
+            raise ValueError(
+                f"render_mode={render_mode!r}: valid modes are {', '.join(valid_modes)}"
+            )
+        model = episodes.scene.model
+        cameras = [model.camera(index).name for index in range(model.ncam)]
+        if camera not in cameras:
+            raise ValueError(f"camera={camera!r}: this scene has the cameras {', '.join(cameras)}")
+        self.render_mode = render_mode
+        self._episodes = episodes
+        self._view = (width, height, camera)
+        self._renderer: SceneRenderer | None = None
+        self._viewer: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None, "_viewer": None}
+
+    def draw(self, index: int = 0) -> Any:
+        """Draw episode ``index``.
+
+        :return: (height, width, 3) uint8 or (height, width) float32 metres; ``None`` in ``human``
+            mode, where a window shows it, and without a render mode.
+        """
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            self._renderer = SceneRenderer(self._episodes.scene, *self._view)
+        target = self._episodes.simulation.to_world(self._episodes.target)[index]
+        self._renderer.update(self._episodes.simulation, index, target)
+        if self.render_mode == "rgb_array":
+            return self._renderer.rgb()
+        if self.render_mode == "depth_array":
+            return self._renderer.depth()
+        if self._viewer is None:
+            from mujoco import viewer  # opens a display: only when a window is asked for
+
+            self._viewer = viewer.launch_passive(*self._renderer.model_and_data)
+        self._viewer.sync()
+        return None
+
+    def close(self) -> None:
+        """Free window and graphics context."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        if self._viewer is not None:
+            self._viewer.close()
+            self._viewer = None

@@ -1,0 +1,264 @@
+"""The Gymnasium vector adapter: n episodes in one batch, every automatic reset mode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from saver_envs.control import InverseKinematics
+from saver_envs.core import Outcome
+from saver_envs.envs.pictures import RENDER_FPS, Pictures
+from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.registration import make_episodes
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
+
+DictObservation = dict[str, NDArray[np.float32]]
+Infos = dict[str, Any]
+
+#: A window shows one episode, so ``human`` is left to the single environment.
+RENDER_MODES = ("rgb_array", "depth_array")
+
+
+class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[Any]]):
+    """n episodes of a registered id behind Gymnasium's vector API.
+
+    Episode i is seeded with ``seed + i`` and is bit for bit the one that :class:`SaverGoalEnv`
+    plays from that seed. A diverged episode ends before the others do; from then on they are out
+    of phase, and each is reset by itself. It can be pickled and deep-copied in mid-episode.
+
+    :param env_id: a registered id; ``gymnasium.make_vec`` fills it in.
+    :param num_envs: number of episodes.
+    :param render_mode: ``rgb_array``, ``depth_array`` or ``None``.
+    :param max_episode_steps: actions in an episode; takes precedence over ``horizon``.
+    :param autoreset_mode: when an episode that is over is reset: at the next step, which then
+        ignores its action (``NextStep``), in the step that ends it (``SameStep``), or by the
+        caller with ``reset(options={"reset_mask": ...})`` (``Disabled``).
+    :param threads: native threads of the simulation; results do not depend on it.
+    :param width: pixels of a picture.
+    :param height: pixels of a picture.
+    :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
+    :param inverse_kinematics: replaces damped least squares.
+    :param options: see :class:`saver_envs.registration.Options`.
+    :raises ValueError: for an unknown id, mode or camera, or an option out of range.
+    :raises TypeError: for an unknown option.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  (Gymnasium's base class declares it like this)
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+    _mask_key: ClassVar[str] = "reset_mask"
+
+    def __init__(
+        self,
+        env_id: str,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera_name: str = DEFAULT_CAMERA,
+        inverse_kinematics: InverseKinematics | None = None,
+        **options: Any,
+    ) -> None:
+        if max_episode_steps is not None:
+            options["horizon"] = max_episode_steps
+        self.autoreset_mode = _parse_mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.episodes = make_episodes(env_id, num_envs, threads, inverse_kinematics, **options)
+        self.single_observation_space = observation_space(self.episodes)
+        self.single_action_space = action_space(self.episodes)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._over = np.ones(num_envs, dtype=bool)  # nothing has begun yet
+        self._pictures = Pictures(
+            self.episodes, render_mode, width, height, camera_name, RENDER_MODES
+        )
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[DictObservation, Infos]:
+        """Start episodes.
+
+        :param seed: a number (episode i gets ``seed + i``), one for each episode, or ``None`` to
+            go on with the sources of randomness that there are.
+        :param options: ``{"reset_mask": mask}`` resets those episodes alone whose entry of the
+            boolean array (num_envs,) is True.
+        :return: observations of all episodes, and infos of those that were reset.
+        :raises ValueError: for another number of seeds or a mask that selects nothing.
+        :raises TypeError: for a mask that is not a boolean array.
+        """
+        mask = self._parse_mask(options)
+        seeds = self._parse_seeds(seed)
+        rows = np.flatnonzero(mask)
+        for row in rows.tolist():
+            if seeds[row] is not None or self._generators[row] is None:
+                generator = seeding.np_random(seeds[row])[0]
+                self._generators[row] = generator
+                self.episodes.set_generator(row, generator)
+        outcome = self.episodes.reset(rows)
+        self._over[rows] = False
+        return self.episodes.observation().as_dict(), _infos(outcome, mask)
+
+    def step(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[DictObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
+        """Apply one action to every episode for 0.04 s.
+
+        :param actions: (num_envs, action_size), clipped to [-1, 1].
+        :return: observations, rewards, terminated (never), truncated, infos.
+        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset, and without automatic reset
+            when an episode is over; the message names the episodes.
+        """
+        self._require_begun()
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any():
+            return self._step_and_reset(actions)
+        outcome = self.episodes.step(actions)
+        infos = _infos(outcome, np.ones(self.num_envs, dtype=bool))
+        observation = self.episodes.observation().as_dict()
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._over = outcome.truncated.copy()
+        elif outcome.truncated.any():
+            observation = self._reset_at_once(outcome, observation, infos)
+        return observation, *self._result(outcome), infos
+
+    def _step_and_reset(
+        self, actions: NDArray[np.floating]
+    ) -> tuple[DictObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
+        """Step the episodes that go on; reset those that were over, whose actions are ignored."""
+        self.episodes.checked(actions)  # before anything changes, even where nothing goes on
+        over = self._over
+        going_on = np.flatnonzero(~over)
+        reward = np.zeros(self.num_envs)
+        truncated = np.zeros(self.num_envs, dtype=bool)
+        infos: Infos = {}
+        if going_on.size:
+            outcome = self.episodes.step(actions, going_on)
+            reward[going_on] = outcome.reward[going_on]
+            truncated[going_on] = outcome.truncated[going_on]
+            infos = _infos(outcome, ~over)
+        begun = self.episodes.reset(np.flatnonzero(over))
+        for name, values in begun.info().items():
+            infos[name] = np.where(over, values, infos.get(name, values))
+            infos[f"_{name}"] = np.ones(self.num_envs, dtype=bool)
+        self._over = truncated.copy()
+        observation = self.episodes.observation().as_dict()
+        return observation, reward, np.zeros(self.num_envs, dtype=bool), truncated, infos
+
+    def _reset_at_once(
+        self, outcome: Outcome, observation: DictObservation, infos: Infos
+    ) -> DictObservation:
+        """Reset the episodes that ended in this step; their last observations go into infos."""
+        ended = outcome.truncated
+        rows = np.flatnonzero(ended)
+        final = np.full(self.num_envs, None, dtype=object)
+        for row in rows:
+            final[row] = {name: values[row].copy() for name, values in observation.items()}
+        final_infos = _infos(outcome, ended)
+        for name, values in self.episodes.reset(rows).info().items():
+            infos[name] = np.where(ended, values, infos[name])
+        infos["final_obs"], infos["_final_obs"] = final, ended.copy()
+        infos["final_info"], infos["_final_info"] = final_infos, ended.copy()
+        return self.episodes.observation().as_dict()
+
+    def _result(
+        self, outcome: Outcome
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        return outcome.reward.astype(np.float64), terminated, outcome.truncated
+
+    def _require_begun(self) -> None:
+        never_begun = [row for row, made in enumerate(self._generators) if made is None]
+        if never_begun:
+            raise ResetNeeded(f"episodes {never_begun} have not begun: call reset() first")
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
+            rows = np.flatnonzero(self._over).tolist()
+            raise ResetNeeded(
+                f"episodes {rows} are over: reset them with "
+                f'reset(options={{"{self._mask_key}": mask}})'
+            )
+
+    def _parse_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        if not options or self._mask_key not in options:
+            return np.ones(self.num_envs, dtype=bool)
+        mask = options[self._mask_key]
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise TypeError(f"reset_mask={mask!r}: must be a NumPy array of booleans")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"reset_mask={mask!r}: must have shape {(self.num_envs,)} and select an episode"
+            )
+        return mask
+
+    def _parse_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + row for row in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(
+                f"{len(seed)} seeds: one is needed for each of {self.num_envs} episodes"
+            )
+        return [None if one is None else int(one) for one in seed]
+
+    def compute_reward(
+        self,
+        achieved_goal: NDArray[np.floating],
+        desired_goal: NDArray[np.floating],
+        info: Any = None,
+    ) -> NDArray[np.float32]:
+        """Return the reward of goals (..., goal_size), shape (...); pure."""
+        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Draw every episode.
+
+        :return: a picture each, (height, width, 3) uint8 or (height, width) float32 metres;
+            ``None`` without a render mode.
+        """
+        if self.render_mode is None:
+            return None
+        return tuple(self._pictures.draw(index) for index in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the graphics context."""
+        self._pictures.close()
+
+
+def _parse_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """Return the mode of that value (``NextStep``) or name (``NEXT_STEP``)."""
+    for member in AutoresetMode:
+        if mode in (member, member.value, member.name):
+            return member
+    valid = ", ".join(repr(member.value) for member in AutoresetMode)
+    raise ValueError(f"autoreset_mode={mode!r}: valid modes are {valid}")
+
+
+def _infos(outcome: Outcome, present: NDArray[np.bool_]) -> Infos:
+    """Return infos in Gymnasium's format: ``key`` with values, ``_key`` with who has them.
+
+    :param outcome: of all episodes.
+    :param present: (num_envs,) episodes that the infos tell of; the others read zero.
+    """
+    infos: Infos = {}
+    for name, values in outcome.info().items():
+        infos[name] = np.where(present, values, np.zeros_like(values))
+        infos[f"_{name}"] = present.copy()
+    return infos

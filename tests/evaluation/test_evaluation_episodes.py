@@ -1,0 +1,136 @@
+import json
+import math
+
+import numpy as np
+import pytest
+
+from saver_advisors.evaluation.episodes import evaluate_policy, run_episodes
+
+
+class FakeVecEnv:
+    """Episodes whose every figure follows from their seed: length 2 + seed % 3, success at the end
+    where the seed is even (odd ones succeed in the middle), costs 0.1 * seed at step 1."""
+
+    def __init__(self, n_envs):
+        self.num_envs, self.seeds_seen, self.seeds = n_envs, [], [None] * n_envs
+
+    def reset_episodes(self, seeds):
+        assert len(seeds) == self.num_envs
+        self.seeds, self.clock = list(seeds), [0] * self.num_envs
+        self.seeds_seen.append(list(seeds))
+        return self._observe()
+
+    def _observe(self):
+        seeds = np.array([-1 if seed is None else seed for seed in self.seeds], float)
+        return {
+            "observation": np.stack([seeds, np.array(self.clock, float)], axis=1),
+            "achieved_goal": np.zeros((self.num_envs, 7)),
+            "desired_goal": np.zeros((self.num_envs, 7)),
+        }
+
+    def step(self, actions):
+        rewards, dones, infos = [], [], []
+        for k, seed in enumerate(self.seeds):
+            self.clock[k] += 1
+            # Episodes after the autoreset are of no interest: they carry absurd figures.
+            done = seed is not None and self.clock[k] == 2 + seed % 3
+            cost = 1e9 if seed is None else (0.1 * seed if self.clock[k] == 1 else 0.0)
+            info = {
+                "is_success": seed is not None and (seed % 2 == 0) == done,
+                "goal_reached": bool(done),
+                "diverged": seed == 4,
+                "cost": cost,
+                "cost_distance": float(cost > 0),
+            }
+            rewards.append(1e9 if seed is None else float(actions[k, 0]))
+            dones.append(done)
+            if done:
+                goal = np.array([3.0 + seed, 4.0 * 0, 0, 0, 5.0, 0, 99.0])
+                info["terminal_observation"] = {
+                    "achieved_goal": goal,
+                    "desired_goal": np.zeros(7),
+                }
+                self.seeds[k], self.clock[k] = None, 0
+            infos.append(info)
+        return self._observe(), np.array(rewards), np.array(dones), infos
+
+
+def predict(observation):
+    """The reward will be the seed, once a step."""
+    return observation["observation"][:, :1]
+
+
+@pytest.mark.parametrize("n_envs", [1, 3, 4, 16])
+def test_episode_i_has_seed_plus_i_whatever_the_vector(n_envs):
+    outcomes = run_episodes(predict, FakeVecEnv(n_envs), env_id="fake", episodes=10, seed=100)
+    seeds = np.arange(100, 110)
+    lengths = 2 + seeds % 3
+    np.testing.assert_array_equal(outcomes.lengths, lengths)
+    np.testing.assert_allclose(outcomes.returns, seeds * lengths)
+    np.testing.assert_array_equal(outcomes.success, seeds % 2 == 0)
+    np.testing.assert_allclose(outcomes.cost_sums["cost"], 0.1 * seeds)
+    np.testing.assert_allclose(outcomes.cost_maxima["cost"], 0.1 * seeds)
+    # Two objects in a goal of 7: the last entry is a distance, no object.
+    expected = np.stack([3.0 + seeds, np.full(10, 5.0)], axis=1)
+    np.testing.assert_allclose(outcomes.final_distances, expected)
+    assert outcomes.goal_reached is not None
+    assert outcomes.goal_reached.all()
+    assert outcomes.episodes == 10
+
+
+def test_seeds_are_asked_for_in_order():
+    env = FakeVecEnv(4)
+    run_episodes(predict, env, env_id="fake", episodes=6, seed=7)
+    assert env.seeds_seen == [[7, 8, 9, 10], [11, 12, 13, 14]]
+
+
+def test_summary_and_rates():
+    outcomes = run_episodes(predict, FakeVecEnv(5), env_id="fake", episodes=5, seed=0)
+    summary = json.loads(json.dumps(outcomes.summary()))
+    assert summary["env"] == "fake"
+    assert (summary["episodes"], summary["seed"]) == (5, 0)
+    assert summary["success_rate"] == 0.6
+    # Episode 0 alone costs nothing.
+    assert summary["constraint_met_rate"] == 0.2
+    assert summary["goal_success_rate"] == 1.0
+    assert summary["diverged"] == 1
+    assert summary["cost_means"]["cost"] == pytest.approx(0.2)
+    # Wilson's formula, by hand.
+    n, p, z = 5, 0.6, 1.959963984540054
+    centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    assert summary["ci95"] == pytest.approx([centre - half, centre + half])
+
+
+def test_frames_are_offered_before_each_step():
+    calls, env = [], FakeVecEnv(2)
+    run_episodes(
+        predict,
+        env,
+        env_id="fake",
+        episodes=3,
+        frame_callback=lambda seen, first, step: calls.append((seen is env, first, step)),
+    )
+    # Seeds 0 and 1 last 2 and 3 steps; seeds 2 and 3 last 4 and 2.
+    assert calls == [(True, 0, k) for k in range(3)] + [(True, 2, k) for k in range(4)]
+
+
+def test_senseless_counts_are_refused():
+    with pytest.raises(ValueError, match="episodes=0"):
+        evaluate_policy(predict, "JacoPush-v0", episodes=0)
+    with pytest.raises(ValueError, match="n_envs=0"):
+        evaluate_policy(predict, "JacoPush-v0", n_envs=0)
+
+
+def test_real_episodes_are_reproducible_one_by_one():
+    def drift(observation):
+        return 0.3 * np.sign(observation["desired_goal"] - observation["achieved_goal"])
+
+    few = {"env_kwargs": {"horizon": 8}}
+    together = evaluate_policy(drift, "JacoPush-v0", episodes=4, seed=20, n_envs=2, **few)
+    alone = evaluate_policy(drift, "JacoPush-v0", episodes=1, seed=23, **few)
+    assert together.lengths.tolist() == [8] * 4
+    assert len(np.unique(together.final_distances)) == 4
+    np.testing.assert_allclose(alone.final_distances[0], together.final_distances[3], atol=1e-6)
+    assert together.summary()["env"] == "JacoPush-v0"
+    assert together.constraint_met_rate is None

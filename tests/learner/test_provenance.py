@@ -1,0 +1,57 @@
+"""Where results come from."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from saver_advisors import provenance as module
+from saver_advisors.provenance import provenance, write_json_atomic
+
+
+def test_provenance_names_versions_and_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/some/folder/saver", "train", "a b"])
+    facts = json.loads(json.dumps(provenance()))
+    assert facts["command"] == "saver train 'a b'"
+    assert facts["versions"]["numpy"] == np.__version__
+    assert facts["versions"]["torch"].split("+")[0] == torch.__version__.split("+")[0]
+    assert set(facts["versions"]) >= {"python", "sb3", "mujoco", "gymnasium"}
+    assert facts["machine"]["cores"] >= 1
+    assert facts["machine"]["cpu"]
+
+
+def test_the_commit_is_that_of_our_own_checkout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def git(*arguments: str) -> None:
+        identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        subprocess.run(["git", "-C", str(tmp_path), *identity, *arguments], check=True)
+
+    git("init", "-q")
+    (tmp_path / "file").write_text("a")
+    git("add", "file")
+    git("commit", "-q", "-m", "first")
+    monkeypatch.setattr(module, "REPOSITORY", tmp_path.resolve())
+    commit = provenance()["commit"]
+    assert len(commit) == 40
+    (tmp_path / "file").write_text("b")
+    assert provenance()["commit"] == f"{commit}-dirty"
+    # A package installed inside somebody else's repository has no commit of ours.
+    (tmp_path / "inner").mkdir()
+    monkeypatch.setattr(module, "REPOSITORY", (tmp_path / "inner").resolve())
+    assert provenance()["commit"] is None
+
+
+def test_json_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_json_atomic(path, {"value": 1})
+    with pytest.raises(ValueError, match="nan"):
+        write_json_atomic(path, {"value": float("nan")})
+    assert json.loads(path.read_text()) == {"value": 1}
+    assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
