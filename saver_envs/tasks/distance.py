@@ -89,5 +89,3 @@ class Distance(PickAndPlace):
         kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
         costs["distance"] = (~kept).astype(np.float64)
         return costs
-
-

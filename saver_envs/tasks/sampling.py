@@ -102,14 +102,6 @@ class StartSampler:
         self._rules = rules
         self._n_arms = scene.n_arms
         self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
-        self._contested_box = self._towards_neighbour()
-
-    def _towards_neighbour(self) -> tuple[FloatArray, FloatArray]:
-        """The boxes of contested objects: the parts within reach of a neighbour's way."""
-        lower, upper = self._regions.object_lower.copy(), self._regions.object_upper.copy()
-        if self._n_arms > 1:
-            lower[0, 1] = max(lower[0, 1], upper[0, 1] - 2 * CONTEST_BAND)
-        return lower, upper
 
     def sample(self, generator: np.random.Generator) -> Start:
         """Draw a start.
@@ -119,29 +111,41 @@ class StartSampler:
         :raises RuntimeError: when no candidate of many blocks keeps the rules, which means that
             the scene's regions or object size leave no room.
         """
-        contested = bool(self._n_arms > 1 and generator.random() < self._rules.contested_share)
-        block = _CONTESTED_BLOCK if contested else _BLOCK
+        contest = self._draw_contest(generator)
+        block = _BLOCK if contest is None else _CONTESTED_BLOCK
         for _ in range(_MOST_BLOCKS):
-            objects, target = self._draw_ways(generator, block, contested)
+            objects, target = self._draw_ways(generator, block, contest)
             for candidate in np.flatnonzero(self._ways_valid(objects, target))[:_TRIES]:
                 hand = self._draw_hands(generator, objects[candidate])
                 valid = np.flatnonzero(self._hands_valid(hand, objects[candidate]))
                 if valid.size:
                     return Start(hand[valid[0]], objects[candidate], target[candidate])
         raise RuntimeError(
-            f"no start keeps the rules after {_MOST_BLOCKS * _BLOCK} candidates: "
+            f"no start keeps the rules after {_MOST_BLOCKS * block} candidates: "
             f"objects of {self._scene.objects.size} m leave no room in the regions"
         )
 
+    def _draw_contest(self, generator: np.random.Generator) -> int | None:
+        """Draw whether the start is contested: the right one of two neighbours, or ``None``.
+
+        Only arms in a row have neighbours; those round the table face one another.
+        """
+        if self._n_arms == 1 or not self._ordered:
+            return None
+        if generator.random() >= self._rules.contested_share:
+            return None
+        return int(generator.integers(self._n_arms - 1))
+
     def _draw_ways(
-        self, generator: np.random.Generator, block: int, contested: bool
+        self, generator: np.random.Generator, block: int, contest: int | None
     ) -> tuple[FloatArray, FloatArray]:
         """Draw a block of objects and targets, (block, arms, 3) each."""
         shape = (block, self._n_arms)
         rest = self._scene.object_rest_height
         lower, upper = self._regions.object_lower, self._regions.object_upper
-        if contested:
-            lower, upper = self._contested_box
+        if contest is not None:
+            lower = lower.copy()
+            lower[contest, 1] = max(lower[contest, 1], upper[contest, 1] - 2 * CONTEST_BAND)
         objects = np.empty((*shape, 3))
         objects[..., :2] = generator.uniform(lower, upper, (*shape, 2))
         objects[..., 2] = rest
@@ -151,8 +155,8 @@ class StartSampler:
         in_air = generator.random(shape) < self._rules.air_share
         target_height = np.where(in_air, height, rest)
         target = _at_distance(generator, objects, target_height, OBJECT_TO_TARGET)
-        if contested:
-            self._cross(generator, objects, target)
+        if contest is not None:
+            self._cross(generator, objects, target, contest)
         if self._rules.separation is not None:
             self._separate(generator, target)
         return objects, target
@@ -177,17 +181,17 @@ class StartSampler:
             points[:, arm, 1] = world[:, 1] + run * np.sin(angle) - base[arm, 1]
 
     def _cross(
-        self, generator: np.random.Generator, objects: FloatArray, target: FloatArray
+        self, generator: np.random.Generator, objects: FloatArray, target: FloatArray, contest: int
     ) -> None:
-        """Move the ways of later arms' objects so that each crosses its predecessor's."""
+        """Move the way of the left neighbour's object so that it crosses the right one's."""
         base = self._scene.base_position[:, :2]
-        for arm in range(1, self._n_arms):
-            before = objects[:, arm - 1, :2] + base[arm - 1]
-            after = target[:, arm - 1, :2] + base[arm - 1]
-            meeting = before + generator.random((len(objects), 1)) * (after - before)
-            way = target[:, arm, :2] - objects[:, arm, :2]
-            objects[:, arm, :2] = meeting - generator.random((len(objects), 1)) * way - base[arm]
-            target[:, arm, :2] = objects[:, arm, :2] + way
+        before = objects[:, contest, :2] + base[contest]
+        after = target[:, contest, :2] + base[contest]
+        meeting = before + generator.random((len(objects), 1)) * (after - before)
+        left = contest + 1
+        way = target[:, left, :2] - objects[:, left, :2]
+        objects[:, left, :2] = meeting - generator.random((len(objects), 1)) * way - base[left]
+        target[:, left, :2] = objects[:, left, :2] + way
 
     def _ways_valid(self, objects: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
         """Say which objects and targets (block, arms, 3) keep every rule, (block,)."""
