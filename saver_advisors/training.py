@@ -31,6 +31,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 import torch as th
+from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
@@ -209,6 +210,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         replay_buffer_kwargs={
             "horizon": horizon,
             "relabel_probability": config.relabel_probability,
+            "goal_parts": _goal_parts(env) if config.relabel_arms_apart else None,
         },
         policy_kwargs=policy_arguments,
         exploration_noise=config.exploration_noise,
@@ -219,6 +221,15 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
     return model
+
+
+def _goal_parts(env: VecEnv) -> tuple[int, ...]:
+    """Three coordinates an arm; what a task appends, such as a distance, is a part of its own."""
+    assert isinstance(env.observation_space, spaces.Dict)
+    shape = env.observation_space["desired_goal"].shape
+    assert shape is not None
+    arms, rest = divmod(shape[0], 3)
+    return (3,) * arms + ((rest,) if rest else ())
 
 
 def load_trained(

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ class GoalTransitions:
     :param advised: (batch,), whether a teacher chose the action
     :param slot: (batch,), the episode's slot
     :param step: (batch,), the transition's place in its episode, from 0
-    :param goal_step: (batch,), the row of the slot whose achieved goal became the desired one
+    :param goal_step: (batch, parts), the row of the slot whose achieved goal became the desired one
         (``step + 1`` is the one just after the action), or -1 where the goal is the episode's own
     """
 
@@ -102,6 +102,9 @@ class GoalReplayBuffer(ReplayBuffer):
     :param optimize_memory_usage: SB3's argument; always on here, the value is ignored
     :param horizon: the longest episode in steps
     :param relabel_probability: share of transitions whose goal is replaced by a later achieved one
+    :param goal_parts: sizes of the goal's parts, one per arm, which are then relabelled apart: each
+        with its own chance and its own later step, so that a transition in which one arm's part is
+        met teaches what the other still has to do; one part, the whole goal, where None
     :param reward_function: (batch, goal_dim) achieved after the action, (batch, goal_dim) desired
         -> (batch,); may be set or replaced later through the attribute of the same name
     :param seed: of the buffer's own random generator
@@ -124,6 +127,7 @@ class GoalReplayBuffer(ReplayBuffer):
         *,
         horizon: int,
         relabel_probability: float = 0.8,
+        goal_parts: Sequence[int] | None = None,
         reward_function: RewardFunction | None = None,
         seed: int | None = None,
         store_advised: bool = True,
@@ -147,6 +151,7 @@ class GoalReplayBuffer(ReplayBuffer):
         self.relabel_probability = relabel_probability
         self.reward_function = reward_function
         self.store_advised = store_advised
+        self._part_columns = _columns_of(goal_parts, observation_space)
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
         self._allocate()
@@ -336,11 +341,8 @@ class GoalReplayBuffer(ReplayBuffer):
         achieved = self.achieved_goal.reshape(-1, self.achieved_goal.shape[-1])
         action_row = slot * self.horizon + step
 
-        remaining = self.length[slot] - step
-        goal_step = step + 1 + (self._random.random(batch_size) * remaining).astype(np.int64)
-        relabelled = self._random.random(batch_size) < self.relabel_probability
         desired = np.take(self.desired_goal, slot, axis=0)
-        desired[relabelled] = np.take(achieved, (row - step + goal_step)[relabelled], axis=0)
+        goal_step = self._relabel(desired, achieved, slot, step)
         next_achieved = np.take(achieved, row + 1, axis=0)
         return GoalTransitions(
             observation=np.take(observation, row, axis=0),
@@ -357,8 +359,25 @@ class GoalReplayBuffer(ReplayBuffer):
             ),
             slot=slot,
             step=step,
-            goal_step=np.where(relabelled, goal_step, -1),
+            goal_step=goal_step,
         )
+
+    def _relabel(
+        self, desired: FloatArray, achieved: FloatArray, slot: IntArray, step: IntArray
+    ) -> IntArray:
+        """Replace parts of ``desired`` (batch, goal_dim) by ones achieved later, in place.
+
+        :return: (batch, parts) the steps at which they were achieved, -1 where a part is kept
+        """
+        shape = (len(slot), len(self._part_columns))
+        later = self._random.random(shape) * (self.length[slot] - step)[:, None]
+        goal_step = step[:, None] + 1 + later.astype(np.int64)
+        relabelled = self._random.random(shape) < self.relabel_probability
+        row = slot[:, None] * (self.horizon + 1) + goal_step
+        for part, columns in enumerate(self._part_columns):
+            chosen = relabelled[:, part]
+            desired[chosen, columns] = achieved[row[chosen, part], columns]
+        return np.where(relabelled, goal_step, -1)
 
     def _draw(self, batch_size: int) -> tuple[IntArray, IntArray]:
         """Slots and steps of ``batch_size`` stored transitions, uniform over transitions.
@@ -501,6 +520,23 @@ def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
 
 def _float32(array: npt.NDArray[Any]) -> FloatArray:
     return np.asarray(array, np.float32)
+
+
+def _columns_of(
+    goal_parts: Sequence[int] | None, observation_space: spaces.Space[Any]
+) -> tuple[slice, ...]:
+    """The columns of each part of a goal.
+
+    :raises ValueError: for sizes that do not add up to the goal's
+    """
+    assert isinstance(observation_space, spaces.Dict)
+    shape = observation_space["achieved_goal"].shape
+    assert shape is not None
+    parts = list(shape if goal_parts is None else goal_parts)
+    if min(parts) < 1 or sum(parts) != shape[0]:
+        raise ValueError(f"goal_parts={goal_parts} must be positive and add up to {shape[0]}")
+    ends = np.cumsum(parts)
+    return tuple(slice(int(end) - size, int(end)) for end, size in zip(ends, parts, strict=True))
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:

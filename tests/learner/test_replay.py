@@ -116,7 +116,7 @@ def test_every_drawn_transition_is_a_stored_one_with_a_goal_of_its_episode(
 ) -> None:
     buffer, recorder = history
     drawn = buffer.sample_transitions(200)
-    relabelled = drawn.goal_step >= 0
+    relabelled = drawn.goal_step[:, 0] >= 0
     for row in range(200):
         environment, episode, step = (int(value) for value in drawn.observation[row])
         assert (environment, episode, step) in recorder.transitions
@@ -193,10 +193,10 @@ def test_relabelling_probability_and_the_whole_future() -> None:
         recorder.add([step == 5])
     drawn = buffer.sample_transitions(20_000)
     assert abs((drawn.goal_step >= 0).mean() - 0.8) < 0.02
-    first = drawn.goal_step[(drawn.step == 0) & (drawn.goal_step >= 0)]
+    first = drawn.goal_step[:, 0][(drawn.step == 0) & (drawn.goal_step[:, 0] >= 0)]
     counts = np.bincount(first, minlength=7)[1:]
     assert counts.min() > 0.8 * len(first) / 6
-    last = drawn.goal_step[(drawn.step == 5) & (drawn.goal_step >= 0)]
+    last = drawn.goal_step[:, 0][(drawn.step == 5) & (drawn.goal_step[:, 0] >= 0)]
     assert set(last) == {6}
 
 
@@ -234,7 +234,7 @@ def test_end_running_episodes_cuts_them() -> None:
     recorder.add([False])
     buffer.end_running_episodes()
     recorder.add([False])
-    assert set(buffer.sample_transitions(100).goal_step) == {1}
+    assert set(buffer.sample_transitions(100).goal_step[:, 0]) == {1}
 
 
 def test_advice_is_remembered_with_its_transition() -> None:

@@ -56,6 +56,8 @@ def start(make_env: Any) -> Start:
         env = make_env(episodes, **env_kwargs)
         env.seed(seed)
         observation = env.reset()
+        # Evaluations are deterministic, SAC's too.
+        np.testing.assert_array_equal(predict(observation), predict(observation))
         cost = np.zeros(episodes)
         for _ in range(10):
             observation, _, _, infos = env.step(predict(observation))
@@ -143,6 +145,21 @@ def test_a_resumed_run_equals_an_uninterrupted_one(
     assert_same_checkpoint(whole / "latest", parts / "latest")
     sessions = json.loads((parts / "run.json").read_text())["sessions"]
     assert [session["from_steps"] for session in sessions] == [0, 2 * BLOCK, 4 * BLOCK]
+
+
+def test_the_generators_of_sb3_go_on_too(start: Start, tmp_path: Path) -> None:
+    """Its warm-up draws from the action space, its noise and other parts from NumPy's own."""
+
+    class Draw(BaseCallback):
+        def _on_step(self) -> bool:
+            np.random.random()  # noqa: NPY002
+            return True
+
+    config = replace(CONFIG, learning_starts=3 * BLOCK + 1)
+    start(config, tmp_path / "whole", callback=Draw())
+    start(config, tmp_path / "parts", callback=Draw(), stop_after_steps=2 * BLOCK)
+    start(config, tmp_path / "parts", callback=Draw(), resume=True)
+    assert_same_checkpoint(tmp_path / "whole" / "latest", tmp_path / "parts" / "latest")
 
 
 def test_lines_after_the_checkpoint_are_not_doubled(start: Start, tmp_path: Path) -> None:
@@ -260,12 +277,26 @@ def test_a_full_disk_leaves_the_old_checkpoint(
     assert start(config, tmp_path, resume=True).finished
 
 
-def test_a_crash_between_the_renames_is_survived(start: Start, tmp_path: Path) -> None:
+def test_a_crash_between_the_renames_is_survived(
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     start(CONFIG, tmp_path, stop_after_steps=2 * BLOCK)
-    (tmp_path / "latest").rename(tmp_path / ".latest.previous")
-    (tmp_path / ".latest.partial").mkdir()
+    rename = os.replace
+
+    def crash_before_the_second(source: Path, target: Path) -> None:
+        if Path(source).name == ".latest.partial":
+            raise Crash
+        rename(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", crash_before_the_second)
+        with pytest.raises(Crash):
+            start(CONFIG, tmp_path, resume=True, stop_after_steps=4 * BLOCK)
+    assert not (tmp_path / "latest").exists()
     result = start(CONFIG, tmp_path, resume=True)
     assert (result.finished, result.updates) == (True, 18)
+    sessions = json.loads((tmp_path / "run.json").read_text())["sessions"]
+    assert sessions[-1]["from_steps"] == 2 * BLOCK
     assert not list(tmp_path.glob(".latest*"))
 
 
