@@ -186,6 +186,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         arguments["policy_delay"] = config.policy_delay
         arguments["target_policy_noise"] = config.target_policy_noise
         arguments["target_noise_clip"] = config.target_noise_clip
+        arguments["imitation_weight"] = config.imitation_weight
     if config.advice is not None:
         from saver_advisors.advising import build_advised, make_advisor
 

@@ -26,6 +26,7 @@ from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+from saver_advisors.learner.imitation import ImitatingTD3
 from saver_advisors.learner.policies import (
     GoalPolicyMixin,
     GoalSACPolicy,
@@ -237,7 +238,7 @@ def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
     for family, policy in POLICIES.items():
         if issubclass(algorithm, family):
             return type(
-                f"Goal{algorithm.__name__}",
+                f"Goal{algorithm.__name__.removeprefix('Imitating')}",
                 (GoalLearnerMixin, algorithm),
                 {
                     "__module__": __name__,
@@ -249,6 +250,6 @@ def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
 
 
 GoalDDPG = goal_learner(DDPG)
-GoalTD3 = goal_learner(TD3)
+GoalTD3 = goal_learner(ImitatingTD3)
 GoalSAC = goal_learner(SAC)
 GoalTQC = goal_learner(TQC)

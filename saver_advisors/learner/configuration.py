@@ -68,6 +68,7 @@ class RunConfig:
     :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG, TD3)
     :param layer_norm: LayerNorm in the critics
     :param relabel_probability: share of sampled transitions with a hindsight goal
+    :param imitation_weight: of the actor's loss on advised transitions (TD3)
     :param relabel_arms_apart: give each arm's part of the goal a hindsight goal of its own
     :param advice: a teacher's advice, or None
     :param eval_every: steps between evaluations
@@ -100,6 +101,7 @@ class RunConfig:
     action_penalty: float = 0.1
     layer_norm: bool = True
     relabel_probability: float = 0.8
+    imitation_weight: float = 0.0
     relabel_arms_apart: bool = False
     advice: AdviceConfig | None = None
     eval_every: int = 20_000

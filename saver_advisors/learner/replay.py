@@ -302,7 +302,17 @@ class GoalReplayBuffer(ReplayBuffer):
         :return: tensors on the buffer's device; rewards and dones are (batch_size, 1)
         :raises ValueError: when the buffer is empty, or has no reward function
         """
-        drawn = self.sample_transitions(batch_size)
+        return self.as_samples(self.sample_transitions(batch_size), env)
+
+    def as_samples(
+        self, drawn: GoalTransitions, env: VecNormalize | None = None
+    ) -> DictReplayBufferSamples:
+        """Turn transitions into what SB3's algorithms take.
+
+        :param drawn: the transitions
+        :param env: normalises observations and rewards, if given
+        :return: tensors on the buffer's device; rewards and dones are (batch, 1)
+        """
         observations = {
             "observation": drawn.observation,
             "achieved_goal": drawn.achieved_goal,
@@ -324,7 +334,7 @@ class GoalReplayBuffer(ReplayBuffer):
             next_observations={
                 key: self._tensor(value) for key, value in next_observations.items()
             },
-            dones=th.zeros((batch_size, 1), device=self.device),
+            dones=th.zeros((len(reward), 1), device=self.device),
             rewards=self._tensor(reward.reshape(-1, 1)),
         )
 

@@ -256,9 +256,7 @@ def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
             forcelimited=True,
             forcerange=(-limit, limit),
         )
-        servo.set_to_position(
-            kp=LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS, dampratio=1.0
-        )
+        servo.set_to_position(kp=LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS, dampratio=1.0)
     if fingers is Fingers.LOCKED:
         return
     for joint, share in zip(FINGER_JOINTS, FINGER_SHARES, strict=True):

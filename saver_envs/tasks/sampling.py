@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.reachability import ReachabilityMap
-from saver_envs.scenes import Scene
+from saver_envs.scenes import BASE_SPACING, Scene
 from saver_envs.tasks.regions import Regions
 
 FloatArray = NDArray[np.float64]
@@ -102,6 +102,11 @@ class StartSampler:
         self._rules = rules
         self._n_arms = scene.n_arms
         self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
+        # How far to its side an arm can have an object, where the box is nearest to it. Two arms
+        # that hardly reach beyond the middle line (MICOs, 0.72 m apart) have nothing to contest.
+        nearest = float(regions.object_lower[:, 0].min())
+        sideways = max(regions.reach**2 - nearest**2, 0.0) ** 0.5
+        self._contestable = sideways >= BASE_SPACING / 2 + OBJECT_ORDER
 
     def sample(self, generator: np.random.Generator) -> Start:
         """Draw a start.
@@ -128,9 +133,10 @@ class StartSampler:
     def _draw_contest(self, generator: np.random.Generator) -> int | None:
         """Draw whether the start is contested: the right one of two neighbours, or ``None``.
 
-        Only arms in a row have neighbours; those round the table face one another.
+        Only arms in a row have neighbours; those round the table face one another. Arms of short
+        reach have no common ground.
         """
-        if self._n_arms == 1 or not self._ordered:
+        if self._n_arms == 1 or not self._ordered or not self._contestable:
             return None
         if generator.random() >= self._rules.contested_share:
             return None
@@ -204,7 +210,7 @@ class StartSampler:
             behind = objects - heading * (self._scene.objects.size / 2 + PUSH_STANDOFF)
             behind[..., 2] = self._rules.hand_height[0]
             valid &= self._hand_can_be_at(behind)
-        per_start: NDArray[np.bool_] = valid.all(axis=-1)
+        per_start: NDArray[np.bool_] = np.logical_and.reduce(valid, axis=-1)
         clearance = CLEARANCE_WIDTHS * self._scene.objects.size
         world_objects, world_target = self._to_world(objects), self._to_world(target)
         for first, second in combinations(range(self._n_arms), 2):
@@ -242,7 +248,7 @@ class StartSampler:
 
     def _hands_valid(self, hand: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
         """Say which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
-        valid: NDArray[np.bool_] = self._hand_can_be_at(hand).all(axis=-1)
+        valid: NDArray[np.bool_] = np.logical_and.reduce(self._hand_can_be_at(hand), axis=-1)
         world_hand, world_objects = self._to_world(hand), self._to_world(objects)
         for first, second in combinations(range(self._n_arms), 2):
             for arm, other in ((first, second), (second, first)):

@@ -200,6 +200,34 @@ def test_relabelling_probability_and_the_whole_future() -> None:
     assert set(last) == {6}
 
 
+def test_parts_of_a_goal_are_relabelled_apart() -> None:
+    buffer = make_buffer(n_envs=1, horizon=6, relabel_probability=0.5, goal_parts=(1, 1))
+    recorder = Recorder(buffer)
+    for step in range(6):
+        recorder.add([step == 5])
+    drawn = buffer.sample_transitions(20_000)
+    chosen = drawn.goal_step >= 0
+    # Both, either and none of two parts, each with its own step.
+    assert abs((chosen.sum(axis=1) == 1).mean() - 0.5) < 0.02
+    assert (drawn.goal_step[:, 0] != drawn.goal_step[:, 1])[chosen.all(axis=1)].any()
+    for part in range(2):
+        expected = np.array([recorder.achieved(0, 0, step)[part] for step in range(7)])
+        rows = chosen[:, part]
+        np.testing.assert_array_equal(
+            drawn.desired_goal[rows, part], expected[drawn.goal_step[rows, part]]
+        )
+        assert (drawn.desired_goal[~rows, part] == -1).all()
+    np.testing.assert_array_equal(
+        drawn.reward, reward_of(drawn.next_achieved_goal, drawn.desired_goal)
+    )
+
+
+@pytest.mark.parametrize("parts", [(1,), (3,), (2, 0), (1, 2)])
+def test_parts_that_do_not_make_up_the_goal_are_refused(parts: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match="goal_parts"):
+        make_buffer(goal_parts=parts)
+
+
 @pytest.mark.parametrize(("probability", "share"), [(0.0, 0.0), (1.0, 1.0)])
 def test_relabelling_never_and_always(probability: float, share: float) -> None:
     buffer = make_buffer(relabel_probability=probability)

@@ -1,0 +1,105 @@
+"""TD3 whose actor also imitates advised actions, where the critic finds them better than its own.
+
+Early advice fills the replay buffer with good actions long before the student's own are any good.
+A critic alone must first learn to rank actions that nobody took; the actor's extra loss below lets
+it start from what it was shown (Nair et al., 2018, "Overcoming Exploration in Reinforcement
+Learning with Demonstrations": behaviour cloning with a Q-filter).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.type_aliases import DictReplayBufferSamples
+from stable_baselines3.common.utils import polyak_update
+from stable_baselines3.td3 import TD3
+from torch.nn import functional
+
+from saver_advisors.learner.replay import GoalReplayBuffer
+
+
+class ImitatingTD3(TD3):
+    """TD3 with an imitation loss on transitions whose action was a teacher's.
+
+    :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``
+    :param imitation_weight: of the mean squared difference, over advised transitions, between
+        the actor's action and the advised one; 0 for plain TD3
+    :raises ValueError: for a negative weight
+    """
+
+    def __init__(self, *arguments: Any, imitation_weight: float = 0.0, **named: Any) -> None:
+        if not imitation_weight >= 0:
+            raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
+        self.imitation_weight = imitation_weight
+        super().__init__(*arguments, **named)
+
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        """Do gradient steps; as TD3's where the weight is 0.
+
+        :param gradient_steps: critic updates
+        :param batch_size: transitions each
+        """
+        if self.imitation_weight == 0:
+            super().train(gradient_steps, batch_size)
+            return
+        self.policy.set_training_mode(True)
+        self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
+        critic_losses, actor_losses, imitation_losses = [], [], []
+        for _ in range(gradient_steps):
+            self._n_updates += 1
+            batch, advised = self._draw(batch_size)
+            critic_losses.append(self._update_critic(batch))
+            if self._n_updates % self.policy_delay == 0:
+                actor_loss, imitation_loss = self._update_actor(batch, advised)
+                actor_losses.append(actor_loss)
+                imitation_losses.append(imitation_loss)
+                polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
+                polyak_update(self.actor.parameters(), self.actor_target.parameters(), self.tau)
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/critic_loss", np.mean(critic_losses))
+        if actor_losses:
+            self.logger.record("train/actor_loss", np.mean(actor_losses))
+            self.logger.record("train/imitation_loss", np.mean(imitation_losses))
+
+    def _draw(self, batch_size: int) -> tuple[DictReplayBufferSamples, th.Tensor]:
+        """Transitions as tensors, and which of them were advised (batch,)."""
+        assert isinstance(self.replay_buffer, GoalReplayBuffer)
+        drawn = self.replay_buffer.sample_transitions(batch_size)
+        return self.replay_buffer.as_samples(drawn), th.as_tensor(drawn.advised)
+
+    def _update_critic(self, batch: DictReplayBufferSamples) -> float:
+        """One step of the critics towards the smallest target value; the loss."""
+        with th.no_grad():
+            noise = th.randn_like(batch.actions) * self.target_policy_noise
+            noise = noise.clamp(-self.target_noise_clip, self.target_noise_clip)
+            next_actions = (self.actor_target(batch.next_observations) + noise).clamp(-1, 1)
+            values = th.cat(self.critic_target(batch.next_observations, next_actions), dim=1)
+            target = batch.rewards + self.gamma * values.min(dim=1, keepdim=True).values
+        estimates = self.critic(batch.observations, batch.actions)
+        loss = th.stack([functional.mse_loss(value, target) for value in estimates]).sum()
+        self.critic.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]  # torch's own hint is missing
+        self.critic.optimizer.step()
+        return float(loss.item())
+
+    def _update_actor(
+        self, batch: DictReplayBufferSamples, advised: th.Tensor
+    ) -> tuple[float, float]:
+        """One step of the actor; its loss and the imitation loss within it."""
+        actions = self.actor(batch.observations)
+        values = self.critic.q1_forward(batch.observations, actions)
+        loss = -values.mean()
+        imitation = th.zeros(())
+        if advised.any():
+            with th.no_grad():
+                shown = self.critic.q1_forward(batch.observations, batch.actions)
+                followed = advised & (shown > values).squeeze(1)
+            difference = (actions - batch.actions).square().mean(dim=1)
+            imitation = (difference * followed).sum() / advised.sum()
+        total = loss + self.imitation_weight * imitation
+        self.actor.optimizer.zero_grad()
+        total.backward()  # type: ignore[no-untyped-call]  # torch's own hint is missing
+        self.actor.optimizer.step()
+        return float(loss.item()), float(imitation.item())
