@@ -187,6 +187,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         arguments["target_policy_noise"] = config.target_policy_noise
         arguments["target_noise_clip"] = config.target_noise_clip
         arguments["imitation_weight"] = config.imitation_weight
+        arguments["imitation_filter_from"] = config.imitation_filter_from
     if config.advice is not None:
         from saver_advisors.advising import build_advised, make_advisor
 

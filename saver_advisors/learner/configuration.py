@@ -69,6 +69,8 @@ class RunConfig:
     :param layer_norm: LayerNorm in the critics
     :param relabel_probability: share of sampled transitions with a hindsight goal
     :param imitation_weight: of the actor's loss on advised transitions (TD3)
+    :param imitation_filter_from: steps from which on only advised actions are imitated that the
+        critic finds better (TD3)
     :param relabel_arms_apart: give each arm's part of the goal a hindsight goal of its own
     :param advice: a teacher's advice, or None
     :param eval_every: steps between evaluations
@@ -102,6 +104,7 @@ class RunConfig:
     layer_norm: bool = True
     relabel_probability: float = 0.8
     imitation_weight: float = 0.0
+    imitation_filter_from: int = 0
     relabel_arms_apart: bool = False
     advice: AdviceConfig | None = None
     eval_every: int = 20_000

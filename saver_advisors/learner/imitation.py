@@ -1,9 +1,11 @@
-"""TD3 whose actor also imitates advised actions, where the critic finds them better than its own.
+"""TD3 whose actor also imitates advised actions.
 
 Early advice fills the replay buffer with good actions long before the student's own are any good.
-A critic alone must first learn to rank actions that nobody took; the actor's extra loss below lets
-it start from what it was shown (Nair et al., 2018, "Overcoming Exploration in Reinforcement
-Learning with Demonstrations": behaviour cloning with a Q-filter).
+A critic that has seen nothing else overrates actions that nobody took, and the actor runs after
+them; the extra loss below keeps it near what it was shown (Nair et al., 2018, "Overcoming
+Exploration in Reinforcement Learning with Demonstrations": behaviour cloning with a Q-filter). The
+filter, imitating only what the critic finds better, is open at first: such a critic finds nothing
+better than the actor's own action.
 """
 
 from __future__ import annotations
@@ -26,13 +28,24 @@ class ImitatingTD3(TD3):
     :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``
     :param imitation_weight: of the mean squared difference, over advised transitions, between
         the actor's action and the advised one; 0 for plain TD3
-    :raises ValueError: for a negative weight
+    :param imitation_filter_from: environment steps from which on only those advised actions are
+        imitated that the critic finds better than the actor's
+    :raises ValueError: for a negative weight or step
     """
 
-    def __init__(self, *arguments: Any, imitation_weight: float = 0.0, **named: Any) -> None:
+    def __init__(
+        self,
+        *arguments: Any,
+        imitation_weight: float = 0.0,
+        imitation_filter_from: int = 0,
+        **named: Any,
+    ) -> None:
         if not imitation_weight >= 0:
             raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
+        if not imitation_filter_from >= 0:
+            raise ValueError(f"imitation_filter_from={imitation_filter_from} must be 0 or more")
         self.imitation_weight = imitation_weight
+        self.imitation_filter_from = imitation_filter_from
         super().__init__(*arguments, **named)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
@@ -93,8 +106,10 @@ class ImitatingTD3(TD3):
         loss = -values.mean()
         imitation = th.zeros(())
         if advised.any():
-            with th.no_grad():
-                shown = self.critic.q1_forward(batch.observations, batch.actions)
+            followed = advised
+            if self.num_timesteps >= self.imitation_filter_from:
+                with th.no_grad():
+                    shown = self.critic.q1_forward(batch.observations, batch.actions)
                 followed = advised & (shown > values).squeeze(1)
             difference = (actions - batch.actions).square().mean(dim=1)
             imitation = (difference * followed).sum() / advised.sum()

@@ -38,7 +38,7 @@ class Shown:
             observation = after
 
 
-def learner(weight: float | None, algorithm: Any = GoalTD3) -> Any:
+def learner(weight: float | None, algorithm: Any = GoalTD3, filter_from: int = 0) -> Any:
     env = DummyVecEnv([PointReach for _ in range(2)])
     return algorithm(
         "MultiInputPolicy",
@@ -48,7 +48,11 @@ def learner(weight: float | None, algorithm: Any = GoalTD3) -> Any:
         learning_rate=3e-3,
         seed=0,
         device="cpu",
-        **({} if weight is None else {"imitation_weight": weight}),
+        **(
+            {}
+            if weight is None
+            else {"imitation_weight": weight, "imitation_filter_from": filter_from}
+        ),
     )
 
 
@@ -90,6 +94,11 @@ def test_actions_that_the_critic_finds_worse_are_not_imitated() -> None:
     trained(model)
     for parameter, old in zip(model.actor.parameters(), before, strict=True):
         assert th.equal(parameter, old)
+
+
+def test_before_its_step_the_filter_is_open() -> None:
+    action = mean_action(trained(filtered(learner(5.0, filter_from=1_000), passes=False)))
+    np.testing.assert_allclose(action, (0.6, -0.4), atol=0.1)
 
 
 def test_without_weight_it_is_plain_td3() -> None:
