@@ -93,7 +93,7 @@ class ImitatingTD3(TD3):
         estimates = self.critic(batch.observations, batch.actions)
         loss = th.stack([functional.mse_loss(value, target) for value in estimates]).sum()
         self.critic.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]  # torch's own hint is missing
+        loss.backward()
         self.critic.optimizer.step()
         return float(loss.item())
 
@@ -102,19 +102,21 @@ class ImitatingTD3(TD3):
     ) -> tuple[float, float]:
         """One step of the actor; its loss and the imitation loss within it."""
         actions = self.actor(batch.observations)
-        values = self.critic.q1_forward(batch.observations, actions)
+        # The goal critic takes a dict of observations, of which SB3's hint does not know.
+        critic: Any = self.critic
+        values = critic.q1_forward(batch.observations, actions)
         loss = -values.mean()
         imitation = th.zeros(())
         if advised.any():
             followed = advised
             if self.num_timesteps >= self.imitation_filter_from:
                 with th.no_grad():
-                    shown = self.critic.q1_forward(batch.observations, batch.actions)
+                    shown = critic.q1_forward(batch.observations, batch.actions)
                 followed = advised & (shown > values).squeeze(1)
             difference = (actions - batch.actions).square().mean(dim=1)
             imitation = (difference * followed).sum() / advised.sum()
         total = loss + self.imitation_weight * imitation
         self.actor.optimizer.zero_grad()
-        total.backward()  # type: ignore[no-untyped-call]  # torch's own hint is missing
+        total.backward()
         self.actor.optimizer.step()
         return float(loss.item()), float(imitation.item())
