@@ -28,9 +28,16 @@ ACTION_DURATION = SUBSTEPS * 0.002
 #: Top speeds of the set-point (m/s): ours by default, the makers' (Table 5.3) when rated.
 DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
 DEFAULT_HORIZON, RATED_HORIZON = 50, 125
-#: A set-point runs at most this far ahead of the tool (m), so that a blocked arm presses with
-#: bounded force and turns round at once.
-LEASH = 0.05
+#: A set-point runs at most this many actions' way at top speed ahead of the tool, 0.05 m at
+#: 0.5 m/s, so that a blocked arm presses with bounded force, turns round at once, and does not
+#: race to catch up when it comes free.
+LEASH = 2.5
+#: So far may joint targets run ahead of the joints where they are the action (rad): more than they
+#: lag at full speed, 0.11.
+JOINT_LEASH = 0.15
+#: Edges of cubes (m) that can be pushed by these hands and lie on the table within their reach.
+OBJECT_SIZE = (0.04, 0.12)
+_MOST_REDRAWS = 50
 
 
 @dataclass(frozen=True)
@@ -70,6 +77,17 @@ class Settings:
         for name, (holds, valid) in checks.items():
             if not holds:
                 raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+        least, greatest = OBJECT_SIZE
+        properties = {
+            "size": (least <= self.objects.size <= greatest, f"{least} to {greatest} m"),
+            "mass": (0 < self.objects.mass < np.inf, "above 0 kg"),
+            "friction": (0 <= self.objects.friction < np.inf, "at least 0"),
+            "damping": (0 <= self.objects.damping < np.inf, "at least 0 N s/m"),
+        }
+        for name, (holds, valid) in properties.items():
+            if not holds:
+                value = getattr(self.objects, name)
+                raise ValueError(f"object_{name}={value!r}: must be {valid}")
 
 
 @dataclass(frozen=True)
@@ -287,10 +305,8 @@ class Episodes:
         :return: the outcome of all n, of which that of ``ids`` is new: cost 0, not truncated.
         """
         rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
-        starts = [self._sampler.sample(self._generators[row]) for row in rows]
-        hand = np.stack([start.hand for start in starts])
-        self._place(rows, hand, starts)
-        self.set_point[rows] = hand
+        starts = self._begin(rows)
+        self.set_point[rows] = np.stack([start.hand for start in starts])
         self.target[rows] = np.stack([start.target for start in starts])
         self._goal[rows] = np.stack([self.task.desired_goal(start.target) for start in starts])
         self.elapsed[rows] = 0
@@ -298,11 +314,33 @@ class Episodes:
         self._read(rows)
         return self._outcome(np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool))
 
-    def _place(
-        self, rows: NDArray[np.intp], hand: NDArray[np.float64], starts: list[Start]
-    ) -> None:
-        """Put arms, fingers and cubes of episodes ``rows`` where their starts say."""
+    def _begin(self, rows: NDArray[np.intp]) -> list[Start]:
+        """Draw starts of episodes ``rows`` and put everything there.
+
+        The sampler knows hands as points. Whether one touches its cube, with fingers open and
+        the cube larger than usual, shows in the simulation: such a start is drawn again.
+        """
+        starts: dict[int, Start] = {}
+        left = rows
+        for _ in range(_MOST_REDRAWS):
+            drawn = [self._sampler.sample(self._generators[row]) for row in left]
+            starts.update(zip(left.tolist(), drawn, strict=True))
+            held = self._place(left, drawn)
+            left = left[self.simulation.touching(left) & ~held]
+            if not left.size:
+                return [starts[row] for row in rows.tolist()]
+        raise RuntimeError(
+            f"{_MOST_REDRAWS} starts in a row had contact: objects of "
+            f"{self.settings.objects.size} m leave no room for the hand"
+        )
+
+    def _place(self, rows: NDArray[np.intp], starts: list[Start]) -> NDArray[np.bool_]:
+        """Put arms, fingers and cubes of episodes ``rows`` (k,) where their starts say.
+
+        :return: (k,) episodes that start with a cube in hand.
+        """
         robot, arms = self.settings.robot, self.task.n_arms
+        hand = np.stack([start.hand for start in starts])
         joints = self._reachability.postures_at(hand.reshape(-1, 3))
         fingers = np.full((len(rows), *self.scene.finger_qpos.shape), robot.finger_open)
         position = np.stack([start.object for start in starts])
@@ -321,6 +359,8 @@ class Episodes:
             episode, arm = np.nonzero(held)
             controls = self.scene.finger_ctrl[arm]
             self.simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
+        in_hand: NDArray[np.bool_] = np.logical_or.reduce(held, axis=-1)
+        return in_hand
 
     def step(self, actions: NDArray[np.floating], ids: NDArray[np.intp] | None = None) -> Outcome:
         """Apply one action to every episode, or to some.
@@ -347,7 +387,7 @@ class Episodes:
         rows = ids
         if diverged.any():
             broken = np.flatnonzero(diverged)
-            self._restart_quietly(broken)
+            self._begin(broken)  # a sound state, in which they can be stepped until reset
             rows = np.setdiff1d(np.arange(self.n) if ids is None else ids, broken)
         self._read(rows)
         return self._outcome(collided, diverged)
@@ -379,15 +419,22 @@ class Episodes:
             self._move_set_point(motion)
             wanted = self.inverse_kinematics(self._arms, self.set_point)
         if self.settings.limit_joint_speed:
-            change = self._joint_speed * ACTION_DURATION
-            wanted = commanded + bounded(wanted - commanded, -change, change)
+            # One factor for all joints of an arm: clipped one by one they would bend the tool's way
+            # and press the hand on the table.
+            change = wanted - commanded
+            excess = np.abs(change) / (self._joint_speed * ACTION_DURATION)
+            wanted = commanded + change / np.maximum(excess.max(axis=-1, keepdims=True), 1.0)
+        if self.settings.control == "joints":
+            # Last, since the joints of a blocked arm may be pushed away faster than they may move.
+            present = self._arms.joint_position
+            wanted = present + bounded(wanted - present, -JOINT_LEASH, JOINT_LEASH)
         return bounded(wanted, self._joint_lower, self._joint_upper)
 
     def _move_set_point(self, motion: NDArray[np.float64]) -> None:
         longest = self.settings.max_speed * ACTION_DURATION
         moved = self.set_point + shortened(motion * longest, longest)
         tool = self._arms.tool_position
-        moved = tool + shortened(moved - tool, LEASH)
+        moved = tool + shortened(moved - tool, LEASH * longest)
         if self.task.held_height is not None:
             moved[..., 2] = self.task.held_height
         self.set_point = self.regions.workspace.clip(moved)
@@ -410,22 +457,17 @@ class Episodes:
             self._observation[rows] = observation[rows]
             self._achieved[rows] = achieved[rows]
 
-    def _restart_quietly(self, rows: NDArray[np.intp]) -> None:
-        """Give broken simulations a sound state, so that they can be stepped until reset."""
-        starts = [self._sampler.sample(self._generators[row]) for row in rows]
-        self._place(rows, np.stack([start.hand for start in starts]), starts)
-
     def _outcome(self, collided: NDArray[np.bool_], diverged: NDArray[np.bool_]) -> Outcome:
         # From the numbers that agents see, so that relabelling them finds the very same rewards.
         achieved, desired = self._achieved.astype(np.float32), self._goal.astype(np.float32)
         costs = self.task.costs(achieved, desired, collided)
-        reached = self.task.reached(achieved, desired)
+        reward, reached = self.task.judge(achieved, desired)
         success = reached
         if "distance" in costs:
             self._constraint_broken |= costs["distance"] > 0
             success = reached & ~self._constraint_broken
         return Outcome(
-            reward=self.task.reward(achieved, desired),
+            reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
             success=success,
             reached=reached,

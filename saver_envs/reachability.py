@@ -129,9 +129,7 @@ class ReachabilityMap:
         joints = np.empty_like(guess)
         for start in range(0, len(points), self._solver.capacity):
             part = slice(start, start + self._solver.capacity)
-            joints[part], reached = self._solver.solve(
-                points[part], guess[part], _WARM_ITERATIONS
-            )
+            joints[part], reached = self._solver.solve(points[part], guess[part], _WARM_ITERATIONS)
             if not reached.all():
                 missed = points[part][~reached][0]
                 raise RuntimeError(f"no posture puts the tool at {missed} m")

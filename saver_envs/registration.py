@@ -183,9 +183,7 @@ def _task(row: Row, options: Options) -> Task:
         raise ValueError(
             f"reward_stage={options.reward_stage!r}: only the distance task has reward stages"
         )
-    return row.task(
-        n_arms, row.reward_type, options.success_threshold, options.contested_share
-    )
+    return row.task(n_arms, row.reward_type, options.success_threshold, options.contested_share)
 
 
 def _settings(row: Row, options: Options) -> Settings:

@@ -39,7 +39,7 @@ class SceneRenderer:
             raise ValueError(f"camera={camera!r}: this scene has the cameras {', '.join(names)}")
         self._scene = scene
         # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
-        self._model = copy.copy(scene.model)
+        self._model = copy.copy(scene.drawing_model())
         self._data = mujoco.MjData(self._model)
         self._size = (width, height)
         self._camera = camera
@@ -49,7 +49,7 @@ class SceneRenderer:
 
     def update(self, simulation: Simulation, index: int, target: NDArray[np.float64]) -> None:
         """Take over the state of simulation ``index`` and its targets (arms, 3), world frame, m."""
-        simulation.copy_into(index, self._data)
+        self._data.qpos[:] = simulation.qpos[index]
         self._model.site_pos[self._scene.target_site] = target
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)

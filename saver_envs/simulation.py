@@ -123,6 +123,7 @@ class Simulation:
             scene.base_rotation, np.broadcast_to(np.eye(3), scene.base_rotation.shape)
         )
         self._world_to_base = np.swapaxes(scene.base_rotation, -1, -2)
+        self._scratch: mujoco.MjData | None = None
 
     def step(
         self,
@@ -200,6 +201,23 @@ class Simulation:
         self.qpos[rows, scene.object_qpos] = objects
         self.refresh(ids)
         self._warnings_before[ids] = self._warnings[ids]
+
+    def touching(self, ids: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Say which of simulations ``ids`` (k,) have contact other than cubes' with the table."""
+        model = self.scene.model
+        if self._scratch is None:
+            self._scratch = mujoco.MjData(model)
+        table = model.geom("table").id
+        cubes = [model.geom(f"object{arm}").id for arm in range(self.scene.n_arms)]
+        touching = np.zeros(len(ids), dtype=bool)
+        for row, index in enumerate(ids):
+            self._scratch.qpos[:] = self.qpos[index]
+            mujoco.mj_kinematics(model, self._scratch)
+            mujoco.mj_collision(model, self._scratch)
+            pairs = self._scratch.contact.geom
+            on_table = (pairs == table).any(axis=-1) & np.isin(pairs, cubes).any(axis=-1)
+            touching[row] = not on_table.all()
+        return touching
 
     def get_state(self) -> SimulationState:
         """Return a copy of everything that the simulations' future depends on."""

@@ -1,152 +1,375 @@
-"""Two or more arms give way to one another: who goes first, and where the others keep meanwhile.
+"""Arms in a row give way to one another: they look a few plans ahead and take the best.
 
-The rule is one of order along y, the line on which the bases stand. The arm that goes first takes
-its way; every other hand keeps to its own side of that way. It needs no memory: the leader is
-chosen anew at each step, by what the positions of cubes and targets allow, then by who has less
-left to do, and going ahead makes its lead grow.
+A plan says which of two neighbours goes first, whether the other follows close behind or waits on
+its own side, and on which side each hand passes its cube. Every plan is played through in a sketch
+of the world (discs that move discs) with the same rules by which the arms then act, and judged by
+success, contact and time.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.geometry import dot, length, shortened
+
 FloatArray = NDArray[np.floating]
 
-#: A hand keeps this far, in y, from the way of the arm that goes first (m): a palm's width and air.
-SIDE_CLEARANCE = 0.145
-#: A hand stops for another that is this near and in front of it (m).
-HAND_CLEARANCE = 0.135
-#: Cubes closer to a way than this block it (m).
-CUBE_CLEARANCE = 0.075
-#: A hand that is not pushing goes round cubes at this distance from their centres (m).
-DETOUR = 0.082
+
+class Skill(Protocol):
+    """What one arm can do by itself; leading dimensions (n, arms)."""
+
+    @property
+    def step(self) -> float:
+        """Longest displacement of an action, metres."""
+
+    @property
+    def object_size(self) -> float:
+        """Edge of the cubes, metres."""
+
+    @property
+    def ring(self) -> float:
+        """Radius round a cube on which a low hand passes without touching it, metres; 0 where
+        hands pass over cubes.
+        """
+
+    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+        """Return the actions of arms that ignore one another."""
+
+    def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
+        """Return what the arms will see after these actions."""
+
+    def finished(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which arms are done."""
+
+    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
+        """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted."""
 
 
 @dataclass(frozen=True)
-class Way:
-    """What is left of each arm's task, in the world frame; leading dimensions (n, arms).
+class Clearance:
+    """How far apart in y two neighbours' hands must be, given their distance in x; measured.
 
-    :param points: (n, arms, points, 2) corners of the hand's way, its present place first, metres.
-    :param cube: (n, arms, 2), metres.
-    :param target: (n, arms, 2), metres.
-    :param left: (n, arms) length of the way, metres; 0 where the arm is done.
+    :param dx: x of the hand to the left less that of the hand to the right, metres, rising.
+    :param dy: least y of the hand to the left less that of the hand to the right, metres.
     """
 
-    points: FloatArray
-    cube: FloatArray
-    target: FloatArray
-    left: FloatArray
+    dx: tuple[float, ...]
+    dy: tuple[float, ...]
+
+    def __call__(self, dx: FloatArray) -> FloatArray:
+        """Return the least dy, metres."""
+        return np.interp(dx, self.dx, self.dy)
 
 
-def leads(way: Way, first: int, second: int) -> NDArray[np.bool_]:
-    """Say where ``first`` goes before ``second``, (n,).
+#: Found by sampling postures of two Jacos: the wrists lie to one side of the hands, so a left hand
+#: may pass far behind a right one, but not before it.
+JACO_CLOSED = Clearance(
+    (-0.25, -0.20, -0.15, -0.10, -0.05, 0.05, 0.08, 0.12),
+    (0.02, 0.05, 0.085, 0.12, 0.135, 0.13, 0.10, -0.10),
+)
+#: Hands of which one is open, found in the same way with tools 0.03 to 0.25 m high.
+JACO_OPEN = Clearance(
+    (-0.25, -0.20, -0.15, -0.10, -0.06, 0.05, 0.10, 0.14),
+    (0.02, 0.08, 0.115, 0.13, 0.16, 0.16, 0.10, -0.05),
+)
 
-    An arm that is done yields; else the one that alone can finish without blocking the other
-    leads; else the one with less left to do.
+
+@dataclass(frozen=True)
+class Plan:
+    """One way to share the table; leading dimension (n,).
+
+    :param first: (n, arms - 1) 1 where the right one of two neighbours goes first, 0 where the
+        left one does.
+    :param waits: (n,) 1 where those that follow wait on their own side, 0 where they go along.
+    :param shoves: (n,) 1 where hands may brush other arms' cubes aside, 0 where they go round.
+    :param side: (n, arms) way round the own cube, see :class:`PushSkill`.
     """
-    first_can, second_can = _can_go_first(way, first, second), _can_go_first(way, second, first)
-    nearer = way.left[:, first] <= way.left[:, second]
-    leader = np.where(first_can == second_can, nearer, first_can)
-    leader = np.where(way.left[:, second] == 0, True, leader)
-    result: NDArray[np.bool_] = np.where(way.left[:, first] == 0, False, leader)
-    return result
+
+    first: FloatArray
+    waits: FloatArray
+    shoves: FloatArray
+    side: FloatArray
 
 
-def _can_go_first(way: Way, one: int, other: int) -> NDArray[np.bool_]:
-    own = distance_to_segment(way.cube[:, other], way.cube[:, one], way.target[:, one])
-    others = distance_to_segment(way.target[:, one], way.cube[:, other], way.target[:, other])
-    clear: NDArray[np.bool_] = (own >= CUBE_CLEARANCE) & (others >= CUBE_CLEARANCE)
-    return clear
+Record = TypeVar("Record", ArmView, Plan)
 
 
-def give_way(way: Way, goal: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Move goals of arms that must yield to their own side of the leader's way.
+class Coordinator:
+    """Chooses among plans by playing them through, and carries out the best.
 
-    :param way: what each arm still has to do.
-    :param goal: (n, arms, 2) where each hand wants to go next, world frame, metres; arms are
-        ordered by their bases' y.
-    :return: the goals, and which hands were turned aside (n, arms).
+    A plan is kept until another is better by a margin, or two that are equally good would be
+    changed for one another for ever. New episodes are told by new targets, or a hand that jumped.
+
+    :param skill: what each arm does by itself.
+    :param base: (arms, 2) base positions of a row along y, metres.
+    :param closed: how close two closed hands may come.
+    :param opened: how close hands may come of which one is open.
+    :param steps: how far to look ahead, actions.
     """
-    goal = goal.copy()
-    turned = np.zeros(goal.shape[:2], dtype=bool)
-    lowest, highest = way.points[..., 1].min(axis=-1), way.points[..., 1].max(axis=-1)
-    for first in range(goal.shape[1] - 1):
-        second = first + 1
-        first_leads = leads(way, first, second)
-        limit_second = highest[:, first] + SIDE_CLEARANCE
-        limit_first = lowest[:, second] - SIDE_CLEARANCE
-        # An arm with nothing left to do does not hold its neighbour up.
-        second_yields = first_leads & (way.left[:, first] > 0)
-        second_yields &= (goal[:, second, 1] < limit_second) | (
-            way.points[:, second, 0, 1] < limit_second
-        )
-        first_yields = ~first_leads & (way.left[:, second] > 0)
-        first_yields &= (goal[:, first, 1] > limit_first) | (
-            way.points[:, first, 0, 1] > limit_first
-        )
-        goal[:, second, 1] = np.where(
-            second_yields, np.maximum(goal[:, second, 1], limit_second), goal[:, second, 1]
-        )
-        goal[:, first, 1] = np.where(
-            first_yields, np.minimum(goal[:, first, 1], limit_first), goal[:, first, 1]
-        )
-        turned[:, second] |= second_yields
-        turned[:, first] |= first_yields
-    return goal, turned
 
+    #: One that follows keeps this much more distance than it must (m): the leader's next step.
+    BUFFER = 0.03
+    #: Hands with a greater mean finger angle are closed (rad).
+    CLOSED = 0.75
+    #: Hands may hold their cubes this far beside the targets (m), which reach 0.05 m.
+    SPREAD = 0.03
+    #: Weights of a plan: one that fails, a step in contact, the arms' mean time beside the last's.
+    FAILS, CONTACT, MEAN_TIME = 200.0, 10.0, 0.3
+    #: Contact that is no failure: a step of brushing another arm's cube, of two cubes touching.
+    BRUSH, CUBES = 0.05, 0.2
+    #: A hand that moved by more than this many steps at once is that of a new episode.
+    JUMP = 3.0
+    #: Plans are compared anew after so many actions, and changed for one that is this much better.
+    PERIOD, MARGIN = 5, 6.0
 
-def stop_before_hands(tool: FloatArray, move: FloatArray, yields: NDArray[np.bool_]) -> FloatArray:
-    """Take from moves the part that leads towards a hand that is too near.
+    def __init__(
+        self,
+        skill: Skill,
+        base: FloatArray,
+        closed: Clearance = JACO_CLOSED,
+        opened: Clearance = JACO_OPEN,
+        steps: int = 50,
+    ) -> None:
+        self.skill = skill
+        self.base = np.asarray(base)
+        self.closed, self.opened = closed, opened
+        self.steps = steps
+        self._plans = self._all_plans(len(self.base))
+        self._target: FloatArray = np.zeros((0, len(self.base), 3))
+        self._tool: FloatArray = self._target
+        self._chosen = np.zeros(0, dtype=np.intp)
+        self._age = np.zeros(0, dtype=np.intp)
 
-    :param tool: (n, arms, 2) hands, world frame, metres.
-    :param move: (n, arms, 2) displacements, metres.
-    :param yields: (n, arms) hands that are getting out of the way, which are not held.
-    :return: the moves.
-    """
-    move = move.copy()
-    arms = tool.shape[1]
-    for arm in range(arms):
-        for other in range(arms):
-            if arm == other:
+    def actions(self, view: ArmView) -> FloatArray:
+        """Return the arms' actions (n, arms, 3 or 4) in [-1, 1]."""
+        fresh = self._fresh(view)
+        self._target, self._tool = view.target.copy(), view.tool.copy()
+        self._age = np.where(fresh, 0, self._age + 1)
+        rows = np.flatnonzero(self._age % self.PERIOD == 0)
+        if rows.size and len(self._plans.waits) > 1:
+            self._choose(view, rows, fresh[rows])
+        return self._act(self._spread(view), _rows(self._plans, self._chosen))
+
+    def _fresh(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which episodes (n,) have begun since the last call."""
+        n = len(view.target)
+        if self._target.shape != view.target.shape:
+            self._chosen, self._age = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
+            return np.ones(n, dtype=bool)
+        other = (self._target != view.target).any(axis=(1, 2))
+        jumped = (length(view.tool - self._tool) > self.JUMP * self.skill.step).any(axis=1)
+        fresh: NDArray[np.bool_] = other | jumped
+        return fresh
+
+    def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
+        """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
+        hands = view.fingers[:, right : right + 2].mean(axis=-1)
+        both: NDArray[np.bool_] = (hands > self.CLOSED).all(axis=-1)
+        return np.where(both, self.closed(dx), self.opened(dx))
+
+    def _spread(self, view: ArmView) -> ArmView:
+        """Move targets apart that are so near each other that two hands do not fit."""
+        if self.skill.ring > 0:
+            return view
+        target = view.target.copy()
+        for right in range(target.shape[1] - 1):
+            gap = target[:, right + 1, :2] - target[:, right, :2]
+            gap = gap + self.base[right + 1] - self.base[right]
+            lack = self.closed(gap[:, 0]) + self.BUFFER - gap[:, 1]
+            shift = np.clip(lack / 2, 0, self.SPREAD)
+            target[:, right, 1] -= shift
+            target[:, right + 1, 1] += shift
+        return replace(view, target=target)
+
+    def _choose(self, view: ArmView, rows: NDArray[np.intp], fresh: NDArray[np.bool_]) -> None:
+        """Compare plans in episodes ``rows``; ``fresh`` ones have none yet."""
+        cost = self.costs(self._spread(_rows(view, rows)))
+        kept = np.take_along_axis(cost, self._chosen[rows, None], axis=1)[:, 0]
+        better = fresh | (cost.min(axis=1) < kept - self.MARGIN)
+        self._chosen[rows] = np.where(better, cost.argmin(axis=1), self._chosen[rows])
+
+    def costs(self, view: ArmView) -> FloatArray:
+        """Return what speaks against each plan, (n, plans)."""
+        n, count = len(view.tool), len(self._plans.waits)
+        plan = _rows(self._plans, np.tile(np.arange(count), n))
+        return self._cost(_rows(view, np.repeat(np.arange(n), count)), plan).reshape(n, count)
+
+    def _all_plans(self, arms: int) -> Plan:
+        """All orders, followers that go along or wait, and the ways round of one arm at a time."""
+        sides = [np.zeros(arms)]
+        if arms <= 2:
+            sides += [sign * np.eye(arms)[arm] for arm in range(arms) for sign in (1.0, -1.0)]
+        orders = list(product((1.0, 0.0), repeat=arms - 1))
+        rows = list(product((0.0, 1.0), (0.0, 1.0), orders, sides))
+        if self.skill.ring == 0:
+            rows = [row for row in rows if row[0] == 0 and not np.any(row[3])]
+        if arms == 1:
+            rows = [row for row in rows if row[0] == row[1] == 0]
+        shoves, waits, first, side = (np.array(part) for part in zip(*rows, strict=True))
+        return Plan(first.reshape(len(rows), arms - 1), waits, shoves, side)
+
+    def _cost(self, view: ArmView, plan: Plan) -> FloatArray:
+        """Play plans through; return what speaks against each, (n,)."""
+        n, arms = view.tool.shape[:2]
+        contact = np.zeros(n)
+        time = np.zeros((n, arms))
+        for _ in range(self.steps):
+            done = self.skill.finished(view)
+            time += ~done
+            if done.all():
+                break
+            view = self.skill.imagine(view, self._act(view, plan), self.base)
+            contact += self._touching(view)
+        fails = ~self.skill.finished(view).all(axis=-1)
+        mean = time.mean(axis=-1)
+        return self.FAILS * fails + self.CONTACT * contact + time.max(-1) + self.MEAN_TIME * mean
+
+    def _touching(self, view: ArmView) -> FloatArray:
+        """1 where two hands are too close, less where cubes are touched, (n,)."""
+        hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
+        touching = np.zeros(len(hand))
+        for right in range(hand.shape[1] - 1):
+            gap = hand[:, right + 1] - hand[:, right]
+            touching += gap[:, 1] < self._least(view, right, gap[:, 0]) - 0.01
+            if self.skill.ring == 0:
                 continue
-            gap = tool[:, other] - tool[:, arm]
-            distance = np.linalg.norm(gap, axis=-1)
-            towards = np.sum(move[:, arm] * gap, axis=-1) / np.maximum(distance, 1e-6)
-            held = (distance < HAND_CLEARANCE) & (towards > 0)
-            excess = np.where(held, towards / np.maximum(distance, 1e-6), 0.0)
-            move[:, arm] -= excess[:, None] * gap
-    return move
+            for one, other in ((right, right + 1), (right + 1, right)):
+                distance = length(hand[:, one] - cube[:, other])
+                touching += self.BRUSH * (distance < self.skill.ring - 0.01)
+            between = length(cube[:, right + 1] - cube[:, right])
+            touching += self.CUBES * (between < 1.1 * self.skill.object_size)
+        return touching
+
+    def _act(self, view: ArmView, plan: Plan) -> FloatArray:
+        """The skill's actions, changed where arms must give way."""
+        action = self.skill.actions(view, plan.side)
+        hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
+        done = self.skill.finished(view)
+        move = action[..., :2] * self.skill.step
+        if self.skill.ring > 0:
+            move = self._round_cubes(plan, hand, move, cube)
+        move, turned = self._give_way(view, plan, hand, move, done)
+        if self.skill.ring > 0:
+            own = pass_beside(hand, move, cube, self.skill.ring, 0 * plan.side)
+            move = np.where((turned | done)[..., None], own, move)
+        action[..., :2] = shortened(move, self.skill.step) / self.skill.step
+        return self.skill.give_way(view, action, turned)
+
+    def _round_cubes(
+        self, plan: Plan, hand: FloatArray, move: FloatArray, cube: FloatArray
+    ) -> FloatArray:
+        """Lead hands round the other arms' cubes, unless the plan is to brush them aside."""
+        beside = move
+        for other in range(1, hand.shape[1]):
+            others = np.roll(cube, other, axis=1)
+            beside = pass_beside(hand, beside, others, self.skill.ring, plan.side)
+        return np.where(plan.shoves[:, None, None] > 0, move, beside)
+
+    def _give_way(
+        self,
+        view: ArmView,
+        plan: Plan,
+        hand: FloatArray,
+        move: FloatArray,
+        done: NDArray[np.bool_],
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Turn those that follow away from those that go first; return moves and who was turned."""
+        move = move.copy()
+        turned = np.zeros(done.shape, dtype=bool)
+        low, high = self._ways(view, hand, done)
+        for right in range(hand.shape[1] - 1):
+            left = right + 1
+            leads = np.where(
+                done[:, left] == done[:, right], plan.first[:, right] > 0, done[:, left]
+            )
+            gap = hand[:, left] + move[:, left] - hand[:, right] - move[:, right]
+            least = self._least(view, right, gap[:, 0])
+            deficit = least + self.BUFFER - gap[:, 1]
+            waits = (plan.waits > 0) & ~done[:, left] & ~done[:, right]
+            wide = self._least(view, right, np.zeros(1))
+            late_left = high[:, right] + wide - hand[:, left, 1] - move[:, left, 1]
+            late_right = hand[:, right, 1] + move[:, right, 1] - low[:, left] + wide
+            back_left = np.where(waits, np.maximum(deficit, late_left), deficit)
+            back_right = np.where(waits, np.maximum(deficit, late_right), deficit)
+            yields_left, yields_right = leads & (back_left > 0), ~leads & (back_right > 0)
+            move[:, left, 1] += np.where(yields_left, back_left, 0)
+            move[:, right, 1] -= np.where(yields_right, back_right, 0)
+            turned[:, left] |= yields_left
+            turned[:, right] |= yields_right
+            move = self._stop_leader(view, hand, shortened(move, self.skill.step), right, leads)
+            move = shortened(move, self.skill.step)
+        return move, turned
+
+    def _stop_leader(
+        self,
+        view: ArmView,
+        hand: FloatArray,
+        move: FloatArray,
+        right: int,
+        leads: NDArray[np.bool_],
+    ) -> FloatArray:
+        """Hold one that goes first where the other has not got out of its way yet."""
+        left = right + 1
+        gap = hand[:, left] + move[:, left] - hand[:, right] - move[:, right]
+        lack = np.maximum(self._least(view, right, gap[:, 0]) - gap[:, 1], 0)
+        move[:, right, 1] -= np.where(leads, lack, 0)
+        move[:, left, 1] += np.where(leads, 0, lack)
+        return move
+
+    def _ways(
+        self, view: ArmView, hand: FloatArray, done: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest y (n, arms) of what each hand still has to pass, metres."""
+        corners = np.stack(
+            [
+                hand[..., 1],
+                np.where(done, hand[..., 1], view.object[..., 1] + self.base[:, 1]),
+                np.where(done, hand[..., 1], view.target[..., 1] + self.base[:, 1]),
+            ]
+        )
+        return corners.min(axis=0), corners.max(axis=0)
 
 
-def go_round(
-    tool: FloatArray, move: FloatArray, cube: FloatArray, applies: NDArray[np.bool_]
+def pass_beside(
+    hand: FloatArray, move: FloatArray, cube: FloatArray, ring: float, way_round: FloatArray
 ) -> FloatArray:
-    """Turn moves that would run into a cube to pass beside it.
+    """Turn moves that would run into a cube so that they pass it on a ring.
 
-    :param tool: (n, arms, 2) hands, metres.
+    :param hand: (n, arms, 2) hands, metres.
     :param move: (n, arms, 2) displacements, metres.
     :param cube: (n, arms, 2) the cube that each hand shall not touch, metres.
-    :param applies: (n, arms) where the rule holds.
+    :param ring: distance to keep from its centre, metres.
+    :param way_round: (n, arms) 1 anticlockwise, -1 clockwise, 0 whichever the move prefers. Two
+        cubes with no room between them are passed as one where the way round is given.
     :return: the moves.
     """
-    gap = cube - tool
-    distance = np.linalg.norm(gap, axis=-1, keepdims=True)
-    ahead = gap / np.maximum(distance, 1e-6)
-    towards = np.sum(move * ahead, axis=-1, keepdims=True)
-    length = np.linalg.norm(move, axis=-1, keepdims=True)
+    gap = cube - hand
+    distance = np.maximum(length(gap), 1e-6)[..., None]
+    ahead = gap / distance
+    size = length(move)[..., None]
+    towards = dot(move, ahead)[..., None]
     side = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
-    sign = np.where(np.sum(move * side, axis=-1, keepdims=True) >= 0, 1.0, -1.0)
-    beside = sign * side * length
-    near = applies[..., None] & (distance < DETOUR) & (towards > 0.1 * length)
-    return np.where(near, beside, move)
+    sign = np.where(dot(move, side)[..., None] >= 0, 1.0, -1.0)
+    sign = np.where(way_round[..., None] != 0, -way_round[..., None], sign)
+    outward = -0.5 * ahead * np.clip(ring - distance, 0, None)
+    near = (distance < ring + size) & (towards > 0)
+    return np.where(near, shortened_to(sign * side * size + outward, size), move)
 
 
-def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Distance (n,) of points (n, 2) to segments, metres."""
-    way = end - start
-    share = np.sum((point - start) * way, axis=-1) / np.maximum(np.sum(way * way, axis=-1), 1e-9)
-    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * way
-    return np.linalg.norm(point - nearest, axis=-1)
+def shortened_to(vectors: FloatArray, longest: FloatArray) -> FloatArray:
+    """Vectors, each no longer than its entry (..., 1) of ``longest``."""
+    size = np.maximum(length(vectors), 1e-9)[..., None]
+    return vectors * np.minimum(1.0, longest / size)
+
+
+def _rows(record: Record, index: NDArray[np.intp]) -> Record:
+    """Return the records of episodes ``index``."""
+    return replace(
+        record, **{field.name: getattr(record, field.name)[index] for field in fields(record)}
+    )

@@ -1,133 +1,178 @@
-"""The push expert of one arm: get behind the cube, then drive it to its target."""
+"""The push skill: get behind the cube on a ring clear of it, then drive it to its target."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.core import ACTION_DURATION, DEFAULT_SPEED
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.coordination import Way, give_way, go_round, stop_before_hands
+from saver_envs.experts.geometry import dot, length, shortened, unit
 
 FloatArray = NDArray[np.floating]
 
+#: Share of a commanded displacement that a hand makes in the action itself.
+TRACKING = 0.92
+#: How much of a touched cube's way is the hand's and not that out of its way: fingers are rough.
+DRAG = 0.7
+#: A pitched hand's wrist is this much nearer to the base than its tool (m).
+WRIST = 0.08
+#: Where hands can be, x and y in the base frame (m): set-points are clipped to it.
+HAND_LOWER, HAND_UPPER = np.array([0.25, -0.48]), np.array([0.60, 0.48])
+
 
 @dataclass(frozen=True)
-class PushExpert:
-    """Orbits the cube at a clear distance until it is behind it, then pushes through its centre.
+class PushSkill:
+    """What each arm would do if it were alone, and a sketch of what comes of it.
 
     :param object_size: edge of the cube, metres.
     :param step: longest displacement of an action, metres.
+    :param hand_radius: half the width of the closed hand where it meets the cube, metres.
+    :param stop: the cube is left alone where it will come to rest this near its target, metres.
+    :param good_enough: a push that went astray is taken up again beyond this distance, metres.
+    :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
+        pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
     """
 
     object_size: float = 0.056
     step: float = DEFAULT_SPEED * ACTION_DURATION
+    hand_radius: float = 0.031
+    stop: float = 0.015
+    good_enough: float = 0.035
+    trail: float = 0.0
 
-    #: The cube is left alone where it will come to rest within this distance of its target (m).
-    STOP = 0.015
-    #: Within this distance an arm has nothing left to do and yields (m).
-    DONE = 0.025
-    #: Orbit: half the cube's diagonal, half a closed hand and some air, beside half the edge (m).
-    ORBIT_GAP = 0.062
-    #: Behind the cube the hand stands this far from its face (m).
-    BEHIND_GAP = 0.045
+    #: Air between hand and cube on the ring (m).
+    AIR = 0.021
     #: Sideways error within which a push may begin, and go on once in contact (m).
-    ALIGNED, STILL_ALIGNED = 0.012, 0.022
-    #: A push advances by this share of what is left (1), so that the cube is slow when it arrives.
-    PUSH_GAIN = 0.35
+    ALIGNED, STILL_ALIGNED = 0.012, 0.025
+    #: Share of the sideways error that an action of pushing takes back; more drags the cube along.
+    CENTRING = 0.3
+    #: A push advances by this share of what is left, so that the cube is slow when it arrives.
+    GAIN = 0.4
     #: Deceleration of a sliding cube, friction 0.5 times gravity (m/s^2).
     DECELERATION = 4.9
+    #: Targets nearer the workspace's edge than this box are aimed at from inside, by no more than
+    #: a share of what success allows (m), so that the hand finds room behind a cube gone too far.
+    AIM_SHIFT = 0.015
+    AIM_LOWER, AIM_UPPER = (0.315, -0.445), (0.535, 0.445)
+    #: An orbit whose way is that short takes it whatever side it is told (rad).
+    SHORT_TURN = 0.7
 
-    def waypoint(self, view: ArmView) -> FloatArray:
-        """Return where each hand should go next, (n, arms, 2) in base frames, metres."""
-        tool = view.tool[..., :2]
+    @property
+    def ring(self) -> float:
+        """Radius round a cube on which a hand passes without touching it, metres."""
+        return self.object_size / 2 + self.hand_radius + self.AIR
+
+    def aim(self, view: ArmView) -> FloatArray:
+        """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
+        target = view.target[..., :2]
+        inside = np.clip(target, self.AIM_LOWER, self.AIM_UPPER)
+        return target + np.clip(inside - target, -self.AIM_SHIFT, self.AIM_SHIFT)
+
+    def finished(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which cubes (n, arms) lie where they are meant to."""
+        result: NDArray[np.bool_] = length(self.aim(view) - view.object[..., :2]) < self.good_enough
+        return result
+
+    def waypoint(self, view: ArmView, side: FloatArray) -> FloatArray:
+        """Return where each hand should go next, (n, arms, 2) in base frames, metres.
+
+        :param view: what the arms see.
+        :param side: (n, arms) way round the own cube: 1 anticlockwise, -1 clockwise, 0 the shorter.
+        """
+        tool, cube = view.tool[..., :2], view.object[..., :2]
         velocity = view.object_velocity[..., :2]
-        speed = np.linalg.norm(velocity, axis=-1, keepdims=True)
-        coasting = velocity * speed / (2 * self.DECELERATION)
-        cube = view.object[..., :2]
-        away = view.target[..., :2] - cube
-        heading = _unit(away)
-        left = view.target[..., :2] - (cube + coasting)
-        distance = np.linalg.norm(left, axis=-1, keepdims=True)
+        target = self.aim(view)
+        heading = unit(target - cube)
+        coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
+        left = length(target - cube - coasting)[..., None]
         relative = tool - cube
-        along = np.sum(relative * heading, axis=-1, keepdims=True)
+        along = dot(relative, heading)[..., None]
         lateral = relative - along * heading
-        sideways = np.linalg.norm(lateral, axis=-1, keepdims=True)
+        astray = length(lateral)[..., None]
         half = self.object_size / 2
-        behind = cube - heading * (half + self.BEHIND_GAP)
-        in_contact = along > -(half + self.BEHIND_GAP)
-        aligned = (along < -half) & (
-            sideways < np.where(in_contact, self.STILL_ALIGNED, self.ALIGNED)
-        )
-        push = tool - lateral + heading * np.minimum(self.PUSH_GAIN * distance, self.step)
-        approach = np.where(
-            (along < -(half + 0.5 * self.BEHIND_GAP)) & (sideways < half),
-            behind,
-            self._orbit(cube, relative, heading, behind),
-        )
+        is_behind = along < -half
+        near = along > -(self.ring + 0.01)
+        aligned = is_behind & (astray < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
+        push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
+        behind = cube - heading * (self.ring + self._trail(cube, -heading))[..., None]
+        straight = is_behind & (astray < half)
+        approach = np.where(straight, behind, self._orbit(cube, relative, heading, side))
         point = np.where(aligned, push, approach)
-        return np.where(distance < self.STOP, tool, point)
+        rests = (left < self.stop) | (~aligned & (left < self.good_enough))
+        return np.where(rests, tool, point)
 
     def _orbit(
-        self, cube: FloatArray, relative: FloatArray, heading: FloatArray, behind: FloatArray
+        self, cube: FloatArray, relative: FloatArray, heading: FloatArray, side: FloatArray
     ) -> FloatArray:
-        """A point further round the cube on a circle clear of it, or straight to ``behind``."""
-        radius = self.object_size / 2 + self.ORBIT_GAP
+        """The place behind the cube if the way there is free, else a point round the ring."""
         own = np.arctan2(relative[..., 1], relative[..., 0])
         goal = np.arctan2(-heading[..., 1], -heading[..., 0])
         turn = (goal - own + np.pi) % (2 * np.pi) - np.pi
-        ahead = own + np.clip(turn, -0.45, 0.45)
-        circle = cube + radius * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
-        near = np.abs(turn)[..., None] < 0.6
-        return np.where(near, behind, circle)
+        long_way = (side * turn < 0) & (np.abs(turn) > self.SHORT_TURN)
+        turn = np.where(long_way, turn + 2 * np.pi * side, turn)
+        distance = length(relative)
+        tangent = np.arccos(np.clip(self.ring / np.maximum(distance, self.ring), 0, 1))
+        free = np.abs(turn) <= tangent
+        ahead = own + np.sign(turn) * np.minimum(np.abs(turn), np.maximum(tangent, 0.3))
+        circle = np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
+        direction = np.where(free[..., None], -heading, circle)
+        radius = (self.ring + self._trail(cube, direction)) * np.where(free, 1.0, 1.03)
+        return cube + radius[..., None] * direction
 
-    def actions(self, view: ArmView) -> FloatArray:
-        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another."""
-        return self._action(self.waypoint(view) - view.tool[..., :2])
+    def _trail(self, cube: FloatArray, direction: FloatArray) -> FloatArray:
+        """What is added to the ring in ``direction`` from the cube, (n, arms), metres."""
+        return self.trail * np.maximum(dot(unit(cube), direction), 0.0)
 
-    def coordinated_actions(self, view: ArmView, base: FloatArray) -> FloatArray:
-        """Return actions (n, arms, 3) in [-1, 1] of arms that give way to one another.
+    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another.
 
         :param view: what the arms see.
-        :param base: (arms, 2) base positions of a row, metres; the frames are parallel.
+        :param side: see :meth:`waypoint`; the shorter ways by default.
         """
-        wanted = self.waypoint(view) + base
-        tool, cube = view.tool[..., :2] + base, view.object[..., :2] + base
-        way = self._way(view, base)
-        goal, turned = give_way(way, wanted)
-        move = _shortened(goal - tool, self.step)
-        everyone = np.ones(turned.shape, dtype=bool)
-        for other in range(1, tool.shape[1]):
-            move = go_round(tool, move, np.roll(cube, other, axis=1), everyone)
-        move = go_round(tool, move, cube, turned | (way.left == 0))
-        return self._action(stop_before_hands(tool, move, turned))
-
-    def _way(self, view: ArmView, base: FloatArray) -> Way:
-        """The hand's way behind the cube and on to where the cube is at its target."""
-        tool, cube, target = (
-            points[..., :2] + base for points in (view.tool, view.object, view.target)
-        )
-        away = target - cube
-        distance = np.linalg.norm(away, axis=-1)
-        done = distance < self.DONE
-        behind = _unit(away) * (self.object_size / 2 + self.BEHIND_GAP)
-        corners = np.stack([tool, cube - behind, target - behind], axis=2)
-        corners = np.where(done[..., None, None], tool[..., None, :], corners)
-        left = np.linalg.norm(np.diff(corners, axis=2), axis=-1).sum(axis=-1)
-        return Way(corners, cube, target, np.where(done, 0.0, left))
-
-    def _action(self, move: FloatArray) -> FloatArray:
-        move = _shortened(move, self.step) / self.step
+        side = np.zeros(view.tool.shape[:2]) if side is None else side
+        move = shortened(self.waypoint(view, side) - view.tool[..., :2], self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
+    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
+        """Return ``action``: a low closed hand has nothing to change when it is turned away."""
+        return action
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.maximum(length, 1e-6)
+    def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
+        """Return what the arms will see after ``actions``, roughly: discs that push discs.
 
+        :param view: what they see now.
+        :param actions: (n, arms, 3).
+        :param base: (arms, 2) base positions of a row, metres.
+        """
+        tool = view.tool.copy()
+        tool[..., :2] += TRACKING * self.step * actions[..., :2]
+        tool[..., :2] = np.clip(tool[..., :2], HAND_LOWER, HAND_UPPER)
+        hands = tool[..., :2] + base
+        cubes = view.object[..., :2] + base
+        for part in self._hand(tool[..., :2]):
+            cubes = self._pushed(part + base, actions[..., :2], cubes)
+        for arm in range(tool.shape[1] - 1):
+            gap = cubes[:, arm + 1] - cubes[:, arm]
+            distance = length(gap)[:, None]
+            apart = gap * np.maximum(self.object_size * 1.1 / np.maximum(distance, 1e-6) - 1, 0) / 2
+            cubes[:, arm] -= apart
+            cubes[:, arm + 1] += apart
+        moved = np.concatenate([cubes - base, view.object[..., 2:]], axis=-1)
+        return replace(view, tool=tool, object=moved, object_velocity=0 * view.object_velocity)
 
-def _shortened(vectors: FloatArray, longest: float) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-9))
+    def _hand(self, tool: FloatArray) -> list[FloatArray]:
+        """Centres of the discs that a hand consists of, (n, arms, 2) each, metres."""
+        return [tool] if self.trail == 0 else [tool, tool - WRIST * unit(tool)]
+
+    def _pushed(self, hand: FloatArray, motion: FloatArray, cubes: FloatArray) -> FloatArray:
+        """Cubes (n, arms, 2) moved out of the discs ``hand``, dragged along by their motion."""
+        touch = self.object_size / 2 + self.hand_radius
+        for arm in range(hand.shape[1]):
+            gap = cubes - hand[:, arm, None]
+            overlap = np.maximum(touch - length(gap), 0)[..., None]
+            direction = unit(unit(gap) + DRAG * unit(motion[:, arm, None]))
+            cubes = cubes + overlap * direction
+        return cubes

@@ -80,10 +80,20 @@ class Task:
 
     def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
         """Return the reward, shape of the leading dimensions; pure."""
+        return self.judge(achieved, desired)[0]
+
+    def judge(
+        self, achieved: FloatArray, desired: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return the reward and where every object is at its target; pure.
+
+        Every step asks for both, which come from the same distances.
+        """
+        reached = self.reached(achieved, desired)
         if self.reward_type == "sparse":
-            return self.reached(achieved, desired).astype(np.float32) - np.float32(1)
+            return reached.astype(np.float32) - np.float32(1), reached
         distances = object_distances(achieved, desired, self.n_arms)
-        return -distances.sum(axis=-1).astype(np.float32)
+        return -distances.sum(axis=-1).astype(np.float32), reached
 
     def costs(
         self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]

@@ -71,15 +71,18 @@ class Distance(PickAndPlace):
         """Return the goal (7,): targets (2, 3) in base frames and the required distance."""
         return np.append(super().desired_goal(target), REQUIRED_DISTANCE)
 
-    def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
-        """Return the reward of the stage in force, shape of the leading dimensions; pure."""
-        reward = super().reward(achieved, desired)
+    def judge(
+        self, achieved: FloatArray, desired: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return the reward of the stage in force and where both cubes are at their targets."""
+        reward, reached = super().judge(achieved, desired)
         if self.reward_stage == "goal":
-            return reward
+            return reward, reached
         if self.reward_type == "dense":
-            return reward - np.abs(achieved[..., -1] - desired[..., -1]).astype(np.float32)
+            astray = np.abs(achieved[..., -1] - desired[..., -1])
+            return reward - astray.astype(np.float32), reached
         kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
-        return np.minimum(reward, kept.astype(np.float32) - np.float32(1))
+        return np.minimum(reward, kept.astype(np.float32) - np.float32(1)), reached
 
     def costs(
         self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]

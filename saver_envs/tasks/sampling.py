@@ -40,6 +40,8 @@ _BLOCK = 128
 #: Contested starts are rarer among their candidates: larger blocks cost less in all.
 _CONTESTED_BLOCK = 1024
 _MOST_BLOCKS = 200
+#: Large cubes may leave no room for a contest: after so many blocks the start is an ordinary one.
+_MOST_CONTESTED_BLOCKS = 50
 #: Candidates of a block for which hands are drawn.
 _TRIES = 8
 #: Direction from an object of the distance task to its neighbour's, about the y axis (rad).
@@ -118,7 +120,9 @@ class StartSampler:
         """
         contest = self._draw_contest(generator)
         block = _BLOCK if contest is None else _CONTESTED_BLOCK
-        for _ in range(_MOST_BLOCKS):
+        for attempt in range(_MOST_BLOCKS):
+            if attempt == _MOST_CONTESTED_BLOCKS:
+                contest, block = None, _BLOCK
             objects, target = self._draw_ways(generator, block, contest)
             for candidate in np.flatnonzero(self._ways_valid(objects, target))[:_TRIES]:
                 hand = self._draw_hands(generator, objects[candidate])
@@ -126,7 +130,7 @@ class StartSampler:
                 if valid.size:
                     return Start(hand[valid[0]], objects[candidate], target[candidate])
         raise RuntimeError(
-            f"no start keeps the rules after {_MOST_BLOCKS * block} candidates: "
+            f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
             f"objects of {self._scene.objects.size} m leave no room in the regions"
         )
 

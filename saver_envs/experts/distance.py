@@ -1,0 +1,76 @@
+"""The distance expert: both hands grasp, close together, and carry their cubes like a bar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.geometry import dot, length, shortened, unit
+from saver_envs.experts.pick import PickSkill
+from saver_envs.tasks.distance import REQUIRED_DISTANCE
+
+FloatArray = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class DistanceExpert:
+    """Two arms whose cubes stay 0.35 m apart: the bar between them moves and turns as one.
+
+    :param base: (2, 2) base positions, metres.
+    :param skill: how a hand comes to its cube.
+    :param pace: share of the top speed at which the cubes are carried; slower is followed better.
+    """
+
+    base: FloatArray
+    skill: PickSkill = field(default_factory=PickSkill)
+    pace: float = 0.7
+
+    #: Cubes on the table are carried this far above it (m), and come down on the last way (1).
+    LIFT, DESCENT = 0.03, 0.5
+    #: Share of a wrong length that an action takes back.
+    CORRECTION = 0.3
+
+    def actions(self, view: ArmView) -> FloatArray:
+        """Return the arms' actions (n, 2, 4) in [-1, 1]."""
+        action = self.skill.actions(view)
+        gap = self.skill.place(view) - view.tool
+        ready = length(gap) < 1.5 * self.skill.AT_GRASP
+        closing = view.fingers.mean(axis=-1) > self.skill.finger_closing
+        ready |= closing & self.skill.between_fingers(view)
+        waits = ready & ~ready.all(axis=-1, keepdims=True)
+        holds = np.logical_and.reduce(self.skill.holds(view), axis=-1)
+        closes = (np.logical_and.reduce(ready, axis=-1) | holds)[:, None]
+        still = shortened(gap, self.skill.step) / self.skill.step
+        action[..., :3] = np.where((waits | closes)[..., None], still, action[..., :3])
+        action[..., 3] = np.where(closes, -1.0, self.skill.half_open)
+        carried = self._carry(view) / self.skill.step
+        action[..., :3] = np.where(holds[:, None, None], carried, action[..., :3])
+        return action
+
+    def _carry(self, view: ArmView) -> FloatArray:
+        """Displacements (n, 2, 3) of both cubes, metres: one step of the bar to its goal."""
+        shift = np.concatenate([self.base, np.zeros((2, 1))], axis=-1)
+        now, goal = view.object + shift, view.target + shift
+        left = length(goal - now).max(axis=-1)
+        goal[..., 2] += np.minimum(self.LIFT, self.DESCENT * left)[:, None]
+        left = np.maximum(length(goal - now).max(axis=-1), 1e-6)
+        share = np.minimum(1.0, self.pace * self.skill.step / left)[:, None]
+        middle, goal_middle = now.mean(axis=1), goal.mean(axis=1)
+        bar = now[:, 1] - now[:, 0]
+        direction = turned(unit(bar), unit(goal[:, 1] - goal[:, 0]), share)
+        size = length(bar)[:, None]
+        size = size + self.CORRECTION * (REQUIRED_DISTANCE - size)
+        middle = middle + share * (goal_middle - middle)
+        ends = np.stack([middle - size / 2 * direction, middle + size / 2 * direction], axis=1)
+        return shortened(ends - now, self.skill.step)
+
+
+def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+    """Unit vectors (n, 3) turned by ``share`` (n, 1) of the way from ``start`` to ``end``."""
+    angle = np.arccos(np.clip(dot(start, end), -1.0, 1.0))[:, None]
+    across = unit(end - dot(start, end)[:, None] * start)
+    result: FloatArray = np.cos(share * angle) * start + np.sin(share * angle) * across
+    return result

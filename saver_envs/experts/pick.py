@@ -1,0 +1,140 @@
+"""The pick-and-place skill: come from above, close the hand, carry the cube to its target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.core import ACTION_DURATION, DEFAULT_SPEED
+from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.geometry import length, shortened
+from saver_envs.experts.push import TRACKING
+
+FloatArray = NDArray[np.floating]
+
+
+@dataclass(frozen=True)
+class PickSkill:
+    """What each arm would do if it were alone, and a sketch of what comes of it.
+
+    :param step: longest displacement of an action, metres.
+    :param grasp_offset: the tool grasps where this is its offset from the cube's centre, metres.
+    :param finger_held: mean finger angle from which a cube between the fingers is held, radians.
+    :param finger_closing: mean finger angle beyond which the hand has begun to close, radians.
+    :param half_open: gripper command for coming down over a cube: wide enough for it, and
+        narrower than an open hand, which would meet its neighbours.
+    :param cruise: height at which cubes are carried, and hands travel above them, metres.
+    :param object_size: edge of the cube, metres.
+    :param ring: 0: cubes are not in the way of hands that come from above.
+    """
+
+    step: float = DEFAULT_SPEED * ACTION_DURATION
+    grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
+    finger_held: float = 0.80
+    finger_closing: float = 0.75
+    half_open: float = 0.15
+    cruise: float = 0.11
+    object_size: float = 0.056
+    ring: float = 0.0
+
+    #: A hand comes down where it is this near to being above its cube (m), and closes where it is
+    #: this near to its place of grasp.
+    ABOVE, AT_GRASP = 0.02, 0.008
+    #: A cube this far from the tool's place of grasp may still be between the fingers (m).
+    WITHIN = 0.03
+    #: A carried cube comes down to its target where it is this near, horizontally (m).
+    NEAR_TARGET = 0.06
+    #: A cube this near its target is there (m).
+    DONE = 0.03
+    #: Change of the finger angles in one action (rad).
+    FINGER_RATE = 0.13
+
+    def finished(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which cubes (n, arms) are where they are meant to be."""
+        result: NDArray[np.bool_] = length(view.target - view.object) < self.DONE
+        return result
+
+    def between_fingers(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which cubes (n, arms) are near enough to be grasped or held."""
+        return length(self.place(view) - view.tool) < self.WITHIN
+
+    def holds(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which hands (n, arms) hold their cube."""
+        closed: NDArray[np.bool_] = view.fingers.mean(axis=-1) > self.finger_held
+        return closed & self.between_fingers(view)
+
+    def place(self, view: ArmView) -> FloatArray:
+        """Return where the tools (n, arms, 3) grasp, metres."""
+        return view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
+
+    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+        """Return actions (n, arms, 4) in [-1, 1] of arms that ignore one another.
+
+        :param view: what the arms see.
+        :param side: not used: hands come from above, on whichever side.
+        """
+        place = self.place(view)
+        gap = place - view.tool
+        holds = self.holds(view)
+        closing = (view.fingers.mean(axis=-1) > self.finger_closing) & self.between_fingers(view)
+        closes = closing | (length(gap) < self.AT_GRASP)
+        move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
+        move = np.where((closes & ~holds)[..., None], gap, move)
+        grip = np.where(closes | holds, -1.0, self.half_open)
+        return np.concatenate([shortened(move, self.step) / self.step, grip[..., None]], axis=-1)
+
+    def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
+        """Displacement to above the cube, then down to it."""
+        aside = length(gap[..., :2])
+        above = np.maximum(
+            self.cruise - view.tool[..., 2], view.object[..., 2] + 0.08 - view.tool[..., 2]
+        )
+        rise = np.where(aside < self.ABOVE, gap[..., 2], above)
+        low = (aside >= self.ABOVE) & (aside < 0.12) & (above > 0.03)
+        across = np.where(low[..., None], 0.0, gap[..., :2])
+        return np.concatenate([across, rise[..., None]], axis=-1)
+
+    def _carry(self, view: ArmView) -> FloatArray:
+        """Displacement of a held cube over others' heads to its target."""
+        left = view.target - view.object
+        away = length(left[..., :2]) > self.NEAR_TARGET
+        cruise = np.maximum(self.cruise, view.target[..., 2]) - view.object[..., 2]
+        rise = np.where(away, np.clip(cruise, 0, None), left[..., 2])
+        return np.concatenate([left[..., :2], rise[..., None]], axis=-1)
+
+    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
+        """Return actions of which those of hands that are ``turned`` away first leave the cube.
+
+        :param view: what the arms see.
+        :param action: (n, arms, 4).
+        :param turned: (n, arms).
+        """
+        leaves = turned & ~self.holds(view)
+        over = leaves & (length(view.tool - view.object) < 0.06)
+        action = action.copy()
+        action[..., :2] = np.where(over[..., None], 0.0, action[..., :2])
+        rises = np.where(view.tool[..., 2] < self.cruise, 1.0, 0.0)
+        action[..., 2] = np.where(leaves, rises, action[..., 2])
+        action[..., 3] = np.where(leaves, self.half_open, action[..., 3])
+        return action
+
+    def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
+        """Return what the arms will see after ``actions``, roughly.
+
+        :param view: what they see now.
+        :param actions: (n, arms, 4).
+        :param base: not used.
+        """
+        moved = TRACKING * shortened(actions[..., :3] * self.step, self.step)
+        closing = np.where(actions[..., 3:] < 0, self.FINGER_RATE, -self.FINGER_RATE)
+        fingers = np.clip(view.fingers + closing, 0.5, self.finger_held + 0.05)
+        carried = self.holds(view)[..., None]
+        return replace(
+            view,
+            tool=view.tool + moved,
+            fingers=fingers,
+            object=view.object + np.where(carried, moved, 0),
+            object_velocity=0 * view.object_velocity,
+        )

@@ -1,0 +1,64 @@
+"""What several tests of the environments need: lists of ids, exact comparison, quick episodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.core import Episodes
+from saver_envs.registration import ENVIRONMENTS, make_episodes
+
+ALL_IDS = list(ENVIRONMENTS)
+SPARSE_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.reward_type == "sparse"]
+DUAL_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.n_arms > 1]
+#: One id of each kind of scene, for what would take too long on all of them.
+FEW_IDS = [
+    env_id
+    for env_id in ("JacoPush-v0", "DualJacoDistance-v0", "MicoPickAndPlace-v0")
+    if env_id in ENVIRONMENTS
+]
+
+
+def assert_same(first: Any, second: Any, where: str = "") -> None:
+    """Assert that nested dicts and sequences of arrays and numbers agree bit for bit."""
+    if isinstance(first, dict):
+        assert first.keys() == second.keys(), where
+        for key in first:
+            assert_same(first[key], second[key], f"{where}[{key!r}]")
+    elif isinstance(first, tuple | list):
+        assert len(first) == len(second), where
+        for index, pair in enumerate(zip(first, second, strict=True)):
+            assert_same(*pair, f"{where}[{index}]")
+    else:
+        np.testing.assert_array_equal(first, second, err_msg=where)
+
+
+def row_of(columns: dict[str, NDArray[Any]], index: int) -> dict[str, Any]:
+    """Return one row of a dict of arrays."""
+    return {name: values[index] for name, values in columns.items()}
+
+
+def info_row(infos: dict[str, Any], index: int) -> dict[str, Any]:
+    """Return one episode's infos from Gymnasium's vector format."""
+    return {
+        name: values[index]
+        for name, values in infos.items()
+        if not name.startswith("_") and infos[f"_{name}"][index]
+    }
+
+
+def begun(env_id: str, n: int = 1, seed: int = 0, **options: Any) -> Episodes:
+    """Build n episodes and start episode i from ``seed + i``."""
+    episodes = make_episodes(env_id, n, **options)
+    for index in range(n):
+        episodes.set_generator(index, np.random.default_rng(seed + index))
+    episodes.reset()
+    return episodes
+
+
+def random_actions(space_size: int, steps: int, n: int, seed: int = 0) -> NDArray[np.float32]:
+    """Return uniform actions (steps, n, space_size)."""
+    generator = np.random.default_rng(seed)
+    return generator.uniform(-1, 1, (steps, n, space_size)).astype(np.float32)

@@ -1,0 +1,117 @@
+"""Pictures: skipped only where there is no off-screen graphics at all."""
+
+from __future__ import annotations
+
+import copy
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from rollouts import FEW_IDS
+
+from saver_envs.envs.parallel_env import parallel_env
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
+
+
+def graphics() -> bool:
+    try:
+        context = mujoco.GLContext(8, 8)
+        context.make_current()
+    except Exception:  # each backend raises its own
+        return False
+    context.free()
+    return True
+
+
+pytestmark = pytest.mark.skipif(not graphics(), reason="no OpenGL context to be had")
+
+SIZE = {"width": 160, "height": 120}
+
+
+@pytest.mark.parametrize("env_id", FEW_IDS)
+def test_colour(env_id: str) -> None:
+    env = gymnasium.make(env_id, render_mode="rgb_array", **SIZE)
+    env.reset(seed=0)
+    first = env.render()
+    assert first.shape == (120, 160, 3)
+    assert first.dtype == np.uint8
+    assert first.std() > 10  # there is something to be seen
+    kept = first.copy()
+    for _ in range(10):
+        env.step(env.action_space.sample())
+    second = env.render()
+    np.testing.assert_array_equal(first, kept)
+    assert (first != second).any()
+    env.close()
+
+
+def test_depth() -> None:
+    env = gymnasium.make("JacoPush-v0", render_mode="depth_array", camera_name="overhead", **SIZE)
+    env.reset(seed=0)
+    depth = env.render()
+    assert depth.shape == (120, 160)
+    assert depth.dtype == np.float32
+    assert np.isfinite(depth).all()
+    height = env.unwrapped.episodes.scene.model.camera("overhead").pos[2]
+    table = np.median(depth)
+    assert table == pytest.approx(height, abs=0.05)  # most of the picture is table
+    assert depth.min() < table - 0.2  # and the arm stands above it
+    env.close()
+
+
+def test_without_a_render_mode_nothing_is_drawn() -> None:
+    env = gymnasium.make("JacoPush-v0").unwrapped
+    env.reset()
+    assert env.render() is None
+
+
+@pytest.mark.parametrize("camera", ["front", "three_quarter", "side", "overhead"])
+def test_cameras_differ_and_show_the_targets(camera: str) -> None:
+    env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", camera_name=camera, **SIZE)
+    env.reset(seed=0)
+    before = env.render()
+    env.unwrapped.episodes.target[0, 0, 2] += 0.15
+    assert (env.render() != before).any()
+    env.close()
+
+
+def test_vector_pictures() -> None:
+    env = gymnasium.make_vec("JacoPush-v0", num_envs=2, render_mode="rgb_array", **SIZE)
+    env.reset(seed=0)
+    pictures = env.render()
+    assert isinstance(pictures, tuple)
+    assert [picture.shape for picture in pictures] == [(120, 160, 3)] * 2
+    assert (pictures[0] != pictures[1]).any()
+    single = gymnasium.make("JacoPush-v0", render_mode="rgb_array", **SIZE)
+    single.reset(seed=1)
+    np.testing.assert_array_equal(single.render(), pictures[1])
+    env.close()
+    single.close()
+    with pytest.raises(ValueError, match="rgb_array, depth_array"):
+        gymnasium.make_vec("JacoPush-v0", num_envs=2, render_mode="human")
+
+
+def test_copies_draw_on_their_own() -> None:
+    env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", **SIZE)
+    env.reset(seed=0)
+    picture = env.render()
+    twin = copy.deepcopy(env)
+    np.testing.assert_array_equal(twin.render(), picture)
+    twin.close()
+    np.testing.assert_array_equal(env.render(), picture)
+    env.close()
+
+
+def test_the_other_adapters() -> None:
+    shared = parallel_env(env_id="DualJacoPush-v0", render_mode="rgb_array", **SIZE)
+    shared.reset(seed=0)
+    assert shared.render().shape == (120, 160, 3)
+    shared.close()
+    vector = SaverVecEnv("JacoPush-v0", 2, seed=0)
+    vector.reset()
+    views = [vector.picture(1, camera) for camera in ("front", "side")]
+    assert views[0].shape == (480, 640, 3)
+    assert (views[0] != views[1]).any()
+    assert vector.render("rgb_array").ndim == 3  # tiled by SB3
+    vector.close()

@@ -1,0 +1,145 @@
+"""Rewards, success and costs as functions of goals."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from rollouts import ALL_IDS, FEW_IDS, begun, random_actions
+
+from saver_envs.registration import ENVIRONMENTS, make_episodes
+from saver_envs.tasks.base import Task
+from saver_envs.tasks.distance import Distance
+
+COORDINATES = st.floats(-1, 1, width=32)
+
+
+def tasks() -> list[Task]:
+    return [make_episodes(env_id).task for env_id in ALL_IDS if "Mico" not in env_id]
+
+
+TASKS = tasks()
+
+
+@given(data=st.data())
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: f"{task.name}-{task.reward_type}")
+def test_reward_is_pure_and_vectorised(task: Task, data: st.DataObject) -> None:
+    leading = data.draw(hnp.array_shapes(min_dims=1, max_dims=3, max_side=3), "leading")
+    shape = (*leading, task.goal_size)
+    achieved = data.draw(hnp.arrays(np.float32, shape, elements=COORDINATES), "achieved")
+    near = data.draw(hnp.arrays(np.float32, shape, elements=st.floats(-0.0625, 0.0625, width=32)))
+    desired = achieved + near
+    given_away = achieved.copy(), desired.copy()
+    reward = task.reward(achieved, desired)
+    assert reward.shape == leading
+    assert reward.dtype == np.float32
+    np.testing.assert_array_equal(achieved, given_away[0])
+    np.testing.assert_array_equal(desired, given_away[1])
+    np.testing.assert_array_equal(reward, task.reward(achieved, desired))
+    for index in np.ndindex(*leading):
+        assert task.reward(achieved[index], desired[index]) == reward[index]
+    np.testing.assert_array_equal(task.reward(desired, desired), 0)
+
+
+@given(
+    achieved=hnp.arrays(np.float64, (5, 7), elements=COORDINATES),
+    desired=hnp.arrays(np.float64, (5, 7), elements=COORDINATES),
+)
+def test_rewards_are_the_formulas(achieved: np.ndarray, desired: np.ndarray) -> None:
+    """Equations 6.3 and 6.4, object by object."""
+    achieved[:, -1], desired[:, -1] = np.abs(achieved[:, -1]), 0.35
+    first = np.linalg.norm(achieved[:, :3] - desired[:, :3], axis=-1)
+    second = np.linalg.norm(achieved[:, 3:6] - desired[:, 3:6], axis=-1)
+    f_g = np.where((first <= 0.05) & (second <= 0.05), 0, -1)
+    f_c = np.where(np.abs(achieved[:, -1] - 0.35) <= 0.015, 0, -1)
+    rewards = {stage: Distance(2, reward_stage=stage) for stage in ("goal", "constrained")}
+    np.testing.assert_array_equal(rewards["goal"].reward(achieved, desired), f_g)
+    np.testing.assert_array_equal(
+        rewards["constrained"].reward(achieved, desired), np.minimum(f_c, f_g)
+    )
+
+
+def test_success_is_per_object_and_not_of_the_whole_vector() -> None:
+    task = make_episodes("DualJacoPush-v0").task
+    desired = np.zeros(6)
+    both_near = np.array([0.045, 0, 0, 0, 0.045, 0])  # 0.064 m as one vector of six
+    assert task.reward(both_near, desired) == 0
+    one_far = np.array([0.051, 0, 0, 0, 0, 0])
+    assert task.reward(one_far, desired) == -1
+
+
+@pytest.mark.parametrize("env_id", ALL_IDS)
+def test_steps_give_the_reward_of_their_goals(env_id: str) -> None:
+    """Bit for bit from what was handed out, so that a relabelling buffer finds the same."""
+    env = gymnasium.make(env_id).unwrapped
+    env.reset(seed=0)
+    for action in random_actions(env.action_space.shape[0], 8, 1)[:, 0]:
+        seen, reward, terminated, _, info = env.step(action)
+        goals = seen["achieved_goal"], seen["desired_goal"]
+        assert reward == float(env.compute_reward(*goals, info))
+        assert reward == float(env.compute_reward(*goals, {}))
+        assert terminated == env.compute_terminated(*goals, info)
+        assert not env.compute_truncated(*goals, info)
+    stacked = np.stack([goals[0]] * 4)
+    assert env.compute_reward(stacked, np.stack([goals[1]] * 4), [{}] * 4).shape == (4,)
+    assert env.compute_terminated(stacked, stacked, [{}] * 4).shape == (4,)
+
+
+@pytest.mark.parametrize("env_id", FEW_IDS)
+def test_an_object_at_its_target_is_a_success(env_id: str) -> None:
+    episodes = begun(env_id, 2, control="joints")  # joints hold still
+    simulation, scene = episodes.simulation, episodes.scene
+    episodes.target[..., 2] = scene.object_rest_height
+    goal = np.concatenate([episodes.task.desired_goal(episodes.target[0]) for _ in range(1)])
+    episodes._goal[0] = goal
+    simulation.qpos[0, scene.object_qpos[:, :3]] = simulation.to_world(episodes.target)[0]
+    outcome = episodes.step(np.zeros((2, episodes.action_size)))
+    assert outcome.reached.tolist() == [True, False]
+    if "Distance" not in env_id:
+        assert outcome.success.tolist() == [True, False]
+        assert outcome.reward.tolist() == [0, -1]
+
+
+def test_the_distance_task_remembers_that_the_band_was_left() -> None:
+    episodes = begun("DualJacoDistance-v0", 2, control="joints")
+    simulation, scene = episodes.simulation, episodes.scene
+    idle = np.zeros((2, episodes.action_size))
+    home = simulation.qpos[:, scene.object_qpos].copy()
+    simulation.qpos[0, scene.object_qpos[0, 1]] -= 0.05
+    costs = episodes.step(idle).costs["distance"]
+    assert costs.tolist() == [1, 0]
+    simulation.qpos[:, scene.object_qpos] = home
+    episodes._goal[:] = episodes.observation().achieved_goal
+    episodes._goal[0, :6] = episodes._goal[1, :6] = 0
+    episodes._goal[:, :6] = simulation.object_state().position.reshape(2, 6)
+    episodes._goal[:, 6] = 0.35
+    outcome = episodes.step(idle)
+    assert outcome.costs["distance"].tolist() == [0, 0]
+    assert outcome.reached.tolist() == [True, True]
+    assert outcome.success.tolist() == [False, True]
+    episodes.reset([0])
+    assert not episodes._constraint_broken.any()
+
+
+def test_costs_that_an_id_names() -> None:
+    named = {env_id: row.task.cost_names for env_id, row in ENVIRONMENTS.items()}
+    for env_id, names in named.items():
+        assert names == (("distance",) if "Distance" in env_id else ("collision",))
+
+
+def test_contact_costs() -> None:
+    """A hand on the table, on a stranger's object, and on the other arm; not on its own object."""
+    episodes = begun("DualJacoPush-v0", 1)
+    down = np.zeros((1, 6))
+    assert episodes.step(down).costs["collision"] == 0
+    simulation, scene = episodes.simulation, episodes.scene
+    own, strangers = scene.object_qpos[0, :3], scene.object_qpos[1, :3]
+    tool = simulation.to_world(simulation.arm_state().tool_position)[0, 0]
+    kept = episodes.get_state()
+    for cube, cost in ((own, 0), (strangers, 1)):
+        episodes.set_state(kept)
+        simulation.qpos[0, cube] = tool
+        assert episodes.step(down).costs["collision"] == cost

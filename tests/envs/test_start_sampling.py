@@ -1,0 +1,184 @@
+"""Where things are at the start of an episode: every rule of the specification, whatever the seed.
+
+The rules stand here once more in plain figures and are checked on the simulation's own state, not
+with the sampler's code.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from rollouts import SPARSE_IDS, begun
+
+from saver_envs.core import Episodes
+from saver_envs.registration import ENVIRONMENTS, make_episodes
+
+SEEDS = st.integers(0, 2**31)
+#: Greatest horizontal distance of objects and targets from the base (m).
+REACH = {"jaco": 0.62, "mico": 0.48}
+EPS = 1e-9
+
+_built: dict[str, Episodes] = {}
+
+
+def started(env_id: str, seed: int) -> Episodes:
+    """Start one episode from ``seed``; the episodes of an id are built once."""
+    if env_id not in _built:
+        _built[env_id] = make_episodes(env_id)
+    episodes = _built[env_id]
+    episodes.set_generator(0, np.random.default_rng(seed))
+    episodes.reset()
+    return episodes
+
+
+def places(episodes: Episodes) -> tuple[NDArray[np.float64], ...]:
+    """Return hands, objects and targets (arms, 3) in base frames, as they are simulated."""
+    simulation = episodes.simulation
+    hand = simulation.arm_state().tool_position[0]
+    return hand, simulation.object_state().position[0], episodes.target[0]
+
+
+def world(episodes: Episodes, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    scene = episodes.scene
+    return np.einsum("aij,aj->ai", scene.base_rotation, points) + scene.base_position
+
+
+def cubes_on_table_alone(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
+    """Say whether the only contacts are those of cubes with the table."""
+    pairs = [{model.geom(int(geom)).name for geom in contact.geom} for contact in data.contact]
+    cubes = {f"object{arm}" for arm in range(4)}
+    return all("table" in pair and len(pair & cubes) == 1 for pair in pairs)
+
+
+@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@given(seed=SEEDS)
+def test_regions_distances_and_reach(env_id: str, seed: int) -> None:
+    episodes = started(env_id, seed)
+    row, task = ENVIRONMENTS[env_id], episodes.task
+    hand, objects, target = places(episodes)
+    for points in (objects, target):
+        assert (points[:, 0] >= 0.30 - EPS).all()
+        assert (points[:, 0] <= 0.55 + EPS).all()
+        assert (np.hypot(points[:, 0], points[:, 1]) <= REACH[row.robot] + EPS).all()
+        if row.n_arms == 1:
+            assert (np.abs(points[:, 1]) <= 0.42 + EPS).all()
+        else:  # from 0.10 m outside the base line to a little beyond the middle line
+            beyond = 0.36 + episodes.settings.overlap
+            assert (points[:, 1] >= [-0.10 - EPS, -beyond - EPS]).all()
+            assert (points[:, 1] <= [beyond + EPS, 0.10 + EPS]).all()
+    assert (hand[:, 0] >= 0.25 - 1e-3).all()
+    assert (hand[:, 0] <= 0.60 + 1e-3).all()
+    assert (hand[:, 2] >= 0.02 - 1e-3).all()
+    assert (hand[:, 2] <= 0.40 + 1e-3).all()
+    to_object = np.linalg.norm(hand - objects, axis=-1)
+    assert (to_object >= 0.10 - 1e-3).all()
+    assert (to_object <= 0.20 + 1e-3).all()
+    to_target = np.linalg.norm(objects - target, axis=-1)
+    assert (to_target >= 0.10 - EPS).all()
+    assert (to_target <= 0.25 + EPS).all()
+    np.testing.assert_allclose(objects[:, 2], 0.028)
+    assert (target[:, 2] >= 0.028 - EPS).all()
+    assert (target[:, 2] <= (0.028 if task.name == "push" else 0.25) + EPS).all()
+
+
+@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if ENVIRONMENTS[one].n_arms > 1])
+@given(seed=SEEDS)
+def test_objects_and_targets_keep_apart(env_id: str, seed: int) -> None:
+    episodes = started(env_id, seed)
+    _, objects, target = places(episodes)
+    points = np.concatenate([world(episodes, objects), world(episodes, target)])
+    apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    assert (apart[np.triu_indices(len(points), 1)] >= 1.5 * 0.056 - EPS).all()
+
+
+@given(seed=SEEDS)
+def test_the_distance_task_starts_and_ends_within_the_band(seed: int) -> None:
+    episodes = started("DualJacoDistance-v0", seed)
+    _, objects, target = places(episodes)
+    for points in (objects, target):
+        first, second = world(episodes, points)
+        assert abs(np.linalg.norm(first - second) - 0.35) <= 0.015
+    seen = episodes.observation()
+    assert seen.desired_goal[0, -1] == np.float32(0.35)
+    assert abs(seen.achieved_goal[0, -1] - 0.35) <= 0.015
+    assert not episodes._constraint_broken.any()
+
+
+@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@given(seed=SEEDS)
+def test_nothing_is_solved_nor_touches_anything(env_id: str, seed: int) -> None:
+    """No object within eps of its target; the only contacts are those of cubes on the table."""
+    episodes = started(env_id, seed)
+    seen = episodes.observation()
+    task = episodes.task
+    for arm in range(task.n_arms):
+        part = slice(3 * arm, 3 * arm + 3)
+        gap = seen.achieved_goal[0, part] - seen.desired_goal[0, part]
+        assert np.linalg.norm(gap) > task.success_threshold
+    model = episodes.scene.model
+    data = mujoco.MjData(model)
+    episodes.simulation.copy_into(0, data)
+    mujoco.mj_forward(model, data)
+    assert cubes_on_table_alone(model, data)
+
+
+@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@given(seed=SEEDS)
+def test_hands_are_where_they_were_drawn(env_id: str, seed: int) -> None:
+    """To 1 mm, within the joints' limits, at rest, and held there by the servos."""
+    episodes = started(env_id, seed)
+    state = episodes.simulation.arm_state()
+    np.testing.assert_allclose(state.tool_position, episodes.set_point, atol=1e-3)
+    np.testing.assert_array_equal(state.joint_velocity, 0)
+    robot = episodes.settings.robot
+    assert (state.joint_position >= np.asarray(robot.joint_lower)).all()
+    assert (state.joint_position <= np.asarray(robot.joint_upper)).all()
+    controls = episodes.simulation.ctrl[:, episodes.scene.arm_ctrl]
+    np.testing.assert_array_equal(controls, state.joint_position)
+
+
+@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if "PickAndPlace" in one])
+def test_half_of_the_pick_and_place_targets_are_in_the_air(env_id: str) -> None:
+    n = 256
+    heights = begun(env_id, n).target[..., 2]
+    share = (heights > 0.03).mean()
+    assert abs(share - 0.5) < 0.15
+    assert heights.max() > 0.2
+
+
+@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if ENVIRONMENTS[one].n_arms > 1])
+def test_something_lies_in_the_overlap_in_a_fifth_of_the_episodes(env_id: str) -> None:
+    """An object or a target lies on the far side of the middle line or near enough to it."""
+    episodes = begun(env_id, 200)
+    overlap = episodes.settings.overlap
+    objects = episodes.simulation.object_state().world_position
+    target = episodes.simulation.to_world(episodes.target)
+    inside = np.abs(np.concatenate([objects, target], axis=1)[..., 1]) <= overlap
+    assert inside.any(axis=1).mean() >= 0.20
+
+
+@pytest.mark.parametrize("env_id", SPARSE_IDS)
+def test_cubes_of_nine_centimetres_start_untouched(env_id: str) -> None:
+    """Those of the physical push runs."""
+    episodes = begun(env_id, 24, object_size=0.09)
+    model = episodes.scene.model
+    data = mujoco.MjData(model)
+    for row in range(episodes.n):
+        episodes.simulation.copy_into(row, data)
+        mujoco.mj_forward(model, data)
+        assert cubes_on_table_alone(model, data)
+
+
+def test_touching_sees_what_it_should() -> None:
+    episodes = begun("DualJacoPush-v0", 4)
+    simulation, scene = episodes.simulation, episodes.scene
+    tools = simulation.to_world(simulation.arm_state().tool_position)
+    simulation.qpos[0, scene.object_qpos[0, :3]] = tools[0, 0]  # in the hand
+    simulation.qpos[1, scene.object_qpos[0, :3]] = simulation.qpos[1, scene.object_qpos[1, :3]]
+    simulation.qpos[2, scene.joint_qpos[0, 1]] += 0.6  # an arm on or in the table
+    assert simulation.touching(np.arange(4)).tolist() == [True, True, True, False]
+    assert simulation.touching(np.array([3, 0])).tolist() == [False, True]
