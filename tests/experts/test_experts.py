@@ -1,0 +1,164 @@
+"""Experts solve their tasks from the observation alone. The bars here leave room for chance on few
+episodes; the long tests hold the specification's bars on 200.
+"""
+
+import numpy as np
+import pytest
+
+from saver_envs.experts import evaluate_expert, expert_table, make_expert
+from saver_envs.experts.coordination import JACO_CLOSED, Coordinator, pass_beside
+from saver_envs.experts.distance import turned
+from saver_envs.experts.evaluation import wilson_interval
+from saver_envs.experts.push import PushSkill
+from saver_envs.registration import make_episodes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("env_id", "episodes", "least"),
+    [
+        ("JacoPush-v0", 40, 0.92),
+        ("JacoPickAndPlace-v0", 40, 0.95),
+        ("MicoPush-v0", 40, 0.75),
+        ("MicoPickAndPlace-v0", 40, 0.9),
+        ("DualJacoPickAndPlace-v0", 30, 0.85),
+        ("DualJacoDistance-v0", 30, 0.85),
+        ("DualJacoPush-v0", 30, 0.85),
+    ],
+)
+def test_an_expert_solves_its_task(env_id: str, episodes: int, least: float) -> None:
+    assert evaluate_expert(env_id, episodes, seed=1000).success >= least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoPickAndPlace-v0"])
+def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
+    row = evaluate_expert(env_id, 30, seed=1000, free_arm=0)
+    assert row.expert == "one arm"
+    assert row.success <= 0.15
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("env_id", "least"),
+    [
+        ("JacoPush-v0", 0.97),
+        ("JacoPickAndPlace-v0", 0.97),
+        ("DualJacoPush-v0", 0.97),
+        ("DualJacoPickAndPlace-v0", 0.97),
+        ("DualJacoDistance-v0", 0.90),
+        ("MicoPush-v0", 0.90),
+    ],
+)
+def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
+    assert evaluate_expert(env_id, 200).success >= least
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoPickAndPlace-v0"])
+@pytest.mark.parametrize("free_arm", [0, 1])
+def test_one_arm_alone_stays_below_the_specified_bar(env_id: str, free_arm: int) -> None:
+    assert evaluate_expert(env_id, 200, free_arm=free_arm).success <= 0.05
+
+
+@pytest.mark.slow
+def test_coordination_beats_arms_that_ignore_one_another() -> None:
+    rates = {
+        coordinated: evaluate_expert(
+            "DualJacoPush-v0", 20, coordinated=coordinated, contested_share=1.0
+        ).success
+        for coordinated in (True, False)
+    }
+    assert rates[True] >= rates[False] + 0.2
+
+
+def test_three_arms_in_a_row() -> None:
+    assert evaluate_expert("JacoPickAndPlace-v0", 8, n_arms=3).success >= 0.5
+
+
+def test_predict_takes_one_observation_or_many() -> None:
+    world = make_episodes("DualJacoPickAndPlace-v0", 3)
+    for index in range(3):
+        world.set_generator(index, np.random.default_rng(index))
+    world.reset()
+    batch = world.observation().as_dict()
+    many, state = make_expert("DualJacoPickAndPlace-v0").predict(batch, deterministic=True)
+    assert many.shape == (3, 8) and state is None
+    assert np.abs(many).max() <= 1
+    single = {name: values[1] for name, values in batch.items()}
+    one, _ = make_expert("DualJacoPickAndPlace-v0").predict(single)
+    np.testing.assert_array_equal(one, many[1])
+
+
+def test_a_new_episode_gets_a_new_plan() -> None:
+    world = make_episodes("DualJacoPush-v0", 1, contested_share=1.0)
+    used = make_expert("DualJacoPush-v0")
+    for seed in range(3):
+        world.set_generator(0, np.random.default_rng(seed))
+        world.reset()
+        observation = world.observation().as_dict()
+        fresh = make_expert("DualJacoPush-v0").predict(observation)[0]
+        np.testing.assert_array_equal(used.predict(observation)[0], fresh)
+
+
+def test_errors_name_what_is_valid() -> None:
+    with pytest.raises(ValueError, match="JacoPush-v0"):
+        make_expert("JacoPsh-v0")
+    with pytest.raises(TypeError, match="max_speed"):
+        make_expert("JacoPush-v0", max_sped=1.0)
+    with pytest.raises(ValueError, match="Cartesian"):
+        make_expert("JacoPush-v0", control="joints")
+    with pytest.raises(ValueError, match="row"):
+        make_expert("DualJacoPush-v0", layout="ring")
+    with pytest.raises(ValueError, match="0 to 1"):
+        make_expert("DualJacoPush-v0", free_arm=2)
+    with pytest.raises(ValueError, match="at least 1"):
+        evaluate_expert("JacoPush-v0", 0)
+
+
+def test_the_table_has_a_row_for_the_ablation() -> None:
+    rows = expert_table(["JacoPush-v0", "DualJacoDistance-v0"], episodes=2)
+    assert [(row.env, row.expert) for row in rows] == [
+        ("JacoPush-v0", "scripted"),
+        ("DualJacoDistance-v0", "scripted"),
+        ("DualJacoDistance-v0", "one arm"),
+    ]
+    assert all(row.ci95[0] <= row.success <= row.ci95[1] for row in rows)
+
+
+def test_wilson_interval_of_19_in_20() -> None:
+    low, high = wilson_interval(0.95, 20)
+    assert (low, high) == pytest.approx((0.7639, 0.9911), abs=1e-3)
+
+
+def test_plans_hold_every_order_and_way_round_once() -> None:
+    plans = Coordinator(PushSkill(), np.array([[0.0, -0.36], [0.0, 0.36]]))._plans
+    rows = {
+        (float(first), float(waits), float(shoves), *map(float, side))
+        for first, waits, shoves, side in zip(
+            plans.first[:, 0], plans.waits, plans.shoves, plans.side, strict=True
+        )
+    }
+    assert len(rows) == len(plans.waits) == 40
+
+
+def test_a_hand_passes_beside_a_cube() -> None:
+    hand, cube = np.array([[[0.40, 0.0]]]), np.array([[[0.40, 0.08]]])
+    move = np.array([[[0.002, 0.02]]])
+    turned_aside = pass_beside(hand, move, cube, 0.08, np.zeros((1, 1)))
+    assert turned_aside[0, 0, 0] > 0.015 and abs(turned_aside[0, 0, 1]) < 0.005
+    clockwise = pass_beside(hand, move, cube, 0.08, np.full((1, 1), -1.0))
+    assert clockwise[0, 0, 0] < -0.015
+    np.testing.assert_array_equal(pass_beside(hand, -move, cube, 0.08, np.zeros((1, 1))), -move)
+
+
+def test_clearance_lets_a_left_hand_pass_far_behind_a_right_one() -> None:
+    least = JACO_CLOSED(np.array([-0.2, 0.0, 0.2]))
+    assert least[1] > least[0] > least[2]
+
+
+def test_a_bar_turns_by_a_share_of_the_angle() -> None:
+    start, end = np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
+    half = turned(start, end, np.array([[0.5]]))
+    np.testing.assert_allclose(half, [[np.sqrt(0.5), np.sqrt(0.5), 0.0]], atol=1e-12)
+    np.testing.assert_allclose(turned(start, start, np.array([[0.5]])), start)
