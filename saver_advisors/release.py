@@ -51,9 +51,7 @@ def release_run(
     :return: the selection's success rates, the choice, and the reported summary
     """
     selection = {
-        which: evaluate_trained(
-            run_dir, which, episodes=episodes, seed=SELECTION_SEED
-        ).success_rate
+        which: evaluate_trained(run_dir, which, episodes=episodes, seed=SELECTION_SEED).success_rate
         for which in ("best", "latest")
         if (Path(run_dir) / which).exists()
     }

@@ -1,0 +1,1 @@
+"""How policies are taught and measured: advice, learner, evaluation, weights, the command line."""

@@ -1,0 +1,171 @@
+"""Arguments that several commands share, and how their values are read."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from saver_advisors.cli.errors import UsageError, unknown
+
+
+def env_id(text: str) -> str:
+    """A registered id, for argparse.
+
+    :param text: as given
+    :return: the id, without a module's prefix
+    """
+    from saver_envs.registration import ENVIRONMENTS
+
+    name = text.removeprefix("saver_envs:")
+    if name not in ENVIRONMENTS:
+        raise argparse.ArgumentTypeError(unknown("environment", text, ENVIRONMENTS))
+    return name
+
+
+def teacher(text: str) -> str:
+    """A shipped policy's name or a weight file, for argparse.
+
+    :param text: as given
+    :return: the same
+    """
+    from saver_advisors.pretrained import shipped_policies
+
+    if text not in shipped_policies() and not Path(text).is_file():
+        message = unknown("teacher", text, shipped_policies())
+        raise argparse.ArgumentTypeError(f"{message}; or give the path of a .safetensors file")
+    return text
+
+
+def at_least(least: int) -> Any:
+    """A whole number with a lower bound, for argparse.
+
+    :param least: the smallest that is allowed
+    :return: a function of the text
+    """
+
+    def read(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number") from None
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{value} is too small: must be {least} or more")
+        return value
+
+    return read
+
+
+def positive_seconds(text: str) -> float:
+    """A time, for argparse.
+
+    :param text: as given
+    :return: seconds
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be more than 0 seconds")
+    return value
+
+
+def new_file(*suffixes: str) -> Any:
+    """A file that can be written, for argparse: found out before the work, not after it.
+
+    :param suffixes: allowed endings; any where none is given
+    :return: a function of the text
+    """
+
+    def read(text: str) -> Path:
+        path = Path(text)
+        if suffixes and path.suffix.lower() not in suffixes:
+            raise argparse.ArgumentTypeError(f"{text!r} must end in {' or '.join(suffixes)}")
+        if path.is_dir():
+            raise argparse.ArgumentTypeError(f"{text!r} is a folder: give the name of a file")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"the folder {str(path.parent)!r} does not exist")
+        return path
+
+    return read
+
+
+def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
+    """Values by name from ``name=value`` words; values are read as YAML, 1e-3 as a number.
+
+    :param pairs: the words
+    :param argument: which argument they belong to, for messages
+    :return: the values
+    """
+    import yaml
+
+    values: dict[str, Any] = {}
+    for pair in pairs or ():
+        name, equals, text = pair.partition("=")
+        if not equals or not name:
+            raise UsageError(f"argument {argument}: {pair!r} must read name=value")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise UsageError(
+                f"argument {argument}: {pair!r} has a value that is no YAML"
+            ) from error
+        if isinstance(value, str):
+            with contextlib.suppress(ValueError):
+                value = float(value)
+        values[name] = value
+    return values
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """``--json FILE``, as everything that measures has it."""
+    parser.add_argument(
+        "--json",
+        type=new_file(".json"),
+        metavar="FILE",
+        help="write the figures there too, with command, commit, seed, versions and machine",
+    )
+
+
+def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
+    """``--env-kwargs name=value ...``."""
+    parser.add_argument(
+        "--env-kwargs",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="keyword arguments of the environment, such as horizon=125 rated=true",
+    )
+
+
+def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
+    """Keyword arguments of an environment that it accepts.
+
+    :param env: its id
+    :param pairs: ``name=value`` words
+    :return: the arguments
+    """
+    from saver_advisors.cli.errors import user_mistakes
+    from saver_envs.registration import make_episodes
+
+    values = settings(pairs, "--env-kwargs")
+    if values:
+        with user_mistakes("argument --env-kwargs"):
+            make_episodes(env, **values)
+    return values
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write figures with their provenance, where a file was asked for.
+
+    :param path: of the file, or None
+    :param data: the figures
+    """
+    if path is None:
+        return
+    from saver_advisors.provenance import provenance, write_json_atomic
+
+    write_json_atomic(path, {**data, "provenance": provenance()})
+    print(f"wrote {path}")

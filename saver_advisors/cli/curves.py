@@ -1,0 +1,46 @@
+"""Draw the learning curves of training runs, and say how soon each had learned.
+
+"Steps to 0.9" is the first evaluation with at least that success rate. Mean Q is what the student
+expects in the states of its evaluation episodes. Wall-clock is training alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from saver_advisors.cli.arguments import add_json, new_file, write_json
+
+EXAMPLES = """\
+examples:
+  saver curves runs/push --output push.png
+  saver curves runs/dual runs/alone --output advice.png --json advice.json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "run_dirs", nargs="+", type=Path, metavar="RUN_DIR", help="of `saver train`"
+    )
+    parser.add_argument(
+        "--output",
+        type=new_file(".png", ".svg", ".pdf"),
+        metavar="FIG.png",
+        help="draw the figure there",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table, draw the figure, write the figures."""
+    from saver_advisors.cli import tables
+    from saver_advisors.cli.runs import COLUMNS, SOLVED, cells, draw, read_runs
+
+    runs = read_runs(args.run_dirs)
+    summaries = [one.summary() for one in runs]
+    tables.show(COLUMNS, [cells(one) for one in summaries])
+    if args.output is not None:
+        draw(runs).savefig(args.output)
+        print(f"wrote {args.output}")
+    write_json(args.json, {"kind": "curves", "solved_at": SOLVED, "runs": summaries})
+    return 0

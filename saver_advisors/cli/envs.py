@@ -1,0 +1,41 @@
+"""List the environments: one row an id, read from the code."""
+
+from __future__ import annotations
+
+import argparse
+
+from saver_advisors.cli.arguments import add_json, write_json
+
+EXAMPLES = """\
+examples:
+  saver envs
+  saver envs --all --json envs.json
+  saver envs --markdown > table.md"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--all", action="store_true", help="the twins with a dense reward as well")
+    parser.add_argument("--markdown", action="store_true", help="as a Markdown table")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table."""
+    from dataclasses import asdict
+
+    from saver_advisors.cli import tables
+    from saver_advisors.cli.catalogue import COLUMNS, dense_twin, entry, sparse_ids
+
+    names = sparse_ids()
+    entries = [entry(name) for name in names + [dense_twin(name) for name in names] * args.all]
+    rows = [one.cells for one in entries]
+    if args.markdown:
+        print(tables.markdown(COLUMNS, rows), end="")
+    else:
+        tables.show(COLUMNS, rows)
+        if not args.all:
+            print(f"Each id has a twin with a dense reward, such as {dense_twin(names[0])}.")
+        print('Make one with gymnasium.make("saver_envs:' + names[0] + '").')
+    write_json(args.json, {"environments": [asdict(one) for one in entries]})
+    return 0

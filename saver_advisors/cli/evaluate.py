@@ -1,0 +1,157 @@
+"""Measure a policy: episodes with fixed seeds, deterministic actions, nothing else acting.
+
+Episode i starts from seed + i, so two policies meet the same starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from saver_advisors.cli.arguments import (
+    add_env_kwargs,
+    add_json,
+    at_least,
+    checked_env_kwargs,
+    env_id,
+    new_file,
+    write_json,
+)
+
+EXAMPLES = """\
+examples:
+  saver evaluate --env JacoPush-v0 --policy jaco-push --episodes 100 --seed 0 --json result.json
+  saver evaluate --env JacoPush-v0 --policy runs/push --video push.mp4
+  saver evaluate --env JacoPush-v0 --policy random --episodes 20
+  saver evaluate --env DualJacoPush-v0 --policy side-by-side:jaco-push
+  saver evaluate --env JacoPush-v0 --policy jaco-push --env-kwargs object_mass=0.4
+
+policies:
+  NAME                    a shipped one, such as jaco-push
+  FILE.safetensors        a weight file
+  RUN_DIR                 the best policy of a training run; RUN_DIR/latest for its latest
+  random                  uniform actions
+  side-by-side:TEACHER    a policy of one arm drives every arm, each blind to the others
+  expert                  the scripted expert of the task
+  expert-uncoordinated    the same, each arm as if it were alone
+  frozen-arm, frozen-arm:K   the expert with arm 0, or K, alone: it serves every cube in turn"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
+    parser.add_argument(
+        "--policy", required=True, metavar="POLICY", help="who acts; the kinds are listed below"
+    )
+    parser.add_argument(
+        "--episodes", type=at_least(1), default=100, metavar="N", help="how many (default: 100)"
+    )
+    parser.add_argument(
+        "--seed", type=at_least(0), default=0, metavar="S", help="of episode 0 (default: 0)"
+    )
+    add_env_kwargs(parser)
+    add_json(parser)
+    parser.add_argument(
+        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record the first episodes there"
+    )
+    parser.add_argument(
+        "--video-episodes",
+        type=at_least(1),
+        default=4,
+        metavar="N",
+        help="how many of them (default: 4)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate, print, write."""
+    import torch
+
+    from saver_advisors.cli.policies import resolve
+
+    # One thread is faster than two for such small networks beside a busy simulator.
+    torch.set_num_threads(1)
+    env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
+    policy = resolve(args.policy, args.env, env_kwargs, args.seed)
+    figures = measure(policy, args.env, args.episodes, args.seed, env_kwargs)
+    show(figures)
+    write_json(args.json, figures)
+    if args.video is not None:
+        from saver_advisors.cli.video import record, write_mp4
+
+        recordings = record(
+            resolve(args.policy, args.env, env_kwargs, args.seed).predict,
+            args.env,
+            episodes=min(args.video_episodes, args.episodes),
+            seed=args.seed,
+            env_kwargs=env_kwargs,
+            progress=True,
+        )
+        write_mp4(args.video, recordings, f"{args.env}   {args.policy}")
+        print(f"wrote {args.video}")
+    return 0
+
+
+def measure(
+    policy: Any,
+    env: str,
+    episodes: int,
+    seed: int = 0,
+    env_kwargs: dict[str, Any] | None = None,
+    progress: bool = True,
+) -> dict[str, Any]:
+    """The figures of a policy.
+
+    :param policy: as ``policies.resolve`` returns it
+    :param env: the environment's id
+    :param episodes: how many
+    :param seed: of the first
+    :param env_kwargs: keyword arguments of the environment
+    :param progress: show a progress bar
+    :return: JSON-able: ``env``, ``policy``, ``episodes``, ``success_rate``, ``ci95`` and more
+    """
+    from saver_advisors.evaluation.episodes import evaluate_policy
+
+    start = time.perf_counter()
+    outcomes = evaluate_policy(
+        policy.predict, env, episodes=episodes, seed=seed, env_kwargs=env_kwargs, progress=progress
+    )
+    return {
+        "kind": "evaluation",
+        "policy": policy.name,
+        "env_kwargs": dict(env_kwargs or {}),
+        **outcomes.summary(),
+        "wall_clock_s": round(time.perf_counter() - start, 3),
+    }
+
+
+COLUMNS = ("environment", "policy", "episodes", "success", "95% interval", "final distance (cm)")
+
+
+def cells(figures: dict[str, Any]) -> list[str]:
+    """A row of a table of results, in the order of ``COLUMNS``, then the costs.
+
+    :param figures: as ``measure`` returns them
+    :return: the cells
+    """
+    low, high = figures["ci95"]
+    return [
+        figures["env"],
+        figures["policy"],
+        str(figures["episodes"]),
+        f"{figures['success_rate']:.3f}",
+        f"{low:.3f} to {high:.3f}",
+        ", ".join(f"{100 * distance:.1f}" for distance in figures["final_distance_mean"]),
+    ]
+
+
+def show(figures: dict[str, Any]) -> None:
+    """Print the figures as a small table."""
+    from saver_advisors.cli import tables
+
+    costs = figures["cost_means"]
+    columns = [*COLUMNS, *(f"{name} per episode" for name in costs)]
+    tables.show(columns, [[*cells(figures), *(f"{mean:.2f}" for mean in costs.values())]])
+    if figures["diverged"]:
+        print(f"the simulation broke down in {figures['diverged']} episodes")

@@ -1,0 +1,103 @@
+"""Turn a training run into a weight file with a card.
+
+The better of the run's best and latest policies is taken, chosen on other seeds than the card
+reports.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
+from saver_advisors.cli.errors import UsageError, user_mistakes
+
+EXAMPLES = """\
+examples:
+  saver export runs/push --path push.safetensors
+  saver export runs/push --name jaco-push          from a clone: among the shipped policies"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a folder of `saver train`")
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--name", help="ship it under this name; only in a clone of the repository")
+    where.add_argument(
+        "--path", type=new_file(".safetensors"), metavar="FILE", help="write it there"
+    )
+    parser.add_argument(
+        "--episodes",
+        type=at_least(1),
+        default=200,
+        metavar="N",
+        help="of each evaluation (default: 200)",
+    )
+    parser.add_argument("--task", metavar="TEXT", help="the task in words, for the card")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Choose, measure, write."""
+    import torch
+
+    from saver_advisors.cli.evaluate import COLUMNS, cells
+    from saver_advisors.cli.tables import show
+    from saver_advisors.release import release_run
+
+    torch.set_num_threads(1)
+    env = run_environment(args.run_dir)
+    if not any((args.run_dir / which).exists() for which in ("best", "latest")):
+        raise UsageError(f"argument RUN_DIR: {args.run_dir} has no policy yet")
+    path = args.path or shipped_path(args.name)
+    print(f"evaluating {args.run_dir}: up to three times {args.episodes} episodes")
+    with user_mistakes("argument RUN_DIR"):
+        released = release_run(
+            args.run_dir, path, task=args.task or _task(env), episodes=args.episodes
+        )
+    figures = {"policy": path.stem, **released["summary"]}
+    show(COLUMNS, [cells(figures)])
+    print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
+    write_json(args.json, {"kind": "export", **released, **figures})
+    return 0
+
+
+def run_environment(folder: Path) -> str:
+    """The environment of a run.
+
+    :param folder: of the run
+    :return: its id
+    """
+    import json
+
+    record = folder / "run.json"
+    if not record.is_file():
+        raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run: it has no run.json")
+    with user_mistakes(f"argument RUN_DIR: {record}"):
+        env: str = json.loads(record.read_text(encoding="utf-8"))["config"]["env_id"]
+    return env
+
+
+def shipped_path(name: str) -> Path:
+    """Where a shipped policy's weights are kept.
+
+    :param name: of the policy
+    :return: the file
+    :raises UsageError: outside a clone, whose package nobody should write into
+    """
+    from saver_advisors.pretrained import WEIGHTS_DIR
+    from saver_advisors.provenance import REPOSITORY
+
+    if not (REPOSITORY / "pyproject.toml").is_file():
+        raise UsageError("argument --name: only for a clone of the repository; use --path")
+    if not name or not all(letter.isalnum() or letter in "-_" for letter in name):
+        raise UsageError(f"argument --name: {name!r} may have letters, digits, - and _ only")
+    return WEIGHTS_DIR / f"{name}.safetensors"
+
+
+def _task(env_id: str) -> str:
+    from saver_envs.registration import row_of
+
+    row = row_of(env_id)
+    arms = ("one arm", "two arms", "three arms", "four arms")[row.n_arms - 1]
+    return f"{row.task.name}, {arms}"

@@ -1,0 +1,204 @@
+"""From a word on the command line to something that acts: shipped, trained, scripted or random."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+
+Observation = dict[str, NDArray[Any]]
+Predict = Callable[[Observation], NDArray[Any]]
+
+SIDE_BY_SIDE = "side-by-side"
+FROZEN = "frozen-arm"
+BLIND = "expert-uncoordinated"
+KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Something that acts in one environment.
+
+    :param name: what results call it
+    :param predict: batched observation (n, size) -> actions (n, action_size)
+    """
+
+    name: str
+    predict: Predict
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What an environment gives and takes.
+
+    :param env_id: its id
+    :param entries: numbers in each entry of an observation
+    :param action: numbers in an action
+    :param arms: number of arms
+    """
+
+    env_id: str
+    entries: Mapping[str, int]
+    action: int
+    arms: int
+
+
+def sizes_of(env_id: str, env_kwargs: Mapping[str, Any]) -> Sizes:
+    """Read the sizes of an environment.
+
+    :param env_id: a registered id
+    :param env_kwargs: its keyword arguments
+    :return: the sizes
+    """
+    from saver_envs.registration import make_episodes
+
+    episodes = make_episodes(env_id, **env_kwargs)
+    goal = episodes.goal_size
+    entries = {
+        "observation": episodes.observation_size,
+        "achieved_goal": goal,
+        "desired_goal": goal,
+    }
+    return Sizes(env_id, entries, episodes.action_size, episodes.task.n_arms)
+
+
+def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> Policy:
+    """The policy that a word means, checked against the environment that it shall act in.
+
+    :param word: a shipped policy's name, a weight file, a run's folder, ``random``, ``expert``,
+        ``expert-uncoordinated``, ``frozen-arm`` or ``side-by-side:TEACHER``
+    :param env_id: where it shall act
+    :param env_kwargs: keyword arguments of that environment
+    :param seed: of a random policy
+    :return: the policy
+    :raises UsageError: for a word that means nothing, or a policy of other sizes
+    """
+    sizes = sizes_of(env_id, env_kwargs)
+    kind, _, rest = word.partition(":")
+    if word == "random":
+        return Policy(word, _random(sizes.action, seed))
+    if word in ("expert", BLIND):
+        return Policy(word, _expert(sizes, env_kwargs, coordinated=word == "expert"))
+    if kind == SIDE_BY_SIDE:
+        return Policy(word, _side_by_side(rest, sizes))
+    if kind == FROZEN:
+        return Policy(word, _one_free_arm(rest, sizes, env_kwargs))
+    if (folder := _run_folder(Path(word))) is not None:
+        return Policy(word, _trained(*folder, sizes))
+    return Policy(word, _weights(word, sizes))
+
+
+def _random(size: int, seed: int) -> Predict:
+    generator = np.random.default_rng(seed)
+
+    def predict(observation: Observation) -> NDArray[Any]:
+        n = len(observation["observation"])
+        return generator.uniform(-1.0, 1.0, (n, size)).astype(np.float32)
+
+    return predict
+
+
+def _expert(sizes: Sizes, env_kwargs: Mapping[str, Any], **chosen: Any) -> Predict:
+    """The scripted expert; an expert that plans keeps its plans, so each use makes its own."""
+    from saver_envs.experts import make_expert
+
+    with user_mistakes("argument --policy: expert"):
+        return _deterministic(make_expert(sizes.env_id, **chosen, **env_kwargs))
+
+
+def _one_free_arm(arm: str, sizes: Sizes, env_kwargs: Mapping[str, Any]) -> Predict:
+    """The expert with one arm that serves every cube in turn while the others stand still."""
+    arms = [str(index) for index in range(sizes.arms)]
+    if len(arms) < 2:
+        raise UsageError(
+            f"argument --policy: {FROZEN} needs two arms or more, and {sizes.env_id} has one"
+        )
+    if arm and arm not in arms:
+        raise UsageError(
+            f"argument --policy: {FROZEN}:{arm}: the arm that moves must be {' or '.join(arms)}"
+        )
+    return _expert(sizes, env_kwargs, free_arm=int(arm or 0))
+
+
+def _side_by_side(teacher: str, sizes: Sizes) -> Predict:
+    from saver_advisors.pretrained import load_teacher, shipped_policies, side_by_side
+
+    if not teacher:
+        names = ", ".join(f"{SIDE_BY_SIDE}:{name}" for name in shipped_policies())
+        raise UsageError(f"argument --policy: say which teacher drives each arm: {names}")
+    with user_mistakes("argument --policy"):
+        loaded = load_teacher(teacher)
+    per_arm = {
+        "observation": loaded.observation_size,
+        "desired_goal": loaded.goal_size,
+    }
+    needed = {name: size * sizes.arms for name, size in per_arm.items()}
+    _require_fit(f"{SIDE_BY_SIDE}:{teacher}", needed, loaded.action_size * sizes.arms, sizes)
+    return _deterministic(side_by_side(loaded, sizes.arms))
+
+
+def _run_folder(path: Path) -> tuple[Path, str] | None:
+    """A run's folder and which of its policies is meant, where the path is one."""
+    if (path / "run.json").is_file():
+        return path, "best"
+    if path.name in ("best", "latest") and (path.parent / "run.json").is_file():
+        return path.parent, path.name
+    return None
+
+
+def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
+    from saver_advisors.training import load_trained
+
+    with user_mistakes("argument --policy"):
+        model = load_trained(folder, which)
+    spaces = model.observation_space.spaces  # type: ignore[attr-defined]  # a Dict always
+    needed = {name: space.shape[0] for name, space in spaces.items()}
+    action_size = int(np.prod(model.action_space.shape or ()))
+    _require_fit(str(folder), needed, action_size, sizes)
+    return _deterministic(model)
+
+
+def _weights(word: str, sizes: Sizes) -> Predict:
+    from saver_advisors.pretrained import load_policy, shipped_policies
+
+    if word not in shipped_policies() and not Path(word).is_file():
+        message = unknown("policy", word, shipped_policies())
+        raise UsageError(
+            f"argument --policy: {message}; or {KINDS}; or the path of a .safetensors file or of "
+            "a run's folder"
+        )
+    with user_mistakes("argument --policy"):
+        policy = load_policy(word)
+    spec = policy.networks.spec
+    _require_fit(word, spec.sizes, spec.action_size, sizes)
+    return _deterministic(policy)
+
+
+def _require_fit(name: str, entries: Mapping[str, int], action: int, sizes: Sizes) -> None:
+    """Refuse a policy that was made for another environment."""
+    wanted = {key: sizes.entries.get(key, 0) for key in entries}
+    if dict(entries) == wanted and action == sizes.action:
+        return
+
+    def words(entries: Mapping[str, int], action: int) -> str:
+        return ", ".join(f"{key} {size}" for key, size in entries.items()) + f", action {action}"
+
+    raise UsageError(
+        f"argument --policy: {name!r} does not fit {sizes.env_id}: the policy has "
+        f"{words(entries, action)}; the environment has {words(wanted, sizes.action)}"
+    )
+
+
+def _deterministic(model: Any) -> Predict:
+    """The mean action of whatever has SB3's ``predict``."""
+
+    def predict(observation: Observation) -> NDArray[Any]:
+        return np.asarray(model.predict(observation, deterministic=True)[0])
+
+    return predict

@@ -1,0 +1,188 @@
+"""Learning curves of training runs: read, summed up, drawn."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from saver_advisors.cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SOLVED: Final = 0.9
+"""Success rate whose first appearance is reported."""
+
+# Okabe and Ito: told apart by readers with any colour vision.
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+PANELS: Final = (
+    ("success_rate", "success rate"),
+    ("mean_q", "mean Q of the student"),
+    ("cost_collision", "collisions per episode"),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run's curve.
+
+    :param name: what the legend calls it
+    :param config: its settings
+    :param points: one mapping an evaluation, as ``curve.jsonl`` has them
+    """
+
+    name: str
+    config: dict[str, Any]
+    points: list[dict[str, Any]]
+
+    def values(self, name: str) -> list[float]:
+        """A column of the curve; a figure that is missing is not a number."""
+        return [float("nan") if p.get(name) is None else float(p[name]) for p in self.points]
+
+    def summary(self) -> dict[str, Any]:
+        """What is said about the run in a table, and all its points."""
+        solved = next((p for p in self.points if p["success_rate"] >= SOLVED), None)
+        rates = [p["success_rate"] for p in self.points]
+        collisions = [p.get("cost_collision", 0.0) for p in self.points]
+        advice = self.config.get("advice")
+        return {
+            "name": self.name,
+            "env": self.config.get("env_id"),
+            "algorithm": self.config.get("algorithm"),
+            "advice": None if advice is None else advice["strategy"],
+            "seed": self.config.get("seed"),
+            "steps": self.points[-1]["steps"],
+            "wall_clock_s": self.points[-1]["wall_clock_s"],
+            "steps_to_solved": None if solved is None else solved["steps"],
+            "wall_clock_to_solved_s": None if solved is None else solved["wall_clock_s"],
+            "best_success_rate": max(rates),
+            "last_success_rate": rates[-1],
+            "cost_collision_mean": sum(collisions) / len(collisions),
+            "cost_collision_last": collisions[-1],
+            "points": self.points,
+        }
+
+
+COLUMNS: Final = (
+    "run",
+    "environment",
+    "advice",
+    "steps",
+    f"steps to {SOLVED:g}",
+    f"minutes to {SOLVED:g}",
+    "best success",
+    "last success",
+    "collisions per episode",
+    "last of them",
+)
+
+
+def cells(summary: dict[str, Any]) -> list[str]:
+    """A row of the table of runs, in the order of ``COLUMNS``.
+
+    :param summary: as ``Run.summary`` returns it
+    :return: the cells
+    """
+    steps, seconds = summary["steps_to_solved"], summary["wall_clock_to_solved_s"]
+    return [
+        summary["name"],
+        summary["env"] or "-",
+        summary["advice"] or "none",
+        f"{summary['steps']:,}",
+        "-" if steps is None else f"{steps:,}",
+        "-" if seconds is None else f"{seconds / 60:.1f}",
+        f"{summary['best_success_rate']:.2f}",
+        f"{summary['last_success_rate']:.2f}",
+        f"{summary['cost_collision_mean']:.2f}",
+        f"{summary['cost_collision_last']:.2f}",
+    ]
+
+
+def read_runs(folders: Sequence[Path]) -> list[Run]:
+    """Read the curves of several runs.
+
+    :param folders: of the runs
+    :return: in the same order, with names that tell them apart
+    :raises UsageError: for a folder that is no run or has no evaluation yet
+    """
+    paths = [folder.resolve() for folder in folders]
+    short = [path.name for path in paths]
+    unique = len(set(short)) == len(short)
+    names = short if unique else [f"{path.parent.name}/{path.name}" for path in paths]
+    return [read_run(folder, name) for folder, name in zip(folders, names, strict=True)]
+
+
+def read_run(folder: Path, name: str) -> Run:
+    """Read one curve.
+
+    :param folder: of the run
+    :param name: what to call it
+    :return: the run
+    """
+    curve, record = folder / "curve.jsonl", folder / "run.json"
+    if not record.is_file() or not curve.is_file():
+        raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run of `saver train`")
+    points = []
+    for line in curve.read_text(encoding="utf-8").splitlines():
+        try:
+            points.append(json.loads(line))
+        except json.JSONDecodeError:
+            break  # the run is being written, or was killed while it wrote
+    if not points:
+        raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
+    try:
+        config = json.loads(record.read_text(encoding="utf-8"))["config"]
+    except (json.JSONDecodeError, KeyError) as error:
+        raise UsageError(f"argument RUN_DIR: {record} is damaged") from error
+    return Run(name, config, points)
+
+
+def draw(runs: Sequence[Run], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
+    """Draw curves against environment steps, on the left, and against wall-clock, on the right.
+
+    :param runs: at least one
+    :param panels: a row each: a column of the curve and what to call it
+    :return: the figure
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 0.9 + 2.5 * len(panels)), layout="constrained", dpi=120)
+    grid = figure.subplots(len(panels), 2, sharex="col", sharey="row", squeeze=False)
+    for row, (name, label) in enumerate(panels):
+        for column, (axis, scale) in enumerate((("steps", 1e3), ("wall_clock_s", 60.0))):
+            axes = grid[row][column]
+            for index, run in enumerate(runs):
+                x = [value / scale for value in run.values(axis)]
+                colour = COLOURS[index % len(COLOURS)]
+                axes.plot(x, run.values(name), color=colour, label=run.name, **_line(len(x)))
+            _dress(axes, name)
+        grid[row][0].set_ylabel(label)
+    grid[-1][0].set_xlabel("environment steps (thousands)")
+    grid[-1][1].set_xlabel("training time (minutes)")
+    figure.align_ylabels(grid[:, 0])
+    handles, labels = grid[0][0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=min(len(runs), 4), frameon=False
+    )
+    return figure
+
+
+def _line(points: int) -> dict[str, Any]:
+    """Few points are marked, many are not."""
+    return {"linewidth": 1.6, "marker": "o" if points <= 40 else None, "markersize": 3.5}
+
+
+def _dress(axes: Axes, name: str) -> None:
+    axes.grid(color="0.9", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlim(left=0)
+    if name == "success_rate":
+        axes.set_ylim(-0.02, 1.02)
+        axes.axhline(SOLVED, color="0.6", linewidth=0.8, linestyle=":")
+    elif name.startswith("cost"):
+        axes.set_ylim(bottom=0)

@@ -1,0 +1,53 @@
+"""Tables: on the terminal and in Markdown, from the same rows."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+PLAIN_WIDTH = 160
+"""Columns where the output is not a terminal, which has a width of its own."""
+
+
+def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
+    """Print a table.
+
+    :param columns: headings
+    :param rows: cells, one list a row
+    :param title: above it
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, name in enumerate(columns):
+        numbers = all(_is_number(row[index]) for row in rows)
+        # Names and numbers stay whole; sentences and headings are folded between words.
+        longest = max((len(word) for row in rows for word in row[index].split()), default=0)
+        table.add_column(name, justify="right" if numbers else "left", min_width=longest)
+    for row in rows:
+        table.add_row(*row)
+    Console(width=width, highlight=False, markup=False).print(table)
+
+
+def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown.
+
+    :param columns: headings
+    :param rows: cells, one list a row
+    :return: the lines, the last with a line break
+    """
+    lines = [_line(columns), "|" + "---|" * len(columns)]
+    lines += [_line(row) for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _is_number(text: str) -> bool:
+    return text.replace(",", "").replace(".", "", 1).lstrip("-").isdigit() or text in ("-", "")

@@ -1,0 +1,278 @@
+"""Train a policy, alone or with the advice of a teacher of one arm.
+
+Without further arguments the settings are those of the shipped weights, as far as there are any
+for that environment. Ctrl-C lets the current block finish and writes a checkpoint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from saver_advisors.cli.arguments import (
+    add_env_kwargs,
+    add_json,
+    at_least,
+    env_id,
+    positive_seconds,
+    settings,
+    teacher,
+    write_json,
+)
+from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+
+EXAMPLES = """\
+examples:
+  saver train --env JacoPush-v0 --output runs/push                   as the shipped teacher was
+  saver train --output runs/push --resume                            go on after Ctrl-C
+  saver train --env DualJacoPush-v0 --output runs/dual               a student, with early advice
+  saver train --env DualJacoPush-v0 --output runs/alone --advice none
+  saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
+      --budget 100000 --threshold 0.1
+  saver train --env MicoPush-v0 --output runs/mico --algorithm sac --set learning_rate=5e-4
+  saver train --env JacoPush-v0 --print-config > mine.yml            then --config mine.yml"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="the run's folder, made if need be"
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
+    parser.add_argument("--steps", type=at_least(1), metavar="N", help="environment steps in all")
+    parser.add_argument("--seed", type=at_least(0), metavar="S", help="of everything random")
+    parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="settings in YAML or JSON, in place of the environment's own",
+    )
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config",
+    )
+    add_env_kwargs(parser)
+    parser.add_argument(
+        "--time-limit",
+        type=positive_seconds,
+        metavar="SECONDS",
+        help="stop after that long, with a checkpoint",
+    )
+    parser.add_argument(
+        "--print-config", action="store_true", help="show the settings as YAML and stop"
+    )
+    advice = parser.add_argument_group("advice")
+    advice.add_argument("--advice", metavar="STRATEGY", help="early, mc-q, ... or none")
+    advice.add_argument("--teacher", type=teacher, metavar="NAME", help="shipped, or a weight file")
+    advice.add_argument(
+        "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
+    )
+    advice.add_argument("--threshold", type=float, metavar="T", help="of a correcting strategy")
+    add_json(parser)
+    parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train until the steps are done, the time is over, or somebody presses Ctrl-C."""
+    from saver_advisors.learner.configuration import RunConfig
+
+    values = configuration(args)
+    with user_mistakes():
+        config = RunConfig.from_mapping(values)
+    if args.print_config:
+        import yaml
+
+        print(yaml.safe_dump(config.to_mapping(), sort_keys=False), end="")
+        return 0
+    _check_before_start(args, config)
+    result = _train(args, config)
+    _report(args, config, result)
+    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
+    # A time limit that was asked for is an end like any other; Ctrl-C is not.
+    return 0 if result.finished or args.time_limit is not None else 130
+
+
+def configuration(args: argparse.Namespace) -> dict[str, Any]:
+    """The settings: the file's or the environment's, then what the command line says otherwise.
+
+    :param args: the command line
+    :return: fields of ``RunConfig``
+    """
+    values = _starting_point(args)
+    for name, given in (
+        ("total_steps", args.steps),
+        ("seed", args.seed),
+        ("algorithm", args.algorithm),
+    ):
+        if given is not None:
+            values[name] = given
+    env_kwargs = settings(args.env_kwargs, "--env-kwargs")
+    values["env_kwargs"] = {**values.get("env_kwargs", {}), **env_kwargs}
+    _apply_advice(values, args)
+    for name, value in settings(args.set, "--set").items():
+        outer, _, inner = name.partition(".")
+        if not inner:
+            values[name] = value
+        elif isinstance(values.get(outer) or {}, dict):
+            values[outer] = {**(values.get(outer) or {}), inner: value}
+        else:
+            raise UsageError(f"argument --set: {name!r}: {outer!r} has no parts")
+    return values
+
+
+def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
+    from saver_advisors.cli.defaults import default_settings, read_settings
+
+    if args.config is not None:
+        return read_settings(args.config, args.env)
+    record = None if args.output is None else args.output / "run.json"
+    if args.resume and record is not None and record.is_file():
+        with user_mistakes(f"argument --output: {record}"):
+            saved: dict[str, Any] = json.loads(record.read_text(encoding="utf-8"))["config"]
+        return {**saved, "env_id": args.env or saved["env_id"]}
+    if args.env is None:
+        raise UsageError("argument --env: say what to train in; `saver envs` lists the ids")
+    return default_settings(args.env)
+
+
+def _apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
+    """What the command line says about advice, on top of the settings."""
+    from saver_advisors.advising import STRATEGIES
+
+    given = {
+        "strategy": args.advice,
+        "teacher": args.teacher,
+        "budget": args.budget,
+        "threshold": args.threshold,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    if not given:
+        return
+    if args.advice is not None and args.advice not in STRATEGIES:
+        raise UsageError(f"argument --advice: {unknown('strategy', args.advice, STRATEGIES)}")
+    if args.advice == "none":
+        values["advice"] = None
+        return
+    advice = {**(values.get("advice") or {}), **given}
+    if args.advice is not None and args.threshold is None:
+        advice.pop("threshold", None)
+    for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
+        if name not in advice:
+            raise UsageError(f"argument --{argument}: advice needs it as well")
+    values["advice"] = advice
+
+
+def _check_before_start(args: argparse.Namespace, config: Any) -> None:
+    """Find the user's mistakes before a long run, each under its argument."""
+    from saver_advisors.cli.arguments import env_id as known_env
+    from saver_envs.registration import make_episodes
+
+    if args.output is None:
+        raise UsageError("argument --output: say which folder the run goes to")
+    if args.output.exists() and not args.output.is_dir():
+        raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
+    if not args.resume and (args.output / "run.json").exists():
+        raise UsageError(
+            f"argument --output: {str(args.output)!r} holds a run already: go on with it by "
+            "--resume, or choose another folder"
+        )
+    try:
+        known_env(config.env_id)
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"argument --config: {error}") from error
+    for name in ("env_kwargs", "train_env_kwargs"):
+        with user_mistakes(name):
+            make_episodes(config.env_id, **getattr(config, name))
+    if config.advice is not None:
+        _check_advice(config)
+
+
+def _check_advice(config: Any) -> None:
+    """Refuse a teacher that does not fit the arms, and settings that its strategy does not know."""
+    from dataclasses import asdict
+
+    from saver_advisors.advising import make_advisor
+    from saver_envs.envs.spaces import action_space, observation_space
+    from saver_envs.registration import make_episodes
+
+    episodes = make_episodes(config.env_id, **config.env_kwargs)
+    with user_mistakes("advice"):
+        make_advisor(
+            **asdict(config.advice),
+            observation_space=observation_space(episodes),
+            action_space=action_space(episodes),
+        )
+
+
+def _train(args: argparse.Namespace, config: Any) -> Any:
+    from saver_advisors.training import train
+
+    callback = None if args.time_limit is None else _time_limit(args.time_limit)
+    try:
+        # What is left can only be wrong with the folder: a damaged or a foreign checkpoint.
+        with user_mistakes("argument --output"):
+            return train(
+                config,
+                args.output,
+                resume=args.resume,
+                progress=not args.no_progress,
+                callback=callback,
+            )
+    except KeyboardInterrupt:
+        print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
+        raise
+
+
+def _time_limit(seconds: float) -> Any:
+    """A callback that asks the run to stop, as Ctrl-C does, when the time is over."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    deadline = time.monotonic() + seconds
+
+    class TimeLimit(BaseCallback):
+        """Looks at the clock at every step."""
+
+        asked = False
+
+        def _on_step(self) -> bool:
+            if not self.asked and time.monotonic() > deadline:
+                self.asked = True
+                signal.raise_signal(signal.SIGTERM)
+            return True
+
+    return TimeLimit()
+
+
+def _report(args: argparse.Namespace, config: Any, result: Any) -> None:
+    from saver_advisors.cli import tables
+
+    rates = (result.success_rate, result.best_success_rate)
+    success = ["-" if rate is None else f"{rate:.3f}" for rate in rates]
+    columns = ("run", "steps", "gradient steps", "seconds", "success", "best success")
+    work = (f"{result.steps:,}", f"{result.updates:,}", f"{result.wall_clock_s:,.0f}")
+    tables.show(columns, [[str(result.output_dir), *work, *success]])
+    folder = shlex.quote(str(args.output))
+    if result.finished:
+        print(f"evaluate it:  saver evaluate --env {config.env_id} --policy {folder}")
+        print(f"ship it:      saver export {folder} --path policy.safetensors")
+    else:
+        print(f"not finished, nothing is lost; go on with:  {_resume_command(args.output)}")
+
+
+def _resume_command(output: Path) -> str:
+    return f"saver train --output {shlex.quote(str(output))} --resume"
+
+
+def _figures(result: Any) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {**asdict(result), "output_dir": str(result.output_dir)}

@@ -1,0 +1,175 @@
+"""Recordings: episodes as frames with a line of text each, written as H.264 or as a small clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Frame = NDArray[np.uint8]
+Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
+
+FPS: Final = 25
+"""Real time: an action lasts 0.04 s."""
+HOLD: Final = 15
+"""Frames for which the end of an episode is held, so that its outcome can be read."""
+QUALITY: Final = 21
+"""Constant rate factor of H.264: lower is larger and better."""
+BAR_HEIGHT: Final = 34
+GREEN, RED, GREY = (44, 140, 76), (190, 60, 50), (70, 74, 82)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One episode that was drawn.
+
+    :param seed: that it started from
+    :param frames: (height, width, 3) each, the start first
+    :param success: ``is_success`` of its last step
+    """
+
+    seed: int
+    frames: list[Frame]
+    success: bool
+
+
+def record(
+    predict: Predict,
+    env_id: str,
+    *,
+    episodes: int,
+    seed: int = 0,
+    env_kwargs: Mapping[str, Any] | None = None,
+    width: int = 640,
+    height: int = 480,
+    every: int = 1,
+    progress: bool = False,
+) -> list[Recording]:
+    """Play episodes and draw them; episode i starts from ``seed + i``, as in an evaluation.
+
+    :param predict: batched observation -> actions
+    :param env_id: a registered id
+    :param episodes: how many
+    :param seed: of the first
+    :param env_kwargs: keyword arguments of the environment
+    :param width: of a frame, pixels
+    :param height: of a frame, pixels
+    :param every: draw one step in so many
+    :param progress: show a progress bar
+    :return: the recordings
+    """
+    import gymnasium
+    from tqdm import tqdm
+
+    env = gymnasium.make(
+        f"saver_envs:{env_id}",
+        render_mode="rgb_array",
+        width=width,
+        height=height,
+        **(env_kwargs or {}),
+    )
+    try:
+        numbers = tqdm(range(episodes), unit="video episode", disable=not progress)
+        return [_record_one(predict, env, seed + number, every) for number in numbers]
+    finally:
+        env.close()
+
+
+def _record_one(predict: Predict, env: Any, seed: int, every: int) -> Recording:
+    observation, info = env.reset(seed=seed)
+    frames = [env.render()]
+    truncated, step = False, 0
+    while not truncated:
+        batch = {name: values[None] for name, values in observation.items()}
+        observation, _, _, truncated, info = env.step(predict(batch)[0])
+        step += 1
+        if truncated or step % every == 0:
+            frames.append(env.render())
+    return Recording(seed, frames, bool(info["is_success"]))
+
+
+def write_mp4(path: Path, recordings: list[Recording], title: str) -> None:
+    """Write recordings one after the other, each with a caption and, at its end, its outcome.
+
+    :param path: ending in ``.mp4``
+    :param recordings: at least one
+    :param title: what the caption begins with
+    """
+    import imageio_ffmpeg
+
+    first = captioned(recordings[0].frames[0], title, GREY)
+    height, width = first.shape[:2]
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        (width, height),
+        fps=FPS,
+        codec="libx264",
+        quality=None,
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+        # The index goes first, so that a page can start to play before all of it has come.
+        output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart"],
+    )
+    writer.send(None)
+    for number, recording in enumerate(recordings, start=1):
+        caption = f"{title}   episode {number} of {len(recordings)}"
+        for frame in recording.frames:
+            writer.send(np.ascontiguousarray(captioned(frame, caption, GREY)))
+        outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
+        last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
+        for _ in range(HOLD):
+            writer.send(np.ascontiguousarray(last))
+    writer.close()
+
+
+def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
+    """Write a short animated WebP, which Markdown pages show where they show pictures.
+
+    :param path: ending in ``.webp``
+    :param frames: one step in ``stride``
+    :param stride: steps from frame to frame, so that it plays in real time
+    :param quality: 0 to 100
+    """
+    from PIL import Image
+
+    shown = [Image.fromarray(frame) for frame in frames]
+    shown += shown[-1:] * (HOLD // stride)
+    shown[0].save(
+        path,
+        save_all=True,
+        append_images=shown[1:],
+        duration=round(1000 * stride / FPS),
+        loop=0,
+        quality=quality,
+        method=4,
+    )
+
+
+def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:
+    """A frame with a bar of text below it.
+
+    :param frame: (height, width, 3)
+    :param text: one line
+    :param colour: of the bar
+    :return: (height + bar, width, 3)
+    """
+    from PIL import Image, ImageDraw
+
+    height, width = frame.shape[:2]
+    picture = Image.new("RGB", (width, height + BAR_HEIGHT), colour)
+    picture.paste(Image.fromarray(frame), (0, 0))
+    draw = ImageDraw.Draw(picture)
+    draw.text((12, height + 8), text, fill=(255, 255, 255), font=_font())
+    return np.asarray(picture)
+
+
+def _font() -> Any:
+    """DejaVu Sans, which Matplotlib brings along, so that captions look alike everywhere."""
+    from matplotlib import font_manager
+    from PIL import ImageFont
+
+    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), 16)

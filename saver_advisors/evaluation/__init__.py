@@ -1,0 +1,1 @@
+"""Evaluation: episodes with fixed seeds, and what is counted in them."""

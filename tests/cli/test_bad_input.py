@@ -1,0 +1,183 @@
+"""Mistakes of the user: exit status 2, and one line that says what was wrong and would be right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import Saver, tiny_train
+
+CASES = {
+    "unknown command": (["evaluat"], ["evaluat", "evaluate"]),
+    "unknown environment": (
+        ["evaluate", "--env", "JacoPusch-v0", "--policy", "random"],
+        ["--env", "'JacoPusch-v0'", "did you mean JacoPush-v0", "DualJacoDistance-v0"],
+    ),
+    "unknown policy": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "jaco-pusch"],
+        ["--policy", "'jaco-pusch'", "did you mean jaco-push", "side-by-side:TEACHER"],
+    ),
+    "missing weight file": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "none.safetensors"],
+        ["--policy", "none.safetensors"],
+    ),
+    "policy of another size": (
+        ["evaluate", "--env", "DualJacoPush-v0", "--policy", "jaco-push"],
+        ["--policy", "'jaco-push'", "DualJacoPush-v0", "observation 28", "observation 56"],
+    ),
+    "side by side without a teacher": (
+        ["evaluate", "--env", "DualJacoPush-v0", "--policy", "side-by-side:"],
+        ["side-by-side:jaco-push"],
+    ),
+    "teacher of another task": (
+        ["evaluate", "--env", "DualJacoPickAndPlace-v0", "--policy", "side-by-side:jaco-push"],
+        ["side-by-side:jaco-push", "action 6", "action 8"],
+    ),
+    "frozen arm of one": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "frozen-arm"],
+        ["frozen-arm", "two arms"],
+    ),
+    "frozen arm that is none": (
+        ["evaluate", "--env", "DualJacoPush-v0", "--policy", "frozen-arm:2"],
+        ["frozen-arm:2", "0 or 1"],
+    ),
+    "expert of joint motion": (
+        [
+            *("evaluate", "--env", "JacoPush-v0", "--policy", "expert"),
+            *("--env-kwargs", "control=joints"),
+        ],
+        ["expert", "control='joints'"],
+    ),
+    "no episodes": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", "0"],
+        ["--episodes", "0", "1 or more"],
+    ),
+    "episodes in words": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", "ten"],
+        ["--episodes", "'ten'", "whole number"],
+    ),
+    "unknown keyword of the environment": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--env-kwargs", "horizn=3"],
+        ["--env-kwargs", "'horizn'", "did you mean 'horizon'", "max_speed"],
+    ),
+    "keyword out of range": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--env-kwargs", "max_speed=9"],
+        ["--env-kwargs", "max_speed=9", "at most 2 m/s"],
+    ),
+    "keyword without a value": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--env-kwargs", "horizon"],
+        ["--env-kwargs", "'horizon'", "name=value"],
+    ),
+    "result into nowhere": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--json", "no/where.json"],
+        ["--json", "'no'", "does not exist"],
+    ),
+    "result that is no JSON file": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--json", "result.txt"],
+        ["--json", "'result.txt'", ".json"],
+    ),
+    "training nowhere": (["train", "--env", "JacoPush-v0"], ["--output"]),
+    "training in nothing": (["train", "--output", "run"], ["--env", "saver envs"]),
+    "unknown algorithm": (
+        ["train", "--env", "JacoPush-v0", "--output", "run", "--algorithm", "ppo"],
+        ["'ppo'", "td3"],
+    ),
+    "unknown setting": (
+        ["train", "--env", "JacoPush-v0", "--output", "run", "--set", "gama=0.9"],
+        ["gama", "gamma"],
+    ),
+    "setting of the wrong type": (
+        ["train", "--env", "JacoPush-v0", "--output", "run", "--set", "n_envs=many"],
+        ["n_envs='many'", "whole number"],
+    ),
+    "unknown strategy": (
+        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--advice", "late"],
+        ["--advice", "'late'", "early", "mc-q"],
+    ),
+    "unknown teacher": (
+        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--teacher", "jaco-pull"],
+        ["--teacher", "'jaco-pull'", "jaco-push"],
+    ),
+    "advice without a budget": (
+        [
+            *("train", "--env", "JacoPush-v0", "--output", "run"),
+            *("--advice", "early", "--teacher", "jaco-push"),
+        ],
+        ["--budget"],
+    ),
+    "threshold for early advice": (
+        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--threshold", "0.1"],
+        ["'early'", "threshold=0.1"],
+    ),
+    "teacher that does not fit": (
+        [
+            *("train", "--env", "DualJacoPickAndPlace-v0", "--output", "run"),
+            *("--teacher", "jaco-push"),
+        ],
+        ["jaco-push", "advice"],
+    ),
+    "missing configuration": (
+        ["train", "--config", "none.yml", "--output", "run"],
+        ["--config", "none.yml"],
+    ),
+    "export of nothing": (
+        ["export", "nothing", "--path", "a.safetensors"],
+        ["'nothing'", "run.json"],
+    ),
+    "curves of nothing": (["curves", "nothing"], ["'nothing'", "saver train"]),
+    "figure of an unknown kind": (
+        ["curves", "nothing", "--output", "a.gif"],
+        ["--output", "'a.gif'", ".png"],
+    ),
+    "time that is none": (["demo", "--train-seconds", "-3"], ["--train-seconds", "-3"]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_line_says_what_is_wrong(
+    saver: Saver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words, expected = CASES[case]
+    result = saver(*words)
+    assert result.status == 2
+    assert result.out == ""
+    assert result.err.count("\n") == 1, result.err
+    assert "error:" in result.err
+    for text in expected:
+        assert text in result.err
+    assert list(tmp_path.iterdir()) == [], "nothing was begun"
+
+
+def test_a_run_is_not_overwritten(saver: Saver, run_dir: Path) -> None:
+    before = (run_dir / "run.json").read_bytes()
+    result = saver(*tiny_train(run_dir))
+    assert result.status == 2
+    assert "--resume" in result.err
+    assert (run_dir / "run.json").read_bytes() == before
+
+
+def test_a_run_of_other_settings_is_not_resumed(saver: Saver, run_dir: Path) -> None:
+    result = saver(
+        *("train", "--output", run_dir, "--resume", "--set", "gamma=0.9", "--no-progress")
+    )
+    assert result.status == 2
+    assert "gamma: 0.98 -> 0.9" in result.err
+
+
+def test_a_foreign_weight_file_is_refused(saver: Saver, tmp_path: Path) -> None:
+    path = tmp_path / "foreign.safetensors"
+    path.write_bytes(b"not weights at all")
+    result = saver("evaluate", "--env", "JacoPush-v0", "--policy", path)
+    assert result.status == 2
+    assert "foreign.safetensors is not a complete safetensors file" in result.err
+
+
+def test_a_run_without_an_evaluation_has_no_curve(
+    saver: Saver, run_dir: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "run.json").write_bytes((run_dir / "run.json").read_bytes())
+    (tmp_path / "curve.jsonl").write_text("")
+    result = saver("curves", tmp_path)
+    assert result.status == 2
+    assert "no evaluation yet" in result.err

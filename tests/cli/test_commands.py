@@ -1,0 +1,250 @@
+"""Each command once, from end to end, on tiny settings."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, Saver, read_json, tiny_train
+
+from saver_advisors.cli import COMMANDS
+from saver_envs.registration import ENVIRONMENTS
+
+NAME = "jaco-push"
+
+
+def test_help_names_every_command(saver: Saver) -> None:
+    result = saver("--help")
+    assert result.status == 0
+    for name in COMMANDS:
+        assert re.search(rf"^    {name} ", result.out, flags=re.MULTILINE)
+    assert saver().out == result.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_examples(saver: Saver, command: str) -> None:
+    result = saver(command, "--help")
+    assert result.status == 0
+    assert "examples:" in result.out
+    assert f"saver {command}" in result.out
+
+
+def test_envs(saver: Saver, tmp_path: Path) -> None:
+    result = saver("envs", "--all", "--json", tmp_path / "envs.json")
+    assert result.status == 0
+    content = read_json(tmp_path / "envs.json")
+    assert {one["env_id"] for one in content["environments"]} == set(ENVIRONMENTS)
+    for name in ENVIRONMENTS:
+        assert f" {name} " in result.out
+    rows = {one["env_id"]: one for one in content["environments"]}
+    distance = rows["DualJacoDistance-v0"]
+    sizes = [distance[f"{name}_size"] for name in ("observation", "action", "goal")]
+    assert sizes == [56, 8, 7]
+    assert distance["summed_costs"] == ["distance"]
+    assert distance["costs"] == ["collision", "distance"]
+    assert "0.35 m" in distance["succeeds"]
+    assert content["provenance"]["command"].startswith("saver envs --all")
+
+
+def test_envs_as_markdown(saver: Saver) -> None:
+    lines = saver("envs", "--markdown").out.splitlines()
+    assert len(lines) == 2 + len(ENVIRONMENTS) / 2
+    assert len({line.count("|") for line in lines}) == 1
+
+
+def test_evaluate_a_shipped_policy(saver: Saver, tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    words = ("evaluate", "--env", "JacoPush-v0", "--policy", NAME, "--episodes", 8)
+    result = saver(*words, "--seed", 3, "--json", path)
+    assert result.status == 0, result.err
+    content = read_json(path)
+    assert (content["env"], content["policy"], content["episodes"]) == ("JacoPush-v0", NAME, 8)
+    assert content["seed"] == 3
+    assert content["ci95"][0] < content["success_rate"] <= content["ci95"][1]
+    assert content["success_rate"] >= 0.75
+    assert {"cost", "cost_collision"} <= content["cost_means"].keys()
+    assert content["provenance"].keys() >= {"command", "commit", "versions", "machine", "time"}
+    assert f"{content['success_rate']:.3f}" in result.out
+
+
+@pytest.mark.parametrize(
+    ("env", "policy"),
+    [
+        ("JacoPush-v0", "random"),
+        ("DualJacoPush-v0", f"side-by-side:{NAME}"),
+        ("JacoPush-v0", "expert"),
+        ("DualJacoPush-v0", "expert-uncoordinated"),
+        ("DualJacoPush-v0", "frozen-arm:1"),
+    ],
+)
+def test_evaluate_other_kinds(saver: Saver, tmp_path: Path, env: str, policy: str) -> None:
+    path = tmp_path / "result.json"
+    words = ("evaluate", "--env", env, "--policy", policy, "--episodes", 2)
+    result = saver(*words, "--env-kwargs", "horizon=5", "--json", path)
+    assert result.status == 0, result.err
+    content = read_json(path)
+    assert content["policy"] == policy
+    assert content["length_mean"] == 5
+    assert content["env_kwargs"] == {"horizon": 5}
+
+
+def test_a_random_policy_is_reproducible(saver: Saver, tmp_path: Path) -> None:
+    words = ("evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", 3)
+    for name in "ab":
+        saver(*words, "--env-kwargs", "horizon=5", "--json", tmp_path / f"{name}.json")
+    first, second = (read_json(tmp_path / f"{name}.json") for name in "ab")
+    assert first["final_distance_mean"] == second["final_distance_mean"]
+
+
+@pytest.mark.slow
+def test_a_video_shows_the_episodes_that_were_asked_for(saver: Saver, tmp_path: Path) -> None:
+    import imageio_ffmpeg
+
+    from saver_advisors.cli.video import BAR_HEIGHT, FPS, HOLD
+
+    path = tmp_path / "push.mp4"
+    words = ("evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", 3)
+    result = saver(*words, "--env-kwargs", "horizon=4", "--video", path, "--video-episodes", 2)
+    assert result.status == 0, result.err
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+    assert frames == 2 * (4 + 1 + HOLD)
+    assert seconds == pytest.approx(frames / FPS, abs=0.1)
+    meta = next(imageio_ffmpeg.read_frames(str(path)))
+    assert meta["size"] == (640, 480 + BAR_HEIGHT)
+
+
+def test_train_leaves_a_run_that_other_commands_read(
+    saver: Saver, run_dir: Path, tmp_path: Path
+) -> None:
+    assert read_json(run_dir / "run.json")["config"]["net_arch"] == [8]
+    result = saver(
+        *("evaluate", "--env", "JacoPush-v0", "--policy", run_dir, "--episodes", 2),
+        *("--env-kwargs", "horizon=5"),
+    )
+    assert result.status == 0, result.err
+    figure, path = tmp_path / "curve.png", tmp_path / "curve.json"
+    result = saver("curves", run_dir, "--output", figure, "--json", path)
+    assert result.status == 0, result.err
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    [run] = read_json(path)["runs"]
+    assert (run["name"], run["env"], run["steps"]) == ("tiny", "JacoPush-v0", 40)
+    assert [point["steps"] for point in run["points"]] == [20, 40]
+    weights = tmp_path / "tiny.safetensors"
+    result = saver("export", run_dir, "--path", weights, "--episodes", 2)
+    assert result.status == 0, result.err
+    assert "push, one arm" in weights.with_suffix(".md").read_text()
+    result = saver(
+        *("evaluate", "--env", "JacoPush-v0", "--policy", weights, "--episodes", 2),
+        *("--env-kwargs", "horizon=5"),
+    )
+    assert result.status == 0, result.err
+
+
+def test_train_goes_on_from_its_folder_alone(saver: Saver, tmp_path: Path) -> None:
+    folder, path = tmp_path / "run", tmp_path / "train.json"
+    assert saver(*tiny_train(folder)).status == 0
+    result = saver(
+        *("train", "--output", folder, "--resume", "--steps", 80, "--no-progress"),
+        *("--json", path),
+    )
+    assert result.status == 0, result.err
+    content = read_json(path)
+    assert (content["finished"], content["steps"]) == (True, 80)
+    assert content["config"]["net_arch"] == [8]
+    assert [s["from_steps"] for s in read_json(folder / "run.json")["sessions"]] == [0, 40]
+
+
+def test_a_time_limit_ends_a_run_with_a_checkpoint(saver: Saver, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    words = tiny_train(folder, "checkpoint_every=1000000", "eval_every=1000000")
+    result = saver(*words, "--steps", 10_000_000, "--time-limit", 0.5)
+    assert result.status == 0, result.err
+    assert f"saver train --output {folder} --resume" in result.out
+    assert (folder / "latest" / "state.json").exists()
+
+
+def test_a_student_is_advised(saver: Saver, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    result = saver(
+        *("train", "--env", "DualJacoPush-v0", "--output", folder, "--steps", 40),
+        *("--advice", "mc-q", "--teacher", NAME, "--budget", 30, "--threshold", 0.05),
+        *("--no-progress", "--env-kwargs", "horizon=10", "--set"),
+        *(word for word in tiny_train(folder) if "=" in str(word) and "horizon" not in str(word)),
+    )
+    assert result.status == 0, result.err
+    advice = read_json(folder / "run.json")["config"]["advice"]
+    assert (advice["strategy"], advice["budget"], advice["threshold"]) == ("mc-q", 30, 0.05)
+
+
+def test_the_defaults_are_those_of_the_shipped_weights(saver: Saver) -> None:
+    """What `saver train --env ID` does is what the card says was done."""
+    import yaml
+
+    from saver_advisors.pretrained import load_policy, shipped_policies
+
+    free = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
+    for name in shipped_policies():
+        card = load_policy(name).card
+        result = saver("train", "--env", card.env_id, "--print-config")
+        assert result.status == 0, result.err
+        config, used = yaml.safe_load(result.out), dict(card.notes["config"])
+        known = {key: value for key, value in config.items() if key in used}
+        assert {k: v for k, v in known.items() if k not in free} == {
+            k: v for k, v in used.items() if k not in free
+        }
+
+
+def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
+    import yaml
+
+    content = yaml.safe_load((ROOT / "zoo_configs" / "saver.yml").read_text())
+    names = set(content) - {"default", "dual"}
+    assert names <= set(ENVIRONMENTS)
+    for name in sorted(names):
+        assert saver("train", "--env", name, "--print-config").status == 0
+
+
+def test_docs_are_complete_and_noticed_when_stale(saver: Saver, tmp_path: Path) -> None:
+    docs, readme = tmp_path / "docs", tmp_path / "README.md"
+    readme.write_text("Table:\n<!-- envs:begin -->\nold\n<!-- envs:end -->\nrest\n")
+    (docs / "results").mkdir(parents=True)
+    (docs / "results" / "speed.json").write_text('{"rows": [{"env": "X", "n_envs": 4}]}')
+    assert saver("docs", "--output", docs, "--check").status == 1
+    assert not (docs / "environments").exists()
+    assert saver("docs", "--output", docs, "--no-pictures").status == 0
+    assert saver("docs", "--output", docs, "--check").status == 0
+    text = readme.read_text()
+    assert text.startswith("Table:\n<!-- envs:begin -->\n| id |")
+    assert text.endswith("<!-- envs:end -->\nrest\n")
+    assert "old" not in text
+    for name in ENVIRONMENTS:
+        page = (docs / "environments" / f"{name.replace('Dense', '')}.md").read_text()
+        assert f"`{name}`" in page or f"# {name}\n" in page
+    assert "| X | 4 |" in (docs / "results.md").read_text()
+    page = docs / "environments" / "JacoPush-v0.md"
+    page.write_text(page.read_text().replace("5 cm", "6 cm"))
+    result = saver("docs", "--output", docs, "--check")
+    assert result.status == 1
+    assert "JacoPush-v0.md" in result.err
+
+
+def test_the_pages_of_this_repository_are_up_to_date(saver: Saver) -> None:
+    result = saver("docs", "--output", ROOT / "docs", "--check")
+    assert result.status == 0, result.err
+
+
+@pytest.mark.long
+def test_demo(saver: Saver, tmp_path: Path) -> None:
+    result = saver(
+        *("demo", "--output", tmp_path, "--episodes", 4, "--video-episodes", 1),
+        *("--train-seconds", 20, "--json", tmp_path / "copy.json"),
+    )
+    assert result.status == 0, result.err
+    page = (tmp_path / "index.html").read_text()
+    assert page.count("data:video/mp4;base64,") == len(list(tmp_path.glob("*.mp4"))) > 0
+    assert not re.search(r'(src|href)="(?!data:)', page), "the page is self-contained"
+    content = read_json(tmp_path / "demo.json")
+    assert content == read_json(tmp_path / "copy.json")
+    assert {one["policy"] for one in content["evaluations"]} >= {NAME, "random"}
+    assert all(path.stat().st_size < 2_000_000 for path in tmp_path.glob("*.mp4"))

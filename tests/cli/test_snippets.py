@@ -1,0 +1,71 @@
+"""Every snippet of the README and the quick start runs, in the order of the page."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, TINY, Saver
+
+PAGES = ("README.md", "docs/quick-start.md")
+#: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
+#: counts.
+SHORTER = {
+    "envs": [],
+    "evaluate": ["--episodes", "2", "--env-kwargs", "horizon=10"],
+    "train": ["--steps", "40", "--no-progress", "--env-kwargs", "horizon=10", "--set", *TINY],
+    "curves": [],
+    "export": ["--episodes", "2"],
+}
+#: Tried elsewhere: they install, or take minutes.
+ELSEWHERE = ("pip ", "make ", "saver --help", "saver benchmark", "saver demo", "saver COMMAND")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """The code of a page."""
+    text = (ROOT / page).read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES)
+def test_python(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = blocks(page, "python")
+    assert found
+    names: dict[str, object] = {}
+    for code in found:
+        exec(compile(code, page, "exec"), names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES)
+def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    lines = [line for code in blocks(page, "bash") for line in code.splitlines() if line]
+    ours = [line for line in lines if not line.startswith(ELSEWHERE)]
+    assert ours
+    for line in ours:
+        program, command, *words = shlex.split(line, comments=True)
+        assert program == "saver", line
+        more = [] if "--resume" in words else SHORTER[command]
+        # A run of the snippet before is finished: going on with it does nothing more.
+        result = saver(command, *words, *more, *(["--no-progress"] if "--resume" in words else []))
+        assert result.status == 0, f"{line}\n{result.err}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_make_targets_exist(page: str) -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    for target in re.findall(r"^make ([a-z-]+)", "\n".join(blocks(page, "bash")), re.MULTILINE):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("page", (*PAGES, "docs/index.md", "docs/architecture.md"))
+def test_links_lead_somewhere(page: str) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text()):
+        if not target.startswith("http"):
+            assert ((ROOT / page).parent / target).exists(), target
