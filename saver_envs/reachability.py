@@ -7,7 +7,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import LARGEST_JOINT_STEP, least_squares_step, orientation_error
+from saver_envs.control import (
+    LARGEST_JOINT_STEP,
+    bounded,
+    least_squares_step,
+    orientation_error,
+)
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import compose
 from saver_envs.simulation import ArmState, Simulation
@@ -20,10 +25,15 @@ GRID_SHAPE = (8, 21, 8)
 POSITION_TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 1e-2
 _COLD_ITERATIONS, _WARM_ITERATIONS = 60, 8
 _DAMPING = 1e-5
+#: Steps below this (rad) are not followed by another: convergence is quadratic, or nearly so.
+_STILL = 1e-7
 
 
 class PostureSolver:
     """Iterated damped least squares on one arm's kinematics, many targets at once.
+
+    A row of a result depends on no other row: each stops by itself where its steps have become
+    small.
 
     :param robot: the arm.
     :param capacity: most targets that one call can solve.
@@ -44,20 +54,25 @@ class PostureSolver:
     def solve(
         self, targets: NDArray[np.float64], guess: NDArray[np.float64], iterations: int
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Find joint angles for tool positions, a fixed number of iterations each.
+        """Find joint angles for tool positions.
 
         :param targets: (k, 3) tool positions in the base frame, metres; k at most ``capacity``.
         :param guess: (k, dof) joint angles to start from, radians.
-        :param iterations: number of steps; fixed, so that a row's result depends on no other row.
+        :param iterations: greatest number of steps.
         :return: joint angles (k, dof), radians, and which targets are reached (k,).
         """
         ids = np.arange(len(targets))
         joints = np.array(guess, dtype=np.float64)
+        moving = np.ones(len(targets), dtype=bool)
         for _ in range(iterations):
             error, state = self._error(ids, joints, targets)
             step = least_squares_step(self._rows(state.jacobian[:, 0]), error, _DAMPING)
-            joints += np.clip(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
-            np.clip(joints, self._lower, self._upper, out=joints)
+            step = bounded(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
+            moved = bounded(joints + step, self._lower, self._upper)
+            joints[moving] = moved[moving]
+            moving &= np.abs(step).max(axis=-1) > _STILL
+            if not moving.any():
+                break
         error, _ = self._error(ids, joints, targets)
         reached = np.linalg.norm(error[:, :3], axis=-1) < POSITION_TOLERANCE
         reached &= np.linalg.norm(error[:, 3:], axis=-1) < ORIENTATION_TOLERANCE
@@ -91,6 +106,9 @@ class ReachabilityMap:
             np.linspace(lower, upper, count)
             for lower, upper, count in zip(GRID_LOWER, GRID_UPPER, GRID_SHAPE, strict=True)
         ]
+        self._origin = np.asarray(GRID_LOWER)
+        self._most_cells = np.asarray(GRID_SHAPE) - 1
+        self._cells_per_metre = self._most_cells / (np.asarray(GRID_UPPER) - self._origin)
         points = np.stack(np.meshgrid(*self._axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self._solver = PostureSolver(robot, len(points))
         guess = np.tile(np.asarray(robot.home), (len(points), 1))
@@ -108,12 +126,11 @@ class ReachabilityMap:
 
     def reachable(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Say for points (..., 3), metres, whether all corners of their grid cell are reached."""
-        lower, upper = np.asarray(GRID_LOWER), np.asarray(GRID_UPPER)
-        cells = np.asarray(GRID_SHAPE) - 1
-        scaled = (points - lower) / (upper - lower) * cells
-        inside = ((scaled >= 0) & (scaled <= cells)).all(axis=-1)
-        index = np.clip(scaled.astype(np.intp), 0, cells - 1)
-        return inside & self._cell_reached[index[..., 0], index[..., 1], index[..., 2]]
+        scaled = (points - self._origin) * self._cells_per_metre
+        inside = np.logical_and.reduce((scaled >= 0) & (scaled <= self._most_cells), axis=-1)
+        cell = bounded(scaled, 0, self._most_cells - 1).astype(np.intp)
+        reached: NDArray[np.bool_] = self._cell_reached[cell[..., 0], cell[..., 1], cell[..., 2]]
+        return inside & reached
 
     def postures_at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint angles (k, dof), radians, that put the tool at points (k, 3).
@@ -121,10 +138,8 @@ class ReachabilityMap:
         :raises RuntimeError: when a point cannot be reached, naming it; points for which
             :meth:`reachable` holds do not raise.
         """
-        lower, upper = np.asarray(GRID_LOWER), np.asarray(GRID_UPPER)
-        cells = np.asarray(GRID_SHAPE) - 1
-        nearest = np.rint((points - lower) / (upper - lower) * cells).astype(np.intp)
-        index = np.clip(nearest, 0, cells)
+        nearest = np.rint((points - self._origin) * self._cells_per_metre)
+        index = bounded(nearest, 0, self._most_cells).astype(np.intp)
         guess = self.postures[index[:, 0], index[:, 1], index[:, 2]]
         joints = np.empty_like(guess)
         for start in range(0, len(points), self._solver.capacity):

@@ -30,7 +30,7 @@ from saver_envs.tasks.regions import OVERLAP
 VERSION = 0
 #: Share of contested starts, set so that two arms which ignore one another fail often enough (see
 #: docs/decisions.md).
-CONTESTED_SHARE = 0.2
+CONTESTED_SHARE = 0.4
 
 
 @dataclass(frozen=True)

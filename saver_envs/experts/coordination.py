@@ -68,10 +68,15 @@ class Clearance:
 
 
 #: Found by sampling postures of two Jacos: the wrists lie to one side of the hands, so a left hand
-#: may pass far behind a right one, but not before it.
+#: may pass far behind a right one, but not before it. Some room is added for arms in motion.
 JACO_CLOSED = Clearance(
     (-0.25, -0.20, -0.15, -0.10, -0.05, 0.05, 0.08, 0.12),
     (0.02, 0.05, 0.085, 0.12, 0.135, 0.13, 0.10, -0.10),
+)
+#: Hands that hold cubes, side by side over targets as near as these may be.
+JACO_HOLDING = Clearance(
+    (-0.25, -0.20, -0.15, -0.10, -0.05, 0.05, 0.08, 0.12),
+    (0.00, 0.04, 0.075, 0.10, 0.115, 0.115, 0.09, -0.10),
 )
 #: Hands of which one is open, found in the same way with tools 0.03 to 0.25 m high.
 JACO_OPEN = Clearance(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saver_envs.core import ACTION_DURATION, DEFAULT_HORIZON, DEFAULT_SPEED, RATED_SPEED
 from saver_envs.experts.blocks import ArmView, view
-from saver_envs.experts.coordination import Coordinator
+from saver_envs.experts.coordination import JACO_CLOSED, JACO_HOLDING, Coordinator
 from saver_envs.experts.distance import DistanceExpert
 from saver_envs.experts.frozen import ServesAll
 from saver_envs.experts.pick import PickSkill
@@ -90,7 +90,8 @@ def make_expert(
     if not coordinated or (n_arms == 1 and isinstance(skill, PickSkill)):
         return Expert(n_arms, skill.actions)
     steps = round(DEFAULT_HORIZON * DEFAULT_SPEED * ACTION_DURATION / skill.step)
-    return Expert(n_arms, Coordinator(skill, base, steps=steps).actions)
+    closed = JACO_HOLDING if isinstance(skill, PickSkill) else JACO_CLOSED
+    return Expert(n_arms, Coordinator(skill, base, closed, steps=steps).actions)
 
 
 def _skill(row: Row, options: Options) -> PushSkill | PickSkill:

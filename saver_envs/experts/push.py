@@ -150,8 +150,7 @@ class PushSkill:
         tool = view.tool.copy()
         tool[..., :2] += TRACKING * self.step * actions[..., :2]
         tool[..., :2] = np.clip(tool[..., :2], HAND_LOWER, HAND_UPPER)
-        hands = tool[..., :2] + base
-        cubes = view.object[..., :2] + base
+        cubes: FloatArray = view.object[..., :2] + base
         for part in self._hand(tool[..., :2]):
             cubes = self._pushed(part + base, actions[..., :2], cubes)
         for arm in range(tool.shape[1] - 1):

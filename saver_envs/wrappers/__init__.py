@@ -1,0 +1,1 @@
+"""Wrappers that join perception and modelling to environments."""

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Before MuJoCo is imported: without a display its default, GLFW, ends the whole process.
+if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+    os.environ.setdefault("MUJOCO_GL", "egl")
 
 # The same examples in every run: what is red today was not green by luck yesterday.
 settings.register_profile(
