@@ -1,0 +1,140 @@
+"""Other suites' environments, each in a virtual environment of its own, ready to be timed."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+WORKER: Final = Path(__file__).with_name("peer_worker.py")
+#: Written into a virtual environment when everything is installed.
+COMPLETE: Final = "saver-complete.json"
+
+
+class PeerError(Exception):
+    """A peer that cannot be installed or does not run; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Another suite's environment.
+
+    :param env: its name there
+    :param suite: the distribution
+    :param n_envs: how many its users step in one process
+    :param requirements: what is installed; pinned, so that the figures can be compared
+    """
+
+    env: str
+    suite: str
+    n_envs: int
+    requirements: tuple[str, ...]
+
+
+#: Both suites fail with MuJoCo 3.12 and later, where its enumerations no longer equal NumPy's
+#: integers; robosuite also reads `MjData.qM`, which later versions of 3 lack.
+FETCH_PUSH: Final = Peer(
+    "FetchPush-v4", "gymnasium-robotics", 64, ("gymnasium-robotics==1.4.2", "mujoco==3.11.0")
+)
+TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "mujoco==3.3.7"))
+PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
+
+
+def default_cache() -> Path:
+    """Where the virtual environments are kept: in the user's cache folder."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "peers"
+
+
+def install(peer: Peer, cache: Path) -> Path:
+    """Make the peer's virtual environment, unless it is there.
+
+    :param peer: the suite
+    :param cache: folder of the virtual environments
+    :return: its Python
+    :raises PeerError: when something cannot be installed
+    """
+    folder = cache / peer.suite
+    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    complete = folder / COMPLETE
+    wanted = json.dumps(peer.requirements)
+    if complete.is_file() and complete.read_text(encoding="utf-8") == wanted:
+        return python
+    print(f"installing {', '.join(peer.requirements)} into {folder}", flush=True)
+    for command in (
+        [sys.executable, "-m", "venv", "--clear", str(folder)],
+        [str(python), "-m", "pip", "install", "--quiet", *peer.requirements],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+            raise PeerError(f"{peer.suite} cannot be installed: {' '.join(last)}")
+    complete.write_text(wanted, encoding="utf-8")
+    return python
+
+
+class RunningPeer:
+    """A peer's process, idle until it is asked to run for a while; a context manager.
+
+    It inherits the processor cores of the caller.
+
+    :param peer: the suite
+    :param python: of its virtual environment
+    :raises PeerError: when it does not start
+    """
+
+    def __init__(self, peer: Peer, python: Path) -> None:
+        self.peer = peer
+        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        self._log = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115  (closed at exit)
+        self._process = subprocess.Popen(
+            [str(python), "-W", "ignore", str(WORKER), peer.env, str(peer.n_envs)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
+            env={**os.environ, **single},
+        )
+        ready = self._read()
+        self.modes: list[str] = ready["modes"]
+        self.versions: dict[str, str] = ready["versions"]
+
+    def measure(self, mode: str, seconds: float) -> dict[str, float]:
+        """Run for a while.
+
+        :param mode: one of ``modes``
+        :param seconds: at least so long, and at least one piece of work
+        :return: ``steps``, ``seconds`` and ``cpu_seconds``
+        """
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{mode} {seconds}\n")
+        self._process.stdin.flush()
+        return self._read()
+
+    def _read(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            self._log.seek(0)
+            last = self._log.read().strip().splitlines()[-1:]
+            raise PeerError(f"{self.peer.env} does not run: {' '.join(last)}")
+        return json.loads(line)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._process.kill()
+        self._process.communicate()
+        self._log.close()

@@ -1,0 +1,153 @@
+"""Environment steps per second: beside the bare simulator, over n_envs and threads, beside peers.
+
+Everything compared is measured in turn, round by round, and medians over the rounds are told, so
+that a machine's other work and its changing clock weigh on all alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.benchmarks.machine import load, one_thread_of_algebra, progress
+from saver_advisors.benchmarks.peers import PEERS, PeerError, default_cache
+
+EXAMPLES: Final = """\
+examples:
+  saver benchmark speed                                  every row, a few minutes
+  saver benchmark speed --envs JacoPush-v0 --n-envs 64   one row
+  saver benchmark speed --peers --json speed.json        beside FetchPush and TwoArmLift as well"""
+
+ENVS: Final = ("JacoPush-v0", "JacoPickAndPlace-v0", "DualJacoPush-v0", "DualJacoPickAndPlace-v0")
+N_ENVS: Final = (1, 4, 16, 64, 256, 1024)
+THREADS: Final = (1, 2)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import add_json, at_least, env_id, positive_seconds
+
+    count = at_least(1)
+    parser.epilog, parser.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        "--envs",
+        nargs="+",
+        type=env_id,
+        default=list(ENVS),
+        metavar="ID",
+        help=f"environments (default: {' '.join(ENVS)})",
+    )
+    parser.add_argument(
+        "--n-envs",
+        nargs="+",
+        type=count,
+        default=list(N_ENVS),
+        metavar="N",
+        help="environments stepped together (default: 1 4 16 64 256 1024)",
+    )
+    parser.add_argument(
+        "--threads",
+        nargs="+",
+        type=count,
+        default=list(THREADS),
+        metavar="N",
+        help="native threads, each on a core of its own (default: 1 2)",
+    )
+    parser.add_argument(
+        "--rounds", type=count, default=5, metavar="N", help="medians are over these (default: 5)"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=positive_seconds,
+        default=0.25,
+        metavar="S",
+        help="shortest measurement (default: 0.25)",
+    )
+    parser.add_argument(
+        "--peers",
+        action="store_true",
+        help=f"also time {' and '.join(peer.env for peer in PEERS)}, each in a virtual environment "
+        "that is made at the first use",
+    )
+    parser.add_argument(
+        "--peer-cache",
+        type=Path,
+        default=default_cache(),
+        metavar="DIR",
+        help="where the peers' virtual environments are kept (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--table", type=Path, metavar="FILE", help="write the figures there as a Markdown page too"
+    )
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show an earlier measurement's JSON file instead of measuring",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    from saver_advisors.benchmarks.report import render
+    from saver_advisors.cli.errors import UsageError
+    from saver_advisors.provenance import provenance, write_json_atomic
+
+    try:
+        if args.from_json is None:
+            with one_thread_of_algebra():
+                figures = {**measure(args), "provenance": provenance()}
+        else:
+            figures = json.loads(args.from_json.read_text(encoding="utf-8"))
+    except (PeerError, OSError, json.JSONDecodeError) as error:
+        raise UsageError(str(error)) from error
+    page = render(figures)
+    print(page)
+    if args.json is not None:
+        write_json_atomic(args.json, figures)
+        print(f"wrote {args.json}")
+    if args.table is not None:
+        args.table.write_text(page, encoding="utf-8")
+        print(f"wrote {args.table}")
+    return 0
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """Take every measurement that was asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: JSON-able: ``rows``, ``resets``, ``replay``, ``advice`` and, where asked for, ``peers``
+    """
+    from saver_advisors.benchmarks.learning import ADVICE, advice_row, replay_row
+    from saver_advisors.benchmarks.steps import memory_per_env, reset_row, step_rows
+    from saver_advisors.benchmarks.versus import peer_rows
+
+    load_before = load()
+    memory = {env_id: memory_per_env(env_id, args.n_envs) for env_id in args.envs}
+    rows = []
+    with progress("steps", len(args.envs) * len(args.n_envs) * args.rounds) as advance:
+        for env_id in args.envs:
+            for n_envs in args.n_envs:
+                found = step_rows(env_id, n_envs, args.threads, args.rounds, args.seconds, advance)
+                for row in found:
+                    rows.append({**row, "memory_per_env_mb": memory[env_id].get(n_envs)})
+    figures: dict[str, Any] = {
+        "title": "Speed",
+        "kind": "speed",
+        "rounds": args.rounds,
+        "rows": rows,
+        "resets": [reset_row(env_id, args.rounds) for env_id in args.envs],
+        "replay": replay_row(args.rounds),
+        "advice": [advice_row(strategy, args.rounds, args.seconds) for strategy in ADVICE],
+    }
+    if args.peers:
+        figures["peers"] = peer_rows(args.peer_cache, args.rounds, args.seconds)
+    return {**figures, "load_average": {"before": load_before, "after": load()}}
