@@ -180,12 +180,14 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
     if config.q_min is not None:
         policy_arguments["q_min"] = config.q_min
     arguments: dict[str, Any] = {}
+    goal_parts = _goal_parts(env) if config.arms_apart else None
     if config.algorithm in ("ddpg", "td3"):
         policy_arguments["action_penalty"] = config.action_penalty
     if config.algorithm == "td3":
         arguments["policy_delay"] = config.policy_delay
         arguments["target_policy_noise"] = config.target_policy_noise
         arguments["target_noise_clip"] = config.target_noise_clip
+        policy_arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
         arguments["imitation_weight"] = config.imitation_weight
         arguments["imitation_filter_from"] = config.imitation_filter_from
     if config.advice is not None:
@@ -212,7 +214,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         replay_buffer_kwargs={
             "horizon": horizon,
             "relabel_probability": config.relabel_probability,
-            "goal_parts": _goal_parts(env) if config.relabel_arms_apart else None,
+            "goal_parts": goal_parts,
         },
         policy_kwargs=policy_arguments,
         exploration_noise=config.exploration_noise,

@@ -71,7 +71,8 @@ class RunConfig:
     :param imitation_weight: of the actor's loss on advised transitions (TD3)
     :param imitation_filter_from: steps from which on only advised actions are imitated that the
         critic finds better (TD3)
-    :param relabel_arms_apart: give each arm's part of the goal a hindsight goal of its own
+    :param arms_apart: give each arm's part of the goal a hindsight goal, a reward and a value of
+        its own; the actor maximises the values' mean (TD3)
     :param advice: a teacher's advice, or None
     :param eval_every: steps between evaluations
     :param eval_episodes: episodes of an evaluation, without noise and advice
@@ -105,7 +106,7 @@ class RunConfig:
     relabel_probability: float = 0.8
     imitation_weight: float = 0.0
     imitation_filter_from: int = 0
-    relabel_arms_apart: bool = False
+    arms_apart: bool = False
     advice: AdviceConfig | None = None
     eval_every: int = 20_000
     eval_episodes: int = 100
@@ -116,6 +117,8 @@ class RunConfig:
         _check_types(self)
         if self.algorithm not in ALGORITHM_NAMES:
             raise ValueError(f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}")
+        if self.arms_apart and self.algorithm != "td3":
+            raise ValueError(f"arms_apart=True needs algorithm='td3', not {self.algorithm!r}")
         for name in (
             "n_envs",
             "total_steps",

@@ -49,14 +49,11 @@ class ImitatingTD3(TD3):
         super().__init__(*arguments, **named)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
-        """Do gradient steps; as TD3's where the weight is 0.
+        """Do gradient steps; as TD3's where the weight is 0 and the goal has one part.
 
         :param gradient_steps: critic updates
         :param batch_size: transitions each
         """
-        if self.imitation_weight == 0:
-            super().train(gradient_steps, batch_size)
-            return
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
         critic_losses, actor_losses, imitation_losses = [], [], []
@@ -88,8 +85,8 @@ class ImitatingTD3(TD3):
             noise = th.randn_like(batch.actions) * self.target_policy_noise
             noise = noise.clamp(-self.target_noise_clip, self.target_noise_clip)
             next_actions = (self.actor_target(batch.next_observations) + noise).clamp(-1, 1)
-            values = th.cat(self.critic_target(batch.next_observations, next_actions), dim=1)
-            target = batch.rewards + self.gamma * values.min(dim=1, keepdim=True).values
+            values = th.stack(self.critic_target(batch.next_observations, next_actions))
+            target = batch.rewards + self.gamma * values.amin(dim=0)
         estimates = self.critic(batch.observations, batch.actions)
         loss = th.stack([functional.mse_loss(value, target) for value in estimates]).sum()
         self.critic.optimizer.zero_grad()
@@ -107,12 +104,12 @@ class ImitatingTD3(TD3):
         values = critic.q1_forward(batch.observations, actions)
         loss = -values.mean()
         imitation = th.zeros(())
-        if advised.any():
+        if self.imitation_weight > 0 and advised.any():
             followed = advised
             if self.num_timesteps >= self.imitation_filter_from:
                 with th.no_grad():
                     shown = critic.q1_forward(batch.observations, batch.actions)
-                followed = advised & (shown > values).squeeze(1)
+                followed = advised & (shown.mean(dim=1) > values.mean(dim=1))
             difference = (actions - batch.actions).square().mean(dim=1)
             imitation = (difference * followed).sum() / advised.sum()
         total = loss + self.imitation_weight * imitation

@@ -146,6 +146,7 @@ class GoalCritic(ContinuousCritic):
 
     :param layer_norm: LayerNorm after each hidden linear layer
     :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG and TD3)
+    :param n_values: values that each network gives, one for each part of the goal
     :param n_critics: networks
     :param arguments: as for ``ContinuousCritic``
     """
@@ -155,6 +156,7 @@ class GoalCritic(ContinuousCritic):
         *,
         layer_norm: bool = True,
         action_penalty: float = 0.0,
+        n_values: int = 1,
         n_critics: int = 2,
         **arguments: Any,
     ) -> None:
@@ -166,7 +168,7 @@ class GoalCritic(ContinuousCritic):
         for index in range(n_critics):
             network = _value_network(
                 input_dim,
-                1,
+                n_values,
                 arguments["net_arch"],
                 arguments.get("activation_fn", nn.ReLU),
                 layer_norm,
@@ -178,7 +180,7 @@ class GoalCritic(ContinuousCritic):
         """
         :param obs: entries (batch, dim)
         :param actions: (batch, action_dim), scaled to [-1, 1]
-        :return: one (batch, 1) a network, within ``value_bounds`` if there are any
+        :return: one (batch, n_values) a network, within ``value_bounds`` if there are any
         """
         values = super().forward(obs, actions)  # type: ignore[arg-type]
         if self.value_bounds is None:
@@ -193,7 +195,7 @@ class GoalCritic(ContinuousCritic):
 
         :param obs: entries (batch, dim)
         :param actions: (batch, action_dim), scaled to [-1, 1]
-        :return: (batch, 1)
+        :return: (batch, n_values)
         """
         with _frozen(self.q_networks[0]):
             value = super().q1_forward(obs, actions)  # type: ignore[arg-type]
@@ -245,6 +247,8 @@ class GoalPolicyMixin(BasePolicy):
     :param q_min: least value a target critic may give; None for no bounds
     :param q_max: greatest value a target critic may give
     :param action_penalty: weight of the actions' mean square in the actor's loss
+    :param n_values: values that a critic gives, one for each part of the goal; for algorithms
+        that know of it, as ``ImitatingTD3`` does
     :param arguments: as for the SB3 policy; without ``optimizer_kwargs`` Adam is fused
     :raises ValueError: when the bounds are the wrong way round or the penalty is negative
     """
@@ -265,8 +269,11 @@ class GoalPolicyMixin(BasePolicy):
         q_min: float | None = None,
         q_max: float = 0.0,
         action_penalty: float = 0.0,
+        n_values: int = 1,
         **arguments: Any,
     ) -> None:
+        if n_values < 1:
+            raise ValueError(f"n_values={n_values} must be at least 1")
         if q_min is not None and q_min >= q_max:
             raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
         if action_penalty < 0:
@@ -275,8 +282,11 @@ class GoalPolicyMixin(BasePolicy):
         self._value_bounds = None if q_min is None else (q_min, q_max)
         self._critic_options: dict[str, Any] = {"layer_norm": layer_norm}
         self._action_penalty = action_penalty
+        self._n_values = n_values
         if issubclass(self.critic_class, GoalCritic):
-            self._critic_options["action_penalty"] = action_penalty
+            self._critic_options |= {"action_penalty": action_penalty, "n_values": n_values}
+        elif n_values != 1:
+            raise ValueError(f"n_values={n_values}: quantile critics give one value, so only 1")
         arguments.setdefault("features_extractor_class", NormalizedGoalFeatures)
         if arguments.get("optimizer_kwargs") is None:
             arguments["optimizer_kwargs"] = {"fused": True}
@@ -308,13 +318,15 @@ class GoalPolicyMixin(BasePolicy):
     def student_value(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
         """The critics' conservative estimate of Q: the least network, or the mean quantile.
 
+        Where a network gives several values, it is their mean.
+
         :param obs: entries (batch, dim)
         :param actions: (batch, action_dim), scaled to [-1, 1]
         :return: (batch,)
         """
         values = self.critic(obs, actions)
         if isinstance(values, tuple):
-            return th.cat(values, dim=1).amin(dim=1)
+            return th.stack(values).amin(dim=0).mean(dim=1)
         quantiles: th.Tensor = values
         return quantiles.mean(dim=(1, 2))
 
@@ -326,6 +338,7 @@ class GoalPolicyMixin(BasePolicy):
             "q_min": None if bounds is None else bounds[0],
             "q_max": 0.0 if bounds is None else bounds[1],
             "action_penalty": self._action_penalty,
+            "n_values": self._n_values,
         }
 
 

@@ -45,7 +45,7 @@ class GoalTransitions:
     :param achieved_goal: (batch, goal_dim), reached before the action
     :param desired_goal: (batch, goal_dim), the episode's own or a relabelled one
     :param action: (batch, action_dim), scaled to [-1, 1]
-    :param reward: (batch,), computed now from ``next_achieved_goal`` and ``desired_goal``
+    :param reward: (batch, rewards), computed now from ``next_achieved_goal`` and ``desired_goal``
     :param next_observation: (batch, observation_dim)
     :param next_achieved_goal: (batch, goal_dim), reached after the action
     :param advised: (batch,), whether a teacher chose the action
@@ -102,9 +102,9 @@ class GoalReplayBuffer(ReplayBuffer):
     :param optimize_memory_usage: SB3's argument; always on here, the value is ignored
     :param horizon: the longest episode in steps
     :param relabel_probability: share of transitions whose goal is replaced by a later achieved one
-    :param goal_parts: sizes of the goal's parts, one per arm, which are then relabelled apart: each
-        with its own chance and its own later step, so that a transition in which one arm's part is
-        met teaches what the other still has to do; one part, the whole goal, where None
+    :param goal_parts: sizes of the goal's parts, such as three coordinates an arm, which are then
+        taken apart: each is relabelled with a chance and a later step of its own, and gets the
+        reward that there would be if all other parts were met; where None the goal is one part
     :param reward_function: (batch, goal_dim) achieved after the action, (batch, goal_dim) desired
         -> (batch,); may be set or replaced later through the attribute of the same name
     :param seed: of the buffer's own random generator
@@ -299,7 +299,8 @@ class GoalReplayBuffer(ReplayBuffer):
 
         :param batch_size: transitions to draw, with replacement
         :param env: normalises observations and rewards, if given
-        :return: tensors on the buffer's device; rewards and dones are (batch_size, 1)
+        :return: tensors on the buffer's device; rewards are (batch_size, rewards), one for each of
+            ``goal_parts`` or one in all, dones (batch_size, 1)
         :raises ValueError: when the buffer is empty, or has no reward function
         """
         return self.as_samples(self.sample_transitions(batch_size), env)
@@ -311,7 +312,7 @@ class GoalReplayBuffer(ReplayBuffer):
 
         :param drawn: the transitions
         :param env: normalises observations and rewards, if given
-        :return: tensors on the buffer's device; rewards and dones are (batch, 1)
+        :return: tensors on the buffer's device; rewards are (batch, rewards), dones (batch, 1)
         """
         observations = {
             "observation": drawn.observation,
@@ -335,7 +336,7 @@ class GoalReplayBuffer(ReplayBuffer):
                 key: self._tensor(value) for key, value in next_observations.items()
             },
             dones=th.zeros((len(reward), 1), device=self.device),
-            rewards=self._tensor(reward.reshape(-1, 1)),
+            rewards=self._tensor(reward),
         )
 
     def sample_transitions(self, batch_size: int) -> GoalTransitions:
@@ -359,7 +360,7 @@ class GoalReplayBuffer(ReplayBuffer):
             achieved_goal=np.take(achieved, row, axis=0),
             desired_goal=desired,
             action=np.take(self.action.reshape(-1, self.action_dim), action_row, axis=0),
-            reward=self._reward(next_achieved, desired),
+            reward=self._rewards(next_achieved, desired),
             next_observation=np.take(observation, row + 1, axis=0),
             next_achieved_goal=next_achieved,
             advised=(
@@ -403,6 +404,17 @@ class GoalReplayBuffer(ReplayBuffer):
         index = self._random.integers(0, stored, batch_size)
         slot = np.searchsorted(self._ends, index, side="right")
         return slot, index - (self._ends[slot] - self.length[slot])
+
+    def _rewards(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
+        """Rewards (batch, rewards): the whole goal's, or each part's as if the others were met."""
+        if len(self._part_columns) == 1:
+            return self._reward(achieved, desired)[:, None]
+        rewards = []
+        for columns in self._part_columns:
+            asked = achieved.copy()
+            asked[:, columns] = desired[:, columns]
+            rewards.append(self._reward(achieved, asked))
+        return np.stack(rewards, axis=1)
 
     def _reward(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
         """Rewards (batch,) of reaching ``achieved`` when ``desired`` was asked for."""
