@@ -236,16 +236,35 @@ class StartSampler:
         distance = _length(way)
         valid &= (distance >= OBJECT_TO_TARGET[0]) & (distance <= OBJECT_TO_TARGET[1])
         valid &= distance > self._rules.success_threshold
+        per_start: NDArray[np.bool_] = np.logical_and.reduce(valid, axis=-1)
         if self._rules.pushes:
             standoff = self._scene.objects.size / 2 + PUSH_STANDOFF
-            behind = objects - way * (standoff / np.maximum(distance, 1e-9))[..., None]
+            unit = way / np.maximum(distance, 1e-9)[..., None]
+            behind = ways - (standoff * unit)[:, None]
             behind[..., 2] = self._rules.hand_height[0]
-            valid &= self._hand_can_be_at(behind)
-        per_start: NDArray[np.bool_] = np.logical_and.reduce(valid, axis=-1)
+            per_start &= np.logical_and.reduce(self._hand_can_be_at(behind[:, 0]), axis=-1)
+            # The last centimetres of a push need not be made.
+            needed = unit * np.minimum(distance, self._rules.success_threshold)[..., None]
+            behind[:, 1] -= needed
+            per_start &= self._needs_every_arm(self._to_world(behind))
         world = self._to_world(ways)
         for first, second in combinations(range(self._n_arms), 2):
             per_start &= self._pair_valid(world[:, :, first], world[:, :, second])
         return per_start
+
+    def _needs_every_arm(self, behind: FloatArray) -> NDArray[np.bool_]:
+        """Say where no arm has room for all of another's push, (block,).
+
+        :param behind: (block, 2, arms, 3) hands behind objects and behind objects at their targets,
+            world frame.
+        """
+        valid = np.ones(len(behind), dtype=bool)
+        for arm in range(self._n_arms):
+            mine = self._to_bases(np.broadcast_to(behind[:, :, arm, None], behind.shape))
+            within = np.logical_and.reduce(self._hand_can_be_at(mine), axis=1)
+            within[:, arm] = False
+            valid &= ~np.logical_or.reduce(within, axis=-1)
+        return valid
 
     def _pair_valid(self, first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
         """Say which ways keep the rules between two arms, (block,).
@@ -306,6 +325,14 @@ class StartSampler:
         """Turn base-frame points (..., arms, 3) into world-frame ones."""
         rotation, position = self._scene.base_rotation, self._scene.base_position
         turned: FloatArray = np.sum(rotation * points[..., None, :], axis=-1) + position
+        return turned
+
+    def _to_bases(self, points: FloatArray) -> FloatArray:
+        """Turn world-frame points (..., arms, 3) into ones in each arm's base frame."""
+        rotation, position = self._scene.base_rotation, self._scene.base_position
+        turned: FloatArray = np.sum(
+            np.swapaxes(rotation, -1, -2) * (points - position)[..., None, :], axis=-1
+        )
         return turned
 
     def _in_region(self, points: FloatArray) -> NDArray[np.bool_]:

@@ -57,15 +57,7 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize(
     "env_id",
-    [
-        pytest.param(
-            "DualJacoPush-v0",
-            marks=pytest.mark.xfail(
-                reason="0.07 to 0.11: in some starts one arm reaches both cubes and targets"
-            ),
-        ),
-        "DualJacoPickAndPlace-v0",
-    ],
+    ["DualJacoPush-v0", "DualJacoPickAndPlace-v0"],
 )
 @pytest.mark.parametrize("free_arm", [0, 1])
 def test_one_arm_alone_stays_below_the_specified_bar(env_id: str, free_arm: int) -> None:
