@@ -66,9 +66,18 @@ def write_json_atomic(path: str | Path, data: Any) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def portable_command(command: str) -> str:
+    """A command line without the folders of the machine it ran on.
+
+    :param command: words as a shell splits them; the first is the program
+    :return: the same, with files and programs that were named from the root by their names alone
+    """
+    words = shlex.split(command)
+    return shlex.join(Path(word).name if Path(word).is_absolute() else word for word in words)
+
+
 def _command() -> str:
-    """The command line, without the folder that the program happens to live in."""
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    return portable_command(shlex.join(sys.argv))
 
 
 def _version(package: str) -> str | None:

@@ -9,6 +9,7 @@ from typing import Any
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.pretrained.files import export_policy
+from saver_advisors.provenance import portable_command
 from saver_advisors.training import load_trained
 
 #: Checkpoints are chosen on seeds from here up, and reported on seeds from 0.
@@ -63,7 +64,7 @@ def release_run(
     card = {
         "env_id": config.env_id,
         "algorithm": config.algorithm,
-        "command": record["sessions"][0]["command"],
+        "command": portable_command(record["sessions"][0]["command"]),
         "steps": progress["steps"],
         "wall_clock_s": progress["wall_clock_s"],
         "seed": config.seed,

@@ -61,6 +61,8 @@ def save_policy(
     metadata = {"format": FORMAT, "card": card.with_networks(networks.spec).to_json()}
     path.parent.mkdir(parents=True, exist_ok=True)
     save_file(tensors, path, metadata=metadata)
+    # safetensors leaves a file that only its owner may read; weights are there to be shared.
+    path.chmod(0o644)
     write_card(path)
     return path
 
