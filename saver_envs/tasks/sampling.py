@@ -243,10 +243,12 @@ class StartSampler:
             behind = ways - (standoff * unit)[:, None]
             behind[..., 2] = self._rules.hand_height[0]
             per_start &= np.logical_and.reduce(self._hand_can_be_at(behind[:, 0]), axis=-1)
-            # The last centimetres of a push need not be made.
-            needed = unit * np.minimum(distance, self._rules.success_threshold)[..., None]
-            behind[:, 1] -= needed
-            per_start &= self._needs_every_arm(self._to_world(behind))
+            if self._ordered:
+                # The last centimetres of a push need not be made. Round the table arms face one
+                # another and any two of them reach nearly all of it.
+                needed = unit * np.minimum(distance, self._rules.success_threshold)[..., None]
+                behind[:, 1] -= needed
+                per_start &= self._needs_every_arm(self._to_world(behind))
         world = self._to_world(ways)
         for first, second in combinations(range(self._n_arms), 2):
             per_start &= self._pair_valid(world[:, :, first], world[:, :, second])
