@@ -72,8 +72,9 @@ def portable_command(command: str) -> str:
     :param command: words as a shell splits them; the first is the program
     :return: the same, with files and programs that were named from the root by their names alone
     """
-    words = shlex.split(command)
-    return shlex.join(Path(word).name if Path(word).is_absolute() else word for word in words)
+    program, *words = shlex.split(command)
+    named = (Path(word).name if Path(word).is_absolute() else word for word in words)
+    return shlex.join([Path(program).name, *named])
 
 
 def _command() -> str:

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from saver_advisors import provenance as module
-from saver_advisors.provenance import provenance, write_json_atomic
+from saver_advisors.provenance import portable_command, provenance, write_json_atomic
 
 
 def test_provenance_names_versions_and_machine(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,3 +55,11 @@ def test_json_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
         write_json_atomic(path, {"value": float("nan")})
     assert json.loads(path.read_text()) == {"value": 1}
     assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_command_names_no_folder_of_the_machine() -> None:
+    command = "/opt/bin/saver train --output /home/me/runs/push --set 'net_arch=[8,8]' runs/other"
+    assert portable_command(command) == (
+        "saver train --output push --set 'net_arch=[8,8]' runs/other"
+    )
+    assert portable_command(".venv/bin/saver envs") == "saver envs"
