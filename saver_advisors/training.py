@@ -30,11 +30,11 @@ from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
+from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
@@ -58,6 +58,7 @@ from saver_advisors.learner.checkpoint import (
 from saver_advisors.learner.configuration import AdviceConfig, RunConfig
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.provenance import provenance, write_json_atomic
+from saver_advisors.threads import one_thread_of_algebra
 
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
     "ddpg": GoalDDPG,
@@ -122,6 +123,7 @@ class RunResult:
     best_success_rate: float | None
 
 
+@one_thread_of_algebra()
 def train(
     config: RunConfig,
     output_dir: str | Path,
@@ -151,8 +153,6 @@ def train(
     :raises ValueError: when the checkpoint is damaged or of another configuration
     :raises OSError: when a checkpoint cannot be written; the one before is intact
     """
-    # Two processes beside each other are faster than one with two threads; see docs.
-    th.set_num_threads(1)
     output_dir = Path(output_dir)
     checkpoint = _prepare_folder(output_dir, config, resume)
     env = (env_factory or _saver_env)(config)
@@ -335,6 +335,8 @@ class _Run:
     def _train_block(self, callback: MaybeCallback) -> None:
         """One episode in each environment, then the gradient steps."""
         start = time.perf_counter()
+        # SB3 asks the schedule for the progress of one `learn`, which here is a block.
+        self.model.lr_schedule = ConstantSchedule(self.config.learning_rate_at(self.steps))
         self.model.learn(
             self.block,
             callback=callback,
@@ -369,7 +371,8 @@ class _Run:
         }
         _append_line(self._curve_path, line)
         self.curve.append(line)
-        if best_before is None or success_rate > best_before:
+        # Of equals the later: longer trained, it does better on other episodes.
+        if best_before is None or success_rate >= best_before:
             folder = self.output_dir / "best"
             folder.mkdir(exist_ok=True)
             save_policy(folder / POLICY_FILE, self.model.policy)

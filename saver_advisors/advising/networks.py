@@ -1,5 +1,4 @@
-"""Frozen policy networks: what a teacher or a shipped policy computes, in plain torch and nothing
-else.
+"""Frozen policy networks: the numbers that a teacher or a shipped policy computes with.
 
 A policy is a concatenation of observation entries, a fixed normaliser, an actor and optionally some
 critics. `NetworkSpec` says which ones, `PolicyNetworks` is the module, and its `state_dict` is what
@@ -133,20 +132,6 @@ def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
         _check_size(f"inputs[{key!r}]", size, 1)
 
 
-class FrozenLinear(nn.Linear):
-    """A Linear for inference; its weight lies in memory as a small batch's product wants it."""
-
-    def __init__(self, in_features: int, out_features: int) -> None:
-        super().__init__(in_features, out_features)
-        # Column-major: the same values and shape, but a fifth faster on one core at batches of 32
-        # to 64.
-        self.weight = nn.Parameter(self.weight.detach().t().contiguous().t())
-
-    def forward(self, input: Tensor) -> Tensor:
-        """:return: (n, out_features) for (n, in_features)"""
-        return torch.addmm(self.bias, input, self.weight.t())
-
-
 def build_network(
     input_size: int, hidden: tuple[int, ...], output_size: int, *, activation: str, layer_norm: bool
 ) -> nn.Sequential:
@@ -160,17 +145,19 @@ def build_network(
     """
     layers: list[nn.Module] = []
     for width in hidden:
-        layers.append(FrozenLinear(input_size, width))
+        layers.append(nn.Linear(input_size, width))
         if layer_norm:
             layers.append(nn.LayerNorm(width))
         layers.append(ACTIVATIONS[activation]())
         input_size = width
-    layers.append(FrozenLinear(input_size, output_size))
+    layers.append(nn.Linear(input_size, output_size))
     return nn.Sequential(*layers)
 
 
 class PolicyNetworks(nn.Module):
-    """Normaliser, actor and critics with frozen weights; all computing in float32 on the CPU.
+    """Normaliser, actor and critics with frozen weights, in float32 on the CPU.
+
+    They hold the numbers, by the names that weight files use; `FrozenPolicy` computes with them.
 
     Actions of the networks lie in [-1, 1]; `action_low` and `action_high` are the box of the
     environment in which the policy was trained, in that environment's units.
@@ -215,37 +202,3 @@ class PolicyNetworks(nn.Module):
         )
         self.requires_grad_(False)
         self.eval()
-
-    def features(self, inputs: Mapping[str, Tensor]) -> Tensor:
-        """Concatenate and normalise.
-
-        :param inputs: each input of the spec, (n, its size)
-        :return: (n, feature_size), (x - mean) / std, clipped
-        """
-        flat = torch.cat([inputs[key] for key, _ in self.spec.inputs], dim=1)
-        return torch.clamp((flat - self.mean) / self.std, -self.clip, self.clip)
-
-    def scaled_action(self, features: Tensor) -> Tensor:
-        """:return: the deterministic action, (n, action_size) in [-1, 1]"""
-        return torch.tanh(self.actor(features))
-
-    def q_value(self, features: Tensor, scaled_action: Tensor, *, twin_minimum: bool) -> Tensor:
-        """The value that the critics give an action in [-1, 1].
-
-        :param features: (n, feature_size)
-        :param scaled_action: (n, action_size)
-        :param twin_minimum: the smallest of the critics, else the first
-        :return: (n,)
-        """
-        joined = torch.cat([features, scaled_action], dim=1)
-        asked = list(self.critics) if twin_minimum else [self.critics[0]]
-        values = [critic(joined).mean(dim=1) for critic in asked]
-        return values[0] if len(values) == 1 else torch.stack(values).amin(dim=0)
-
-    def unscale(self, scaled_action: Tensor) -> Tensor:
-        """:return: an action in [-1, 1] in the units of the environment's box"""
-        return self.action_low + 0.5 * (scaled_action + 1.0) * (self.action_high - self.action_low)
-
-    def scale(self, action: Tensor) -> Tensor:
-        """:return: an action in the environment's units, in [-1, 1]"""
-        return 2.0 * (action - self.action_low) / (self.action_high - self.action_low) - 1.0

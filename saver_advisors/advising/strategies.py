@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.advising.budget import AdviceBudget
-from saver_advisors.advising.teacher import FloatArray, TeacherGroup
+from saver_advisors.advising.inference import FloatArray
+from saver_advisors.advising.teacher import TeacherGroup
 
 Mask = NDArray[np.bool_]
 

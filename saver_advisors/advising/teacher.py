@@ -8,17 +8,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from saver_advisors.advising.inference import FloatArray, FrozenPolicy
 from saver_advisors.advising.networks import PolicyNetworks
 from saver_advisors.advising.sb3_networks import networks_from_sb3
 
 if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-
-FloatArray = NDArray[np.float32]
 
 
 class Teacher:
@@ -27,13 +24,14 @@ class Teacher:
     Observations, goals and actions are NumPy arrays in the environment's units; the teacher brings
     its own normaliser and scales actions itself.
 
-    :param networks: the weights; the teacher only reads them
+    :param networks: the weights, as they are now
     :param name: what logs and saved runs call it
     """
 
     def __init__(self, networks: PolicyNetworks, name: str = "teacher") -> None:
         self.networks = networks
         self.name = name
+        self._policy = FrozenPolicy(networks)
 
     @classmethod
     def from_sb3(cls, model: OffPolicyAlgorithm, name: str | None = None) -> Teacher:
@@ -85,12 +83,7 @@ class Teacher:
         :return: (n, action_size) in the environment's units
         :raises ValueError: where a shape does not fit
         """
-        with torch.inference_mode():
-            features = self._features(observation, goal, achieved_goal)
-            action: FloatArray = self.networks.unscale(
-                self.networks.scaled_action(features)
-            ).numpy()
-        return action
+        return self._policy.action(self._features(observation, goal, achieved_goal))
 
     def q_value(
         self,
@@ -123,21 +116,15 @@ class Teacher:
                 f"{len(observation)}, "
                 f"{self.action_size})"
             )
-        with torch.inference_mode():
-            features = self._features(observation, goal, achieved_goal)
-            repeats = (
-                action.size // (len(observation) * self.action_size) if len(observation) else 1
-            )
-            scaled = self.networks.scale(_tensor(action).reshape(-1, self.action_size))
-            values = self.networks.q_value(
-                features.repeat(repeats, 1), scaled, twin_minimum=twin_minimum
-            )
-            result: FloatArray = values.numpy().reshape(action.shape[:-1])
-        return result
+        features = self._features(observation, goal, achieved_goal)
+        rows = action.reshape(-1, self.action_size).astype(np.float32, copy=False)
+        repeated = np.tile(features, (len(rows) // max(1, len(features)), 1))
+        values = self._policy.q_value(repeated, rows, twin_minimum=twin_minimum)
+        return values.reshape(action.shape[:-1])
 
     def _features(
         self, observation: NDArray[Any], goal: NDArray[Any], achieved: NDArray[Any] | None
-    ) -> Tensor:
+    ) -> FloatArray:
         inputs = {}
         given = {"observation": observation, "desired_goal": goal, "achieved_goal": achieved}
         for key, size in self.networks.spec.inputs:
@@ -148,8 +135,8 @@ class Teacher:
                 raise ValueError(
                     f"{key} has shape {values.shape}: teacher {self.name!r} needs (n, {size})"
                 )
-            inputs[key] = _tensor(values)
-        return self.networks.features(inputs)
+            inputs[key] = values
+        return self._policy.features(inputs)
 
     def __repr__(self) -> str:
         return (
@@ -273,7 +260,3 @@ def _stack(per_arm: NDArray[Any], arms: list[int]) -> NDArray[Any]:
     """(n_envs, n_arms, size) -> (n_envs * len(arms), size): the arms go into the batch."""
     chosen = per_arm if len(arms) == per_arm.shape[1] else per_arm[:, arms]
     return chosen.reshape(-1, per_arm.shape[-1])
-
-
-def _tensor(values: NDArray[Any]) -> Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))

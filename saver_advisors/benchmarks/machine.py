@@ -35,19 +35,6 @@ def cores(count: int) -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-@contextmanager
-def one_thread_of_algebra() -> Iterator[None]:
-    """One thread of linear algebra, as training has it."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 def load() -> list[float] | None:
     """The system's load averages, which say whether it had other work."""
     return [round(one, 2) for one in os.getloadavg()] if hasattr(os, "getloadavg") else None

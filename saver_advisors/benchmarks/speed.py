@@ -11,8 +11,9 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.benchmarks.machine import load, one_thread_of_algebra, progress
+from saver_advisors.benchmarks.machine import load, progress
 from saver_advisors.benchmarks.peers import PEERS, PeerError, default_cache
+from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
 examples:

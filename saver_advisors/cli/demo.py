@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from saver_advisors.cli.arguments import add_json, at_least, positive_seconds
 from saver_advisors.cli.errors import UsageError
+from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -87,14 +88,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Do all of it; whoever interrupts it loses nothing but the page."""
-    import torch
-
     from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
     from saver_advisors.provenance import provenance, write_json_atomic
 
-    torch.set_num_threads(1)
     start = time.perf_counter()
     if args.output.exists() and not args.output.is_dir():
         raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")

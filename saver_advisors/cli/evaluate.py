@@ -18,6 +18,7 @@ from saver_advisors.cli.arguments import (
     new_file,
     write_json,
 )
+from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -64,14 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Evaluate, print, write."""
-    import torch
-
     from saver_advisors.cli.policies import resolve
 
-    # One thread is faster than two for such small networks beside a busy simulator.
-    torch.set_num_threads(1)
     env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
     policy = resolve(args.policy, args.env, env_kwargs, args.seed)
     figures = measure(policy, args.env, args.episodes, args.seed, env_kwargs)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
 from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -37,15 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Choose, measure, write."""
-    import torch
-
     from saver_advisors.cli.evaluate import COLUMNS, cells
     from saver_advisors.cli.tables import show
     from saver_advisors.release import release_run
 
-    torch.set_num_threads(1)
     env = run_environment(args.run_dir)
     if not any((args.run_dir / which).exists() for which in ("best", "latest")):
         raise UsageError(f"argument RUN_DIR: {args.run_dir} has no policy yet")

@@ -53,6 +53,8 @@ class RunConfig:
     :param net_arch: hidden layers of actor and critics
     :param batch_size: transitions a gradient step
     :param learning_rate: of Adam
+    :param final_learning_rate: reached at the end of the run, on a straight line through its last
+        third; the learning rate all along where None
     :param gamma: discount
     :param q_min: least value of a target critic; -1 / (1 - gamma) where None, which fits rewards of
         -1 and 0
@@ -90,6 +92,7 @@ class RunConfig:
     net_arch: tuple[int, ...] = (256, 256, 256)
     batch_size: int = 512
     learning_rate: float = 1e-3
+    final_learning_rate: float | None = None
     gamma: float = 0.98
     q_min: float | None = None
     tau: float = 0.01
@@ -136,6 +139,10 @@ class RunConfig:
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         for name in ("random_action_probability", "relabel_probability", "tau"):
             _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "in [0, 1]")
+        if self.final_learning_rate is not None:
+            wanted = f"positive and at most learning_rate={self.learning_rate}"
+            within = 0 < self.final_learning_rate <= self.learning_rate
+            _require(within, "final_learning_rate", self.final_learning_rate, wanted)
         _require(0 <= self.gamma < 1, "gamma", self.gamma, "in [0, 1)")
         if any(type(width) is not int for width in self.net_arch):
             raise TypeError(f"net_arch={self.net_arch} must be a list of whole numbers")
@@ -176,6 +183,17 @@ class RunConfig:
         except (ValueError, TypeError) as error:
             kind = TypeError if isinstance(error, TypeError) else ValueError
             raise kind(f"{path}: {error}") from error
+
+    def learning_rate_at(self, steps: int) -> float:
+        """The learning rate in a part of the run.
+
+        :param steps: environment steps done
+        :return: of Adam
+        """
+        if self.final_learning_rate is None:
+            return self.learning_rate
+        left = min(1.0, 3.0 * max(0.0, 1.0 - steps / self.total_steps))
+        return self.final_learning_rate + left * (self.learning_rate - self.final_learning_rate)
 
     def to_mapping(self) -> dict[str, Any]:
         """

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from saver_advisors.advising.inference import FloatArray, FrozenPolicy
 from saver_advisors.advising.mapping import ArmMapping
 from saver_advisors.advising.networks import PolicyNetworks
-from saver_advisors.advising.teacher import FloatArray, Teacher, TeacherGroup
+from saver_advisors.advising.teacher import Teacher, TeacherGroup
 from saver_advisors.pretrained.cards import PolicyCard
 
 Observation = Mapping[str, NDArray[Any]]
@@ -31,6 +31,7 @@ class PretrainedPolicy:
         self.networks = networks
         self.card = card
         self.name = name
+        self._policy = FrozenPolicy(networks)
 
     def predict(
         self,
@@ -55,10 +56,7 @@ class PretrainedPolicy:
                 "only"
             )
         batch, single = _batch(observation, self.networks.spec.inputs, self.name)
-        with torch.inference_mode():
-            inputs = {key: torch.from_numpy(values) for key, values in batch.items()}
-            scaled = self.networks.scaled_action(self.networks.features(inputs))
-            actions: FloatArray = self.networks.unscale(scaled).numpy()
+        actions = self._policy.action(self._policy.features(batch))
         return (actions[0] if single else actions), None
 
     def teacher(self) -> Teacher:

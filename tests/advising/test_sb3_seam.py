@@ -24,6 +24,7 @@ from saver_advisors.advising import (
     AdvisedTD3,
     AdvisedTQC,
     AdvisingCallback,
+    Teacher,
     build_advised,
     make_advisor,
 )
@@ -331,8 +332,9 @@ def test_which_student_action_is_compared(algorithm, compare):
 
 
 def test_teacher_actions_are_clipped_to_the_students_box():
-    teacher = make_teacher()
-    teacher.networks.action_high.fill_(50.0)
+    networks = make_teacher().networks
+    networks.action_high.fill_(50.0)
+    teacher = Teacher(networks)
     advisor = make_advisor("early", teacher, 1000, n_arms=2)
     env = make_vec_env(N_ENVS)
     model = make_model(AdvisedTD3, env, advisor=advisor).learn(STEPS)

@@ -112,7 +112,7 @@ def test_a_run_leaves_curve_checkpoint_best_and_record(start: Start, tmp_path: P
     assert np.all(np.diff([line["wall_clock_s"] for line in lines]) > 0)
     rates = [line["success_rate"] for line in lines]
     best = json.loads((tmp_path / "best" / "evaluation.json").read_text())
-    assert best == lines[rates.index(max(rates))]
+    assert best == [line for line in lines if line["success_rate"] == max(rates)][-1]
     assert result == RunResult(tmp_path, True, 240, 18, result.wall_clock_s, rates[-1], max(rates))
     record = json.loads((tmp_path / "run.json").read_text())
     assert RunConfig.from_mapping(record["config"]) == CONFIG
@@ -131,7 +131,12 @@ def test_a_run_leaves_curve_checkpoint_best_and_record(start: Start, tmp_path: P
 def test_a_resumed_run_equals_an_uninterrupted_one(
     start: Start, tmp_path: Path, algorithm: str, cut_short: bool
 ) -> None:
-    config = replace(CONFIG, algorithm=algorithm, env_kwargs={"cut_short": cut_short})
+    config = replace(
+        CONFIG,
+        algorithm=algorithm,
+        env_kwargs={"cut_short": cut_short},
+        final_learning_rate=1e-4,
+    )
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     start(config, whole)
     first = start(config, parts, stop_after_steps=2 * BLOCK)
@@ -385,6 +390,8 @@ def test_configurations_survive_a_file(tmp_path: Path, suffix: str) -> None:
         ({"env_id": "a", "n_envs": 2.0}, TypeError, "n_envs=2.0 must be a whole number"),
         ({"env_id": "a", "n_envs": True}, TypeError, "n_envs=True must be a whole number"),
         ({"env_id": "a", "n_envs": 0}, ValueError, "n_envs=0 must be positive"),
+        ({"env_id": "a", "final_learning_rate": 0.1}, ValueError, "at most learning_rate=0.001"),
+        ({"env_id": "a", "final_learning_rate": 0.0}, ValueError, "final_learning_rate=0.0 must"),
         ({"env_id": "a", "gamma": 1}, ValueError, "gamma=1 must be in"),
         ({"env_id": "a", "algorithm": "ppo"}, ValueError, "algorithm='ppo' must be one of"),
         ({"env_id": "a", "net_arch": []}, ValueError, "net_arch="),
@@ -400,6 +407,28 @@ def test_wrong_configurations_are_named(
     path.write_text(json.dumps(values))
     with pytest.raises(error, match=rf"run\.json: .*{message}"):
         RunConfig.from_file(path)
+
+
+def test_the_learning_rate_falls_through_the_last_third(start: Start, tmp_path: Path) -> None:
+    config = replace(CONFIG, learning_rate=1e-3, final_learning_rate=1e-4)
+    rates = [config.learning_rate_at(steps * BLOCK) for steps in range(8)]
+    expected = [1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 5.5e-4, 1e-4, 1e-4]
+    np.testing.assert_allclose(rates, expected, rtol=1e-12)
+    assert CONFIG.learning_rate_at(6 * BLOCK) == CONFIG.learning_rate
+
+    seen: list[float] = []
+
+    class Watch(BaseCallback):
+        def _on_rollout_start(self) -> None:
+            # What the gradient steps of the block before were done with.
+            optimizers = (self.model.policy.actor.optimizer, self.model.policy.critic.optimizer)
+            seen.extend({group["lr"] for one in optimizers for group in one.param_groups})
+
+        def _on_step(self) -> bool:
+            return True
+
+    start(config, tmp_path, callback=Watch())
+    np.testing.assert_allclose(seen, [1e-3, *expected[:5]], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
