@@ -107,8 +107,8 @@ def run(args: argparse.Namespace) -> int:
             with one_thread_of_algebra():
                 figures = {**measure(args), "provenance": provenance()}
         else:
-            figures = json.loads(args.from_json.read_text(encoding="utf-8"))
-    except (PeerError, OSError, json.JSONDecodeError) as error:
+            figures = _read(args.from_json)
+    except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
     page = render(figures)
     print(page)
@@ -119,6 +119,19 @@ def run(args: argparse.Namespace) -> int:
         args.table.write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """An earlier measurement."""
+    from saver_advisors.cli.errors import UsageError
+
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != "speed":
+        raise UsageError(f"argument --from: {path} was not written by `saver benchmark speed`")
+    return figures
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:

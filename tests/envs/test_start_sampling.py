@@ -95,6 +95,24 @@ def test_objects_and_targets_keep_apart(env_id: str, seed: int) -> None:
     assert (apart[np.triu_indices(len(points), 1)] >= 1.5 * 0.056 - EPS).all()
 
 
+@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualMicoPush-v0"])
+@given(seed=SEEDS)
+def test_no_arm_has_room_for_all_of_anothers_push(env_id: str, seed: int) -> None:
+    """Behind the cube at its start, or 5 cm before its target, another arm's hand cannot be."""
+    episodes = started(env_id, seed)
+    _, objects, target = places(episodes)
+    way = (target - objects) / np.linalg.norm(target - objects, axis=-1, keepdims=True)
+    behind = world(episodes, objects - (0.028 + 0.03) * way)
+    at_end = world(episodes, target - (0.028 + 0.03 + 0.05) * way)
+    box = episodes.regions.workspace
+    reach = REACH[ENVIRONMENTS[env_id].robot] - 0.04  # surely within it
+    for arm in range(2):
+        rotation, base = episodes.scene.base_rotation[arm], episodes.scene.base_position[arm]
+        seen = (np.stack([behind[1 - arm], at_end[1 - arm]]) - base) @ rotation
+        within = ((seen >= box.lower[arm]) & (seen <= box.upper[arm]))[:, :2].all(axis=1)
+        assert not (within & (np.hypot(seen[:, 0], seen[:, 1]) <= reach)).all()
+
+
 @given(seed=SEEDS)
 def test_the_distance_task_starts_and_ends_within_the_band(seed: int) -> None:
     episodes = started("DualJacoDistance-v0", seed)
