@@ -135,6 +135,7 @@ def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--env-kwargs",
         nargs="+",
+        action="extend",
         metavar="NAME=VALUE",
         help="keyword arguments of the environment, such as horizon=125 rated=true",
     )

@@ -57,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set",
         nargs="+",
+        action="extend",
         metavar="NAME=VALUE",
         help="any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config",
     )

@@ -205,6 +205,15 @@ def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
         assert saver("train", "--env", name, "--print-config").status == 0
 
 
+def test_settings_add_up_however_they_are_given(saver: Saver) -> None:
+    first = ("--set", "batch_size=7", "gamma=0.5", "--env-kwargs", "horizon=9")
+    second = ("--set", "seed=3", "--env-kwargs", "rated=true")
+    result = saver("train", "--env", "JacoPush-v0", *first, *second, "--print-config")
+    assert result.status == 0, result.err
+    for line in ("batch_size: 7", "gamma: 0.5", "seed: 3", "horizon: 9", "rated: true"):
+        assert line in result.out
+
+
 def test_docs_are_complete_and_noticed_when_stale(saver: Saver, tmp_path: Path) -> None:
     docs, readme = tmp_path / "docs", tmp_path / "README.md"
     readme.write_text("Table:\n<!-- envs:begin -->\nold\n<!-- envs:end -->\nrest\n")
