@@ -39,7 +39,10 @@ class FrozenPolicy:
         self._low = _copy(networks.action_low)
         self._span = _copy(networks.action_high) - self._low
         self._actor = _layers(networks.actor)
-        self._critics = [_layers(critic) for critic in networks.critics]
+        critics = [_layers(critic) for critic in networks.critics]
+        self._first_critic = critics[0] if critics else []
+        # One stack of products costs less than one product after another.
+        self._critics = [_together(list(alike)) for alike in zip(*critics, strict=True)]
 
     def features(self, inputs: Mapping[str, NDArray[Any]]) -> FloatArray:
         """Concatenate and normalise.
@@ -71,15 +74,19 @@ class FrozenPolicy:
         """
         scaled = np.float32(2.0) * (action - self._low) / self._span - np.float32(1.0)
         joined = np.concatenate((features, scaled), axis=1)
-        asked = self._critics if twin_minimum else self._critics[:1]
-        values = [_forward(critic, joined).mean(axis=1) for critic in asked]
-        least: FloatArray = np.minimum.reduce(values)
+        if not twin_minimum:
+            return _mean(_forward(self._first_critic, joined))
+        least: FloatArray = _mean(_forward(self._critics, joined)).min(axis=0)
         return least
 
 
 @dataclass(frozen=True)
 class _Layer:
-    """x W + b, LayerNorm where there is one, activation where there is one."""
+    """x W + b, LayerNorm where there is one, activation where there is one.
+
+    weight: (in, out), or (k, in, out) for k networks at once; bias and the norm's two: (out,), or
+    (k, 1, out)
+    """
 
     weight: FloatArray
     bias: FloatArray
@@ -112,6 +119,27 @@ def _layers(network: nn.Module) -> list[_Layer]:
     return layers
 
 
+def _together(layers: list[_Layer]) -> _Layer:
+    """Layers of several networks as one."""
+    first = layers[0]
+
+    def stack(parts: list[FloatArray]) -> FloatArray:
+        return np.stack(parts)[:, np.newaxis]
+
+    norms = [layer.norm for layer in layers if layer.norm is not None]
+    norm = None
+    if norms:
+        norm = stack([one[0] for one in norms]), stack([one[1] for one in norms]), norms[0][2]
+    weight = np.stack([layer.weight for layer in layers])
+    return _Layer(weight, stack([layer.bias for layer in layers]), norm, first.activation)
+
+
+def _mean(values: FloatArray) -> FloatArray:
+    """Mean over a critic's outputs, (..., n)."""
+    mean: FloatArray = values[..., 0] if values.shape[-1] == 1 else values.mean(axis=-1)
+    return mean
+
+
 def _forward(layers: list[_Layer], values: FloatArray) -> FloatArray:
     for layer in layers:
         values = values @ layer.weight
@@ -125,8 +153,10 @@ def _forward(layers: list[_Layer], values: FloatArray) -> FloatArray:
 
 def _normalise(values: FloatArray, weight: FloatArray, bias: FloatArray, eps: float) -> None:
     """LayerNorm, in place, of rows whose mean is zero."""
-    variance = np.einsum("ij,ij->i", values, values)[:, np.newaxis] / np.float32(values.shape[1])
-    values *= np.float32(1.0) / np.sqrt(variance + np.float32(eps))
+    scale = np.vecdot(values, values)[..., np.newaxis]
+    scale /= np.float32(values.shape[-1])
+    scale += np.float32(eps)
+    values *= np.float32(1.0) / np.sqrt(scale)
     values *= weight
     values += bias
 
