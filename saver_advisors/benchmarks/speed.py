@@ -31,7 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from saver_advisors.cli.arguments import add_json, at_least, env_id, positive_seconds
 
     count = at_least(1)
-    parser.epilog, parser.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     parser.add_argument(
         "--envs",
         nargs="+",

@@ -1,4 +1,4 @@
-"""Measure speed on this machine: steps per second, beside the raw simulator and other suites."""
+"""Measure on this machine: speed, and methods beside one another."""
 
 from __future__ import annotations
 
@@ -6,38 +6,35 @@ import argparse
 import importlib
 from typing import Any, Final
 
-from saver_advisors.cli.errors import UsageError
-
-EXAMPLES = """\
+EXAMPLES: Final = """\
 examples:
   saver benchmark speed
   saver benchmark speed --help"""
 
-SPEED: Final = "saver_advisors.benchmarks.speed"
+KINDS: Final = {
+    "speed": ("saver_advisors.benchmarks.speed", "environment steps per second, beside peers"),
+}
+"""What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
+command has, and a line of help. One row a benchmark, and nothing else to edit here.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what is measured; ``speed`` declares its own arguments."""
+    """Let every benchmark declare its own arguments."""
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
-    speed = kinds.add_parser("speed", help="environment steps per second")
-    measure = _speed()
-    if measure is not None:
-        measure.add_arguments(speed)
+    for name, (module_name, summary) in KINDS.items():
+        measure: Any = importlib.import_module(module_name)
+        sub = kinds.add_parser(
+            name,
+            help=summary,
+            description=measure.__doc__.split("\n\n")[0],
+            epilog=getattr(measure, "EXAMPLES", None),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        measure.add_arguments(sub)
+        sub.set_defaults(measure=measure)
 
 
 def run(args: argparse.Namespace) -> int:
     """Hand over to what was asked for."""
-    measure = _speed()
-    if measure is None:
-        raise UsageError(f"this installation has no {SPEED}")
-    return int(measure.run(args))
-
-
-def _speed() -> Any:
-    """The module that measures, or None where it is not there."""
-    try:
-        return importlib.import_module(SPEED)
-    except ModuleNotFoundError as error:
-        if error.name is None or not SPEED.startswith(error.name):
-            raise  # it is there, and something that it needs is not
-        return None
+    return int(args.measure.run(args))
