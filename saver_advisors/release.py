@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from saver_advisors.curves import read_curve
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.pretrained.files import export_policy
@@ -93,6 +94,4 @@ def _progress(run_dir: str | Path, which: str) -> dict[str, Any]:
         path = Path(run_dir) / "best" / "evaluation.json"
         best: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         return best
-    lines = (Path(run_dir) / "curve.jsonl").read_text(encoding="utf-8").splitlines()
-    last: dict[str, Any] = json.loads(lines[-1])
-    return last
+    return read_curve(run_dir)[-1]

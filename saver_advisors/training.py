@@ -16,7 +16,6 @@ checkpoint and resumed does exactly what an uninterrupted one does.
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 import threading
@@ -38,6 +37,7 @@ from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
+from saver_advisors.curves import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.learner.algorithms import (
     GoalDDPG,
     GoalLearnerMixin,
@@ -297,10 +297,10 @@ class _Run:
             if extra["advisor"] is not None:
                 self._advisor().load_state_dict(extra["advisor"])
             self.curve = [
-                line for line in _read_curve(self._curve_path) if line["steps"] <= self.steps
+                line for line in read_curve(self.output_dir) if line["steps"] <= self.steps
             ]
         # Lines written after the checkpoint would come a second time.
-        _write_lines(self._curve_path, self.curve)
+        write_curve(self.output_dir, self.curve)
         self._write_record()
         self._restart_environments()
 
@@ -369,7 +369,7 @@ class _Run:
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
         }
-        _append_line(self._curve_path, line)
+        append_point(self.output_dir, line)
         self.curve.append(line)
         # Of equals the later: longer trained, it does better on other episodes.
         if best_before is None or success_rate >= best_before:
@@ -399,10 +399,6 @@ class _Run:
 
     def _advisor(self) -> Any:
         return self.model.advisor  # type: ignore[attr-defined]  # the advised class has one
-
-    @property
-    def _curve_path(self) -> Path:
-        return self.output_dir / "curve.jsonl"
 
     def _write_record(self) -> None:
         """Append this session to ``run.json``."""
@@ -476,7 +472,7 @@ def _prepare_folder(output_dir: Path, config: RunConfig, resume: bool) -> Path |
     output_dir.mkdir(parents=True, exist_ok=True)
     checkpoint = find_checkpoint(output_dir / "latest")
     if not resume:
-        if checkpoint is not None or (output_dir / "curve.jsonl").exists():
+        if checkpoint is not None or (output_dir / CURVE_FILE).exists():
             raise FileExistsError(
                 f"output_dir={output_dir} holds a run already: go on with it by resume=True, or "
                 "choose another folder"
@@ -522,33 +518,6 @@ def _stop_requests() -> Iterator[threading.Event]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-
-
-def _read_curve(path: Path) -> list[dict[str, Any]]:
-    """The lines of a curve; one that a crash left unfinished ends it."""
-    lines: list[dict[str, Any]] = []
-    if path.exists():
-        for text in path.read_text(encoding="utf-8").splitlines():
-            try:
-                lines.append(json.loads(text))
-            except json.JSONDecodeError:
-                break
-    return lines
-
-
-def _write_lines(path: Path, lines: list[dict[str, Any]]) -> None:
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text("".join(_json_line(line) for line in lines), encoding="utf-8")
-    os.replace(partial, path)
-
-
-def _append_line(path: Path, line: dict[str, Any]) -> None:
-    with open(path, "a", encoding="utf-8") as file:
-        file.write(_json_line(line))
-
-
-def _json_line(line: dict[str, Any]) -> str:
-    return json.dumps(line, allow_nan=False) + "\n"
 
 
 def _number(value: Any) -> float | None:

@@ -22,6 +22,7 @@ COMMANDS: Final = {
     "evaluate": "measure a policy over episodes with fixed seeds, and record it",
     "export": "turn a training run into a weight file with a card",
     "curves": "draw the learning curves of training runs",
+    "experiments": "work a grid of training runs off, on this machine or a cluster",
     "benchmark": "measure speed on this machine, and methods beside one another",
     "demo": "play the shipped policies, learn for two minutes, write a page about it",
     "docs": "write the documentation pages that come from the code",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.errors import UsageError
+from saver_advisors.curves import CURVE_FILE, read_curve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,15 +125,10 @@ def read_run(folder: Path, name: str) -> Run:
     :param name: what to call it
     :return: the run
     """
-    curve, record = folder / "curve.jsonl", folder / "run.json"
-    if not record.is_file() or not curve.is_file():
+    record = folder / "run.json"
+    if not record.is_file() or not (folder / CURVE_FILE).is_file():
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run of `saver train`")
-    points = []
-    for line in curve.read_text(encoding="utf-8").splitlines():
-        try:
-            points.append(json.loads(line))
-        except json.JSONDecodeError:
-            break  # the run is being written, or was killed while it wrote
+    points = read_curve(folder)
     if not points:
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
     try:

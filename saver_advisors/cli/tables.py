@@ -5,9 +5,35 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 PLAIN_WIDTH = 160
 """Columns where the output is not a terminal, which has a width of its own."""
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> Table:
+    """A table for the terminal.
+
+    :param columns: headings
+    :param rows: cells, one list a row
+    :param title: above it
+    :return: what rich prints
+    """
+    from rich import box
+    from rich.table import Table
+
+    drawn = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, name in enumerate(columns):
+        numbers = all(_is_number(row[index]) for row in rows)
+        # Names and numbers stay whole; sentences and headings are folded between words.
+        longest = max((len(word) for row in rows for word in row[index].split()), default=0)
+        drawn.add_column(name, justify="right" if numbers else "left", min_width=longest)
+    for row in rows:
+        drawn.add_row(*row)
+    return drawn
 
 
 def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
@@ -17,20 +43,11 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | Non
     :param rows: cells, one list a row
     :param title: above it
     """
-    from rich import box
     from rich.console import Console
-    from rich.table import Table
 
     width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else PLAIN_WIDTH
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for index, name in enumerate(columns):
-        numbers = all(_is_number(row[index]) for row in rows)
-        # Names and numbers stay whole; sentences and headings are folded between words.
-        longest = max((len(word) for row in rows for word in row[index].split()), default=0)
-        table.add_column(name, justify="right" if numbers else "left", min_width=longest)
-    for row in rows:
-        table.add_row(*row)
-    Console(width=width, highlight=False, markup=False).print(table)
+    console = Console(width=width, highlight=False, markup=False)
+    console.print(table(columns, rows, title))
 
 
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -131,10 +131,11 @@ def configuration(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.cli.defaults import default_settings, read_settings
+    from saver_advisors.defaults import default_settings, read_settings
 
     if args.config is not None:
-        return read_settings(args.config, args.env)
+        with user_mistakes("argument --config"):
+            return read_settings(args.config, args.env)
     record = None if args.output is None else args.output / "run.json"
     if args.resume and record is not None and record.is_file():
         with user_mistakes(f"argument --output: {record}"):

@@ -18,7 +18,7 @@ def test_help_names_every_command(saver: Saver) -> None:
     result = saver("--help")
     assert result.status == 0
     for name in COMMANDS:
-        assert re.search(rf"^    {name} ", result.out, flags=re.MULTILINE)
+        assert re.search(rf"^    {name}\s", result.out, flags=re.MULTILINE)
     assert saver().out == result.out
 
 

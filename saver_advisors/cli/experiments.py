@@ -1,0 +1,154 @@
+"""Work a grid of training runs off: tasks by rows by seeds, resumed where it stopped.
+
+A grid is a file such as zoo_configs/advising.yml. Every run leaves a JSON file among the results,
+from which `saver benchmark` renders tables and figures. Ctrl-C lets the running ones write their
+checkpoints; `resume` goes on with all that has no whole result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from saver_advisors.cli.arguments import at_least, positive_seconds
+from saver_advisors.cli.errors import UsageError, user_mistakes
+
+if TYPE_CHECKING:
+    from saver_advisors.experiments.grid import Grid
+    from saver_advisors.experiments.scheduler import Backend, Places
+
+EXAMPLES = """\
+examples:
+  saver experiments run zoo_configs/advising.yml --output runs/advising --results results
+  saver experiments run zoo_configs/advising.yml --output runs/advising --only mc-q --processes 2
+  saver experiments resume runs/advising --time-limit 3600
+  saver experiments status runs/advising
+  saver experiments run zoo_configs/advising.yml --output /shared/runs --ray auto"""
+
+GRID_FILE: Final = "grid.yml"
+PLACES_FILE: Final = "places.json"
+RESULTS: Final = "results"
+LOG_FILE: Final = "worker.log"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    run_action = actions.add_parser("run", help="start a grid, or go on with it")
+    run_action.add_argument("grid", type=Path, metavar="GRID.yml")
+    run_action.add_argument(
+        "--output", type=Path, required=True, metavar="DIR", help="the runs' folders go there"
+    )
+    run_action.add_argument(
+        "--results", type=Path, metavar="DIR", help=f"the JSON files (default: DIR/{RESULTS})"
+    )
+    resume = actions.add_parser("resume", help="go on with a grid as its folder says")
+    status = actions.add_parser("status", help="how a grid's runs stand")
+    for action in (resume, status):
+        action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
+    for action in (run_action, resume, status):
+        action.add_argument(
+            "--only",
+            nargs="+",
+            action="extend",
+            default=[],
+            metavar="WORD",
+            help="runs whose names contain any of these",
+        )
+    for action in (run_action, resume):
+        action.add_argument(
+            "--processes",
+            type=at_least(1),
+            default=1,
+            metavar="N",
+            help="runs at a time on this machine, a core each (default: 1)",
+        )
+        action.add_argument(
+            "--ray",
+            metavar="ADDRESS",
+            help="do them on a Ray cluster instead: auto, or ray://host:10001",
+        )
+        action.add_argument(
+            "--time-limit",
+            type=positive_seconds,
+            metavar="SECONDS",
+            help="stop after that long; what runs writes its checkpoint",
+        )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Work the grid off, or say how it stands."""
+    from saver_advisors.cli import tables
+    from saver_advisors.experiments.grid import read_grid
+    from saver_advisors.experiments.progress import COLUMNS, rows
+    from saver_advisors.experiments.scheduler import Places
+
+    path, results = _starting_point(args)
+    with user_mistakes("argument GRID.yml"):
+        grid = read_grid(path)
+    places = Places(args.output, results)
+    if args.action == "run":
+        _remember(args, path, results)
+    with user_mistakes("argument --only"):
+        grid = grid.only(args.only)
+    status = 0 if args.action == "status" else _work(args, grid, places)
+    tables.show(COLUMNS, rows(grid, places), grid.title)
+    return status
+
+
+def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
+    """The grid's file and the folder of results, from the command line or as remembered."""
+    if args.action == "run":
+        return args.grid, args.results or args.output / RESULTS
+    try:
+        places = json.loads((args.output / PLACES_FILE).read_text(encoding="utf-8"))
+        return args.output / GRID_FILE, Path(places["results"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(
+            f"argument DIR: {str(args.output)!r} holds no grid of `saver experiments run`"
+        ) from error
+
+
+def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
+    """Copy the grid into its folder, so that it is resumed as it was begun."""
+    from saver_advisors.provenance import write_json_atomic
+
+    with user_mistakes("argument --output"):
+        args.output.mkdir(parents=True, exist_ok=True)
+        (args.output / GRID_FILE).write_bytes(path.read_bytes())
+        write_json_atomic(args.output / PLACES_FILE, {"results": str(results.resolve())})
+
+
+def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
+    """Do the runs; the exit status says whether all are done."""
+    from saver_advisors.experiments.progress import ProgressTable
+    from saver_advisors.experiments.scheduler import Stop, work_off
+
+    stop = Stop(args.time_limit)
+    backend = _backend(args, places)
+    with stop.on_signals(), ProgressTable(grid, places) as shown:
+        progress = work_off(grid, places, backend, stop, shown.look)
+    if progress.failed:
+        for name, words in progress.failed.items():
+            log = places.folder(grid.named(name)) / LOG_FILE
+            print(f"saver experiments: {name} failed: {words} (see {log})", file=sys.stderr)
+        return 1
+    # A time limit that was asked for is an end like any other; Ctrl-C is not.
+    done = len(progress.done) == len(grid.runs)
+    return 0 if done or args.time_limit is not None else 130
+
+
+def _backend(args: argparse.Namespace, places: Places) -> Backend:
+    if args.ray is None:
+        from saver_advisors.experiments.scheduler import LocalProcesses
+
+        return LocalProcesses(places, args.processes)
+    from saver_advisors.experiments.cluster import RayCluster
+
+    try:
+        return RayCluster(places, args.ray)
+    except (ImportError, ConnectionError, ValueError) as error:
+        raise UsageError(f"argument --ray: {' '.join(str(error).split())}") from error

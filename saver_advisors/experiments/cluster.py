@@ -1,0 +1,100 @@
+"""Runs on a Ray cluster: the same grid, the same results.
+
+The cluster's nodes need this package at the same version. A run's folder lies on the node that
+does it, under the same path as here; on a file system that the nodes share, a run whose node was
+lost goes on from its checkpoint on another one, otherwise it starts again. Results come back over
+the cluster and are written here.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun
+from saver_advisors.experiments.scheduler import LOOK_EVERY, Look, Places, Progress, Stop
+from saver_advisors.provenance import write_json_atomic
+
+
+class RayCluster:
+    """Runs as tasks of a Ray cluster, a processor each.
+
+    :param places: where runs and results lie
+    :param address: of the cluster, as ``ray.init`` takes it, such as ``auto`` or
+        ``ray://head:10001``
+    :param retries: how often a run is done again whose node was lost
+    :raises ImportError: where Ray is not installed
+    :raises ConnectionError: where no cluster answers there
+    """
+
+    def __init__(self, places: Places, address: str, retries: int = 3) -> None:
+        try:
+            import ray
+        except ImportError as error:
+            raise ImportError("a cluster needs Ray: pip install 'saver-envs[cluster]'") from error
+        self.places = places
+        self._ray = ray
+        ray.init(address=address, ignore_reinit_error=True, log_to_driver=False)
+        self._do = ray.remote(num_cpus=1, max_retries=retries)(run_on_node)
+
+    def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
+        """Hand all runs to the cluster; on a request to stop, cancel them."""
+        output = str(self.places.output.resolve())
+        pending: dict[Any, ExperimentRun] = {}
+        for run in runs:
+            pending[self._do.remote(run.to_mapping(), output)] = run
+            progress.running.add(run.name)
+        cancelled = False
+        while pending:
+            if stop and not cancelled:
+                for task in pending:
+                    self._ray.cancel(task)
+                cancelled = True
+            ended, _ = self._ray.wait(list(pending), timeout=LOOK_EVERY)
+            for task in ended:
+                self._take(task, pending.pop(task), progress)
+            look(progress)
+
+    def _take(self, task: Any, run: ExperimentRun, progress: Progress) -> None:
+        """Write a result that came back, or take down why there is none."""
+        try:
+            status, words, result = self._ray.get(task)
+        except (self._ray.exceptions.TaskCancelledError, KeyboardInterrupt):
+            progress.end(run.name, worker.STOPPED, "")
+            return
+        except self._ray.exceptions.RayError as error:
+            progress.end(run.name, worker.FAILED, str(error).splitlines()[-1])
+            return
+        if result is not None:
+            write_json_atomic(self.places.result(run), result)
+        progress.end(run.name, status, words)
+
+    def close(self) -> None:
+        """Leave the cluster, which goes on."""
+        self._ray.shutdown()
+
+
+def run_on_node(values: dict[str, Any], output: str) -> tuple[int, str, dict[str, Any] | None]:
+    """One run, in a process of its own on the node that this is called on.
+
+    :param values: the run, as a mapping
+    :param output: the folder of run folders
+    :return: exit status, last line of the log, and the result where there is one
+    """
+    run = ExperimentRun.from_mapping(values)
+    folder = Path(output) / run.name
+    result = folder / "result" / f"{run.name}.json"
+    result.parent.mkdir(parents=True, exist_ok=True)
+    process = worker.start(run, folder, result)
+    try:
+        while process.poll() is None:
+            time.sleep(LOOK_EVERY)
+    except KeyboardInterrupt:  # how Ray cancels a task
+        process.terminate()
+        process.wait()
+        raise
+    content = json.loads(result.read_text(encoding="utf-8")) if result.is_file() else None
+    return int(process.returncode), worker.last_words(folder), content

@@ -1,0 +1,114 @@
+"""The table of a grid's runs, on the terminal, while they are worked off or afterwards."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Final
+
+from saver_advisors.experiments.grid import Grid
+from saver_advisors.experiments.results import RunState, state_of
+from saver_advisors.experiments.scheduler import Places, Progress
+
+COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
+#: Seconds between two drawings: reading the curves costs a little.
+DRAW_EVERY: Final = 2.0
+
+
+def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[list[str]]:
+    """A row of cells a run, in the order of ``COLUMNS``.
+
+    :param grid: the runs
+    :param places: where they lie
+    :param progress: what is running or failed, where somebody is at work
+    """
+    table = []
+    for run in grid.runs:
+        state = state_of(run, places.folder(run), places.results)
+        total = f"{run.config.total_steps:,}"
+        table.append([run.name, _word(run.name, state, progress), *_figures(state, total)])
+    return table
+
+
+def _word(name: str, state: RunState, progress: Progress | None) -> str:
+    if progress is not None:
+        if name in progress.running:
+            return "running"
+        if name in progress.failed:
+            return f"failed: {progress.failed[name]}"
+        if name in progress.busy:
+            return "left to another process"
+    return state.state
+
+
+def _figures(state: RunState, total: str) -> list[str]:
+    if state.success_rate is None or state.best_success_rate is None:
+        return ["-", total, "-", "-", "-"]
+    return [
+        f"{state.steps:,}",
+        total,
+        f"{state.success_rate:.2f}",
+        f"{state.best_success_rate:.2f}",
+        f"{state.wall_clock_s / 60:.1f}",
+    ]
+
+
+class ProgressTable:
+    """The table, redrawn in place on a terminal; elsewhere a line for each change of state.
+
+    :param grid: the runs
+    :param places: where they lie
+    """
+
+    def __init__(self, grid: Grid, places: Places) -> None:
+        self.grid = grid
+        self.places = places
+        self._words: dict[str, str] = {}
+        self._drawn_at = 0.0
+        self._live: Any = None
+
+    def __enter__(self) -> ProgressTable:
+        if sys.stdout.isatty():
+            from rich.live import Live
+
+            self._live = Live(refresh_per_second=1)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def look(self, progress: Progress) -> None:
+        """Show how things stand.
+
+        :param progress: of the work
+        """
+        now = time.monotonic()
+        if self._live is None:
+            self._tell_changes(progress)
+        elif now - self._drawn_at >= DRAW_EVERY:
+            from saver_advisors.cli.tables import table
+
+            self._live.update(table(COLUMNS, rows(self.grid, self.places, progress)))
+            self._drawn_at = now
+
+    def _tell_changes(self, progress: Progress) -> None:
+        words = {
+            **{run.name: "waiting" for run in self.grid.runs},
+            **dict.fromkeys(progress.running, "running"),
+            **dict.fromkeys(progress.done, "done"),
+            **dict.fromkeys(progress.stopped, "stopped, with a checkpoint"),
+            **dict.fromkeys(progress.busy, "left to another process"),
+            **{name: f"failed: {why}" for name, why in progress.failed.items()},
+        }
+        for name, word in words.items():
+            if word != self._words.get(name, "waiting"):
+                print(f"{time.strftime('%H:%M:%S')}  {name}  {word}", flush=True)
+        self._words = words

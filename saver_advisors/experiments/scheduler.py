@@ -1,0 +1,185 @@
+"""Working a grid off: which run is next, on this machine's processes or on a cluster's."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Protocol
+
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun, Grid
+from saver_advisors.experiments.results import is_done, result_path
+
+#: Seconds between two looks at the running processes.
+LOOK_EVERY: Final = 0.5
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a grid's runs and results lie.
+
+    :param output: a folder for each run, with its checkpoints
+    :param results: a JSON file for each run
+    """
+
+    output: Path
+    results: Path
+
+    def folder(self, run: ExperimentRun) -> Path:
+        """The folder of a run."""
+        return self.output / run.name
+
+    def result(self, run: ExperimentRun) -> Path:
+        """The file of a run's result."""
+        return result_path(self.results, run)
+
+
+@dataclass
+class Progress:
+    """What became of the runs so far, by name.
+
+    :param running: now at work
+    :param done: with a whole result, those that had one before included
+    :param stopped: before their end, with a checkpoint
+    :param busy: left to another process that has them
+    :param failed: with the last line of their log
+    """
+
+    running: set[str] = field(default_factory=set)
+    done: set[str] = field(default_factory=set)
+    stopped: set[str] = field(default_factory=set)
+    busy: set[str] = field(default_factory=set)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def end(self, name: str, status: int, words: str) -> None:
+        """Take down how a run's process ended.
+
+        :param name: of the run
+        :param status: its exit status
+        :param words: the last line of its log
+        """
+        self.running.discard(name)
+        if status == worker.DONE:
+            self.done.add(name)
+        elif status == worker.STOPPED:
+            self.stopped.add(name)
+        elif status == worker.BUSY:
+            self.busy.add(name)
+        else:
+            self.failed[name] = words or f"exit status {status}"
+
+
+Look = Callable[[Progress], None]
+
+
+class Backend(Protocol):
+    """Where runs are done."""
+
+    def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
+        """Do runs until there are no more or it is asked to stop; then let those running end."""
+
+
+class Stop:
+    """Whether to stop: asked for by Ctrl-C or SIGTERM, or when a time is over.
+
+    :param seconds: the time; no limit where None
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
+        self._event = threading.Event()
+        self._deadline = None if seconds is None else time.monotonic() + seconds
+
+    def __bool__(self) -> bool:
+        late = self._deadline is not None and time.monotonic() >= self._deadline
+        return late or self._event.is_set()
+
+    def ask(self) -> None:
+        """Ask to stop."""
+        self._event.set()
+
+    @contextmanager
+    def on_signals(self) -> Iterator[None]:
+        """Ctrl-C and SIGTERM ask to stop; a second Ctrl-C ends this program at once."""
+
+        def request(number: int, frame: object) -> None:
+            if self._event.is_set() and number == signal.SIGINT:
+                raise KeyboardInterrupt
+            self._event.set()
+
+        numbers = (signal.SIGINT, signal.SIGTERM)
+        handlers = {number: signal.signal(number, request) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
+
+def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Look) -> Progress:
+    """Do all runs of a grid that have no whole result yet.
+
+    :param grid: what to do, in its order
+    :param places: where runs and results lie, made if need be
+    :param backend: where the runs are done
+    :param stop: when to stop
+    :param look: called with the progress whenever something may have changed
+    :return: what became of the runs
+    """
+    places.output.mkdir(parents=True, exist_ok=True)
+    places.results.mkdir(parents=True, exist_ok=True)
+    progress = Progress(done={run.name for run in grid.runs if is_done(places.results, run)})
+    waiting = [run for run in grid.runs if run.name not in progress.done]
+    look(progress)
+    backend.work(waiting, progress, stop, look)
+    look(progress)
+    return progress
+
+
+class LocalProcesses:
+    """Runs in processes of this machine.
+
+    :param places: where runs and results lie
+    :param processes: how many at a time; each takes one core
+    """
+
+    def __init__(self, places: Places, processes: int) -> None:
+        if processes < 1:
+            raise ValueError(f"processes={processes} must be at least 1")
+        self.places = places
+        self.processes = processes
+
+    def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
+        """Keep so many processes at work; pass SIGTERM on to them when asked to stop."""
+        waiting = list(runs)
+        running: dict[str, tuple[ExperimentRun, subprocess.Popen[bytes]]] = {}
+        try:
+            while running or (waiting and not stop):
+                while waiting and len(running) < self.processes and not stop:
+                    run = waiting.pop(0)
+                    folder, result = self.places.folder(run), self.places.result(run)
+                    running[run.name] = (run, worker.start(run, folder, result))
+                    progress.running.add(run.name)
+                if stop:
+                    _ask_to_stop(running)
+                time.sleep(LOOK_EVERY)
+                for name, (run, process) in list(running.items()):
+                    status = process.poll()
+                    if status is not None:
+                        progress.end(name, status, worker.last_words(self.places.folder(run)))
+                        del running[name]
+                look(progress)
+        finally:
+            # On a second Ctrl-C; the processes write their checkpoints without us.
+            _ask_to_stop(running)
+
+
+def _ask_to_stop(running: dict[str, tuple[ExperimentRun, subprocess.Popen[bytes]]]) -> None:
+    for _, process in running.values():
+        if process.poll() is None:
+            process.terminate()

@@ -1,0 +1,119 @@
+"""One run of a grid, in a process of its own: ``python -m saver_advisors.experiments.worker``.
+
+The process goes on from the run's checkpoint, if there is one, and writes the result when it ends,
+of a part of the run where it is stopped before its end. SIGTERM and the end of the process that
+started it make it write a checkpoint and stop. A lock keeps two of them from the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from saver_advisors.experiments.grid import ExperimentRun
+from saver_advisors.experiments.results import is_done, write_result
+from saver_advisors.provenance import write_json_atomic
+
+RUN_FILE: Final = "experiment.json"
+LOG_FILE: Final = "worker.log"
+#: Exit statuses.
+DONE, FAILED, STOPPED, BUSY = 0, 1, 3, 4
+#: Seconds between two looks at whether the starting process is still there.
+LOOK_EVERY: Final = 1.0
+
+
+def execute(run: ExperimentRun, folder: str | Path, result: str | Path) -> int:
+    """Do a run, or go on with it, in this process.
+
+    :param run: of a grid
+    :param folder: the run's own, made if need be
+    :param result: the file that its result goes to
+    :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` where another process has it
+    """
+    from filelock import FileLock, Timeout
+
+    from saver_advisors.training import train
+
+    folder, result = Path(folder), Path(result)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder / ".lock").acquire(blocking=False):
+            if is_done(result.parent, run):
+                return DONE
+            outcome = train(run.config, folder, resume=True, progress=False)
+            if outcome.success_rate is not None:
+                write_result(run, folder, result)
+            return DONE if outcome.finished else STOPPED
+    except Timeout:
+        return BUSY
+
+
+def start(run: ExperimentRun, folder: str | Path, result: str | Path) -> subprocess.Popen[bytes]:
+    """Do a run in a process of its own; what it prints goes to a log in its folder.
+
+    :param run: of a grid
+    :param folder: the run's own, made if need be
+    :param result: the file that its result goes to
+    :return: the process; it ends itself when this one is gone
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json_atomic(folder / RUN_FILE, run.to_mapping())
+    command = [sys.executable, "-m", __name__, str(folder), str(result)]
+    # Ctrl-C goes to a terminal's whole foreground group: whoever started the process decides.
+    with open(folder / LOG_FILE, "ab") as log:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+
+
+def last_words(folder: str | Path) -> str:
+    """
+    :param folder: of a run that failed
+    :return: the last line of its log
+    """
+    try:
+        text = (Path(folder) / LOG_FILE).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+    lines = [line for line in text.splitlines() if line.strip()]
+    return lines[-1].strip() if lines else ""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what the folder's file says.
+
+    :param arguments: of the command line
+    :return: exit status
+    """
+    parser = argparse.ArgumentParser(description="Do one run of a grid of experiments.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("result", type=Path)
+    args = parser.parse_args(arguments)
+    threading.Thread(target=_stop_without, args=(os.getppid(),), daemon=True).start()
+    values = json.loads((args.folder / RUN_FILE).read_text(encoding="utf-8"))
+    return execute(ExperimentRun.from_mapping(values), args.folder, args.result)
+
+
+def _stop_without(parent: int) -> None:
+    """Ask this process to stop as soon as its parent is another than the one that started it."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_EVERY)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
