@@ -1,0 +1,234 @@
+"""Grids worked off: results, resuming, failures, two at once, kill -9."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import GridFile, tiny_grid
+from filelock import FileLock
+
+from saver_advisors.experiments import ExperimentRun, read_grid, read_results, state_of, worker
+from saver_advisors.experiments.results import is_done, read_result, write_result
+from saver_advisors.experiments.scheduler import (
+    LocalProcesses,
+    Places,
+    Progress,
+    Stop,
+    work_off,
+)
+
+
+@pytest.fixture
+def run(grid_file: GridFile) -> ExperimentRun:
+    """An advised run of a second."""
+    return read_grid(grid_file(tiny_grid())).named("push-early-seed0")
+
+
+@pytest.fixture
+def places(tmp_path: Path) -> Places:
+    return Places(tmp_path / "runs", tmp_path / "results")
+
+
+def without_clock(curve: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{k: v for k, v in point.items() if k != "wall_clock_s"} for point in curve]
+
+
+def test_a_run_leaves_a_result(run: ExperimentRun, places: Places) -> None:
+    places.results.mkdir()
+    assert state_of(run, places.folder(run), places.results).state == "waiting"
+    assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
+    result = read_result(places.result(run))
+    assert result["finished"]
+    assert result["final"]["episodes"] == 2
+    assert result["final"]["seed"] == 0
+    assert result["teacher_steps"] > 100_000, "the teacher's own training counts"
+    assert result["curve"][-1]["steps"] == 160
+    assert 0 < result["curve"][-1]["advice_spent"] <= 40
+    assert result["provenance"]["versions"]["mujoco"]
+    state = state_of(run, places.folder(run), places.results)
+    assert (state.state, state.steps) == ("done", 160)
+    before = places.result(run).read_bytes()
+    assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
+    assert places.result(run).read_bytes() == before, "what is done is not done again"
+
+
+def test_a_result_cut_short_is_made_again(run: ExperimentRun, places: Places) -> None:
+    places.results.mkdir()
+    worker.execute(run, places.folder(run), places.result(run))
+    whole = places.result(run).read_text()
+    places.result(run).write_text(whole[: len(whole) // 2])
+    assert not is_done(places.results, run)
+    results, complaints = read_results(places.results)
+    assert results == []
+    assert places.result(run).name in complaints[0]
+    assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
+    assert read_result(places.result(run))["curve"] == json.loads(whole)["curve"]
+
+
+def test_a_result_of_other_settings_does_not_count(
+    grid_file: GridFile, run: ExperimentRun, places: Places
+) -> None:
+    places.results.mkdir()
+    worker.execute(run, places.folder(run), places.result(run))
+    longer = read_grid(grid_file(tiny_grid(total_steps=240))).named(run.name)
+    assert is_done(places.results, run)
+    assert not is_done(places.results, longer)
+
+
+def test_a_part_of_a_run_is_no_whole_one(run: ExperimentRun, places: Places) -> None:
+    from saver_advisors.training import train
+
+    places.results.mkdir()
+    train(run.config, places.folder(run), progress=False, stop_after_steps=80)
+    result = write_result(run, places.folder(run), places.result(run))
+    assert not result["finished"]
+    assert result["final"] is None
+    assert not is_done(places.results, run)
+    assert state_of(run, places.folder(run), places.results).state == "started"
+
+
+def test_a_run_that_somebody_has_is_left_alone(run: ExperimentRun, places: Places) -> None:
+    places.results.mkdir()
+    places.folder(run).mkdir(parents=True)
+    with FileLock(places.folder(run) / ".lock"):
+        assert worker.execute(run, places.folder(run), places.result(run)) == worker.BUSY
+    assert not places.result(run).exists()
+
+
+def test_a_failure_is_told_and_the_others_go_on(
+    grid_file: GridFile, places: Places, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = read_grid(grid_file(tiny_grid()))
+    first = grid.runs[0]
+    places.folder(first).mkdir(parents=True)
+    # A checkpoint that cannot be one.
+    (places.folder(first) / "latest").mkdir()
+    (places.folder(first) / "latest" / "state.json").write_text("{")
+
+    def pretend(run: ExperimentRun, folder: Path, result: Path) -> subprocess.Popen[bytes]:
+        if run.name == first.name:
+            return start(run, folder, result)
+        return subprocess.Popen([sys.executable, "-c", "pass"])
+
+    start = worker.start
+    monkeypatch.setattr(worker, "start", pretend)
+    progress = work_off(grid, places, LocalProcesses(places, 2), Stop(), lambda _: None)
+    assert set(progress.failed) == {first.name}
+    assert "state.json" in progress.failed[first.name]
+    assert progress.done == {run.name for run in grid.runs[1:]}
+
+
+def test_time_is_over_at_once(grid_file: GridFile, places: Places) -> None:
+    grid = read_grid(grid_file(tiny_grid()))
+    seen: list[Progress] = []
+    progress = work_off(grid, places, LocalProcesses(places, 1), Stop(0.0), seen.append)
+    assert not progress.done
+    assert not progress.running
+    assert seen, "whoever looks is told"
+
+
+def test_no_processes() -> None:
+    with pytest.raises(ValueError, match="processes=0"):
+        LocalProcesses(Places(Path("a"), Path("b")), 0)
+
+
+# --- kill -9 ------------------------------------------------------------------------------------
+
+
+def wait_until(condition: Callable[[], bool], seconds: float, what: str) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        time.sleep(0.05)
+
+
+def saver(*words: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "saver_advisors.cli", *(str(word) for word in words)],
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def workers_of(folder: Path) -> list[int]:
+    """Process numbers of the workers on a run's folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+        except (OSError, ValueError):
+            continue
+        wanted = {b"saver_advisors.experiments.worker", str(folder).encode()}
+        if entry.name.isdigit() and wanted <= set(words):
+            found.append(int(entry.name))
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_kill_9_in_the_midst_of_a_run_and_of_a_grid(
+    grid_file: GridFile, tmp_path: Path, places: Places
+) -> None:
+    path = grid_file(tiny_grid(total_steps=2000, eval_every=200, checkpoint_every=200))
+    grid = read_grid(path)
+    untouched = Places(tmp_path / "untouched", tmp_path / "untouched" / "results")
+    work_off(grid, untouched, LocalProcesses(untouched, 1), Stop(), lambda _: None)
+
+    first, second, _ = grid.runs
+    command = ("experiments", "run", path, "--output", places.output, "--results", places.results)
+    scheduler = saver(*command)
+    try:
+        # The worker of the first run, in its midst.
+        checkpoint = places.folder(first) / "latest" / "state.json"
+        wait_until(checkpoint.exists, 120, "a checkpoint of the first run")
+        for number in workers_of(places.folder(first)):
+            os.kill(number, signal.SIGKILL)
+        # The scheduler, in the midst of the second run.
+        checkpoint = places.folder(second) / "latest" / "state.json"
+        wait_until(checkpoint.exists, 120, "a checkpoint of the second run")
+        orphans = workers_of(places.folder(second))
+        scheduler.kill()
+        for number in orphans:
+            os.kill(number, signal.SIGKILL)
+    finally:
+        scheduler.kill()
+        scheduler.communicate()
+    resumed = saver("experiments", "resume", places.output)
+    out, _ = resumed.communicate(timeout=240)
+    assert resumed.returncode == 0, out
+    for run in grid.runs:
+        result = read_result(places.result(run))
+        wanted = read_result(untouched.result(run))
+        assert without_clock(result["curve"]) == without_clock(wanted["curve"]), run.name
+        assert result["final"] == wanted["final"]
+    assert len(list(places.results.glob("*.json"))) == len(grid.runs)
+    assert len(read_result(places.result(first))["sessions"]) == 2
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_workers_stop_when_their_scheduler_is_gone(grid_file: GridFile, places: Places) -> None:
+    path = grid_file(tiny_grid(total_steps=1_000_000, eval_every=200, checkpoint_every=200))
+    first = read_grid(path).runs[0]
+    scheduler = saver("experiments", "run", path, "--output", places.output)
+    try:
+        checkpoint = places.folder(first) / "latest" / "state.json"
+        wait_until(checkpoint.exists, 120, "a checkpoint")
+    finally:
+        scheduler.kill()
+        scheduler.communicate()
+    wait_until(lambda: not workers_of(places.folder(first)), 60, "the worker's end")
+    result = read_result(places.output / "results" / f"{first.name}.json")
+    assert not result["finished"]
+    assert result["curve"], "what was done is kept"
