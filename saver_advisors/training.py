@@ -23,9 +23,9 @@ import time
 import types
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,9 @@ from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.provenance import provenance, write_json_atomic
 from saver_advisors.threads import one_thread_of_algebra
 
+if TYPE_CHECKING:
+    from saver_advisors.advising import Advisor
+
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
     "ddpg": GoalDDPG,
     "td3": GoalTD3,
@@ -73,6 +76,7 @@ __all__ = [
     "EvaluationResult",
     "RunConfig",
     "RunResult",
+    "build_advisor",
     "build_model",
     "load_trained",
     "train",
@@ -190,16 +194,14 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         policy_arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
         arguments["imitation_weight"] = config.imitation_weight
         arguments["imitation_filter_from"] = config.imitation_filter_from
+    horizon = episode_horizon(env)
     if config.advice is not None:
-        from saver_advisors.advising import build_advised, make_advisor
+        from saver_advisors.advising import build_advised
 
         build = build_advised(algorithm)
-        arguments["advisor"] = make_advisor(
-            **asdict(config.advice),
-            observation_space=env.observation_space,
-            action_space=env.action_space,
+        arguments["advisor"] = build_advisor(
+            config, env.observation_space, env.action_space, horizon
         )
-    horizon = episode_horizon(env)
     model = build(
         "MultiInputPolicy",
         env,
@@ -225,6 +227,34 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
     return model
+
+
+def build_advisor(
+    config: RunConfig,
+    observation_space: spaces.Space[Any],
+    action_space: spaces.Space[Any],
+    horizon: int,
+) -> Advisor:
+    """The advisor of a run, checked against its environment.
+
+    :param config: of the run, with advice
+    :param observation_space: of the environment
+    :param action_space: of the environment
+    :param horizon: steps of an episode
+    :return: the advisor, with its whole budget
+    :raises ValueError: where teachers, arms, strategy or budget do not fit
+    """
+    from saver_advisors.advising import make_advisor
+
+    assert config.advice is not None
+    return make_advisor(
+        **config.advice.advisor_arguments(),
+        observation_space=observation_space,
+        action_space=action_space,
+        total_steps=config.total_steps,
+        horizon=horizon,
+        seed=config.seed,
+    )
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:
@@ -371,6 +401,8 @@ class _Run:
         }
         append_point(self.output_dir, line)
         self.curve.append(line)
+        if self.config.advice is not None:
+            self._advisor().student_evaluated(success_rate)
         # Of equals the later: longer trained, it does better on other episodes.
         if best_before is None or success_rate >= best_before:
             folder = self.output_dir / "best"
@@ -397,8 +429,9 @@ class _Run:
         self.model._last_obs = self.env.reset()  # type: ignore[assignment]
         self.model._last_episode_starts = np.ones(self.config.n_envs, bool)
 
-    def _advisor(self) -> Any:
-        return self.model.advisor  # type: ignore[attr-defined]  # the advised class has one
+    def _advisor(self) -> Advisor:
+        advisor: Advisor = self.model.advisor  # type: ignore[attr-defined]  # the advised class's
+        return advisor
 
     def _write_record(self) -> None:
         """Append this session to ``run.json``."""
@@ -479,9 +512,10 @@ def _prepare_folder(output_dir: Path, config: RunConfig, resume: bool) -> Path |
             )
         return None
     if checkpoint is not None:
-        saved = read_state(checkpoint)["extra"]["config"]
-        # By way of JSON, so that tuples in env_kwargs equal the lists they became.
-        wanted = json.loads(json.dumps(config.to_mapping()))
+        # Both by way of the class and JSON: settings that are newer than the checkpoint have their
+        # defaults in it, and tuples equal the lists they became.
+        recorded = RunConfig.from_mapping(read_state(checkpoint)["extra"]["config"])
+        saved, wanted = (json.loads(json.dumps(one.to_mapping())) for one in (recorded, config))
         different = sorted(
             name
             for name in wanted.keys() | saved.keys()

@@ -2,8 +2,21 @@
 
 from saver_advisors.advising.advisor import Advice, Advisor, Compare, make_advisor
 from saver_advisors.advising.budget import AdviceBudget
+from saver_advisors.advising.context import (
+    AdviceContext,
+    AdvisingStrategy,
+    PlansAhead,
+    Remembers,
+    RunPlan,
+    StudentValues,
+    WatchesStudent,
+)
+from saver_advisors.advising.ibrl import BetterOfBoth, TeacherProposals
+from saver_advisors.advising.jump_start import JumpStart
 from saver_advisors.advising.mapping import ArmMapping
 from saver_advisors.advising.networks import NetworkSpec, PolicyNetworks
+from saver_advisors.advising.random_advising import RandomAdvising
+from saver_advisors.advising.registry import STRATEGIES, make_strategy, register_strategy
 from saver_advisors.advising.sb3_networks import networks_from_sb3
 from saver_advisors.advising.sb3_seam import (
     AdvisedDDPG,
@@ -15,16 +28,12 @@ from saver_advisors.advising.sb3_seam import (
     build_advised,
 )
 from saver_advisors.advising.strategies import (
-    STRATEGIES,
-    AdviceContext,
-    AdvisingStrategy,
     EarlyAdvising,
     EarlyThenCorrecting,
     MistakeCorrectingAction,
     MistakeCorrectingQ,
     MistakeCorrectingRelativeAction,
     NoAdvice,
-    make_strategy,
 )
 from saver_advisors.advising.teacher import Teacher, TeacherGroup
 
@@ -42,19 +51,29 @@ __all__ = [
     "AdvisingCallback",
     "AdvisingStrategy",
     "ArmMapping",
+    "BetterOfBoth",
     "Compare",
     "EarlyAdvising",
     "EarlyThenCorrecting",
+    "JumpStart",
     "MistakeCorrectingAction",
     "MistakeCorrectingQ",
     "MistakeCorrectingRelativeAction",
     "NetworkSpec",
     "NoAdvice",
+    "PlansAhead",
     "PolicyNetworks",
+    "RandomAdvising",
+    "Remembers",
+    "RunPlan",
+    "StudentValues",
     "Teacher",
     "TeacherGroup",
+    "TeacherProposals",
+    "WatchesStudent",
     "build_advised",
     "make_advisor",
     "make_strategy",
     "networks_from_sb3",
+    "register_strategy",
 ]

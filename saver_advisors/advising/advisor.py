@@ -12,8 +12,19 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from saver_advisors.advising.budget import AdviceBudget
+from saver_advisors.advising.context import (
+    AdviceContext,
+    AdvisingStrategy,
+    Mask,
+    PlansAhead,
+    Remembers,
+    RunPlan,
+    StudentValues,
+    WatchesStudent,
+)
+from saver_advisors.advising.inference import FloatArray
 from saver_advisors.advising.mapping import ArmMapping
-from saver_advisors.advising.strategies import AdviceContext, AdvisingStrategy, Mask, make_strategy
+from saver_advisors.advising.registry import make_strategy
 from saver_advisors.advising.teacher import Teacher, TeacherGroup
 
 Compare = Literal["noisy", "noise-free"]
@@ -75,6 +86,8 @@ class Advisor:
     :param budget: how many environment steps may be advised
     :param compare: which student action correcting strategies judge
     :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
+    :param arms: which arms may be advised, by their numbers from 0; every arm where None
+    :param run: what is known of the run that begins
     :raises ValueError: where teacher, strategy and mapping do not fit one another; the message
         names the sizes
     """
@@ -88,6 +101,8 @@ class Advisor:
         *,
         compare: Compare = "noisy",
         twin_minimum: bool = True,
+        arms: Sequence[int] | None = None,
+        run: RunPlan | None = None,
     ) -> None:
         if compare not in get_args(Compare):
             raise ValueError(f"compare={compare!r} must be one of {', '.join(get_args(Compare))}")
@@ -97,7 +112,10 @@ class Advisor:
         self.budget = budget
         self.compare: Compare = compare
         self.twin_minimum = twin_minimum
+        self._advisable = _arm_mask(arms, mapping.n_arms)
         self._check_teachers()
+        if isinstance(strategy, PlansAhead):
+            strategy.begin(run or RunPlan(), budget)
         self._window = _Figures(mapping.n_arms)
         self._advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
         self._transitions = 0
@@ -119,9 +137,8 @@ class Advisor:
         if self.strategy.needs_critics and not self.teachers.has_critics:
             raise ValueError(
                 f"strategy {self.strategy.name!r} compares Q values, but teacher "
-                f"{[t.name for t in self.teachers.teachers if not t.has_critics]} has no critics: "
-                f"use 'early', "
-                "'mc-act' or 'mc-actabs', or a teacher saved with its critics"
+                f"{sorted({t.name for t in self.teachers.teachers if not t.has_critics})} has no "
+                "critics: use 'early', 'mc-act' or 'mc-actabs', or a teacher saved with its critics"
             )
 
     @property
@@ -133,6 +150,11 @@ class Advisor:
     def active(self) -> bool:
         """Whether any advice can still be given."""
         return self.budget.remaining > 0 and self.strategy.name != "none"
+
+    @property
+    def advisable(self) -> Mask:
+        """(n_arms,) which arms may be advised."""
+        return self._advisable.copy()
 
     @property
     def needs_noise_free(self) -> bool:
@@ -165,6 +187,9 @@ class Advisor:
         observation: Observation,
         student_actions: NDArray[Any],
         compared_actions: NDArray[Any] | None = None,
+        *,
+        episode_steps: NDArray[np.int64] | None = None,
+        student_values: StudentValues | None = None,
     ) -> Advice:
         """Replace the actions of the arms that should be advised.
 
@@ -174,6 +199,9 @@ class Advisor:
             modified
         :param compared_actions: the same shape, what a correcting strategy judges with
             compare="noise-free"
+        :param episode_steps: (n_envs,) steps since each environment's episode began, where the
+            strategy reads them
+        :param student_values: the student's own critics, where the strategy asks them
         :return: actions and mask; the student's own array and an all-False mask where nothing is
             advised
         """
@@ -181,9 +209,12 @@ class Advisor:
         actions = student_actions
         if self.active:
             context = self._context(
-                observation, student_actions if compared_actions is None else compared_actions
+                observation,
+                student_actions if compared_actions is None else compared_actions,
+                episode_steps=episode_steps,
+                student_values=student_values,
             )
-            wanted = self.strategy.decide(context)
+            wanted = self.strategy.decide(context) & self._advisable
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
             self._window.add_context(context)
@@ -196,10 +227,10 @@ class Advisor:
         self._count(mask)
         return Advice(actions, mask)
 
-    def _context(self, observation: Observation, student_actions: NDArray[Any]) -> AdviceContext:
-        observations = self.mapping.split_observation(observation["observation"])
-        goals = self.mapping.split_goal(observation["desired_goal"])
-        achieved_goals = self.mapping.split_goal(observation["achieved_goal"])
+    def _context(
+        self, observation: Observation, student_actions: NDArray[Any], **known: Any
+    ) -> AdviceContext:
+        observations, goals, achieved_goals = self._by_arm(observation)
         return AdviceContext(
             teachers=self.teachers,
             observations=observations,
@@ -209,7 +240,58 @@ class Advisor:
             student_actions=self.mapping.split_action(student_actions),
             budget=self.budget,
             twin_minimum=self.twin_minimum,
+            arms=self._advisable,
+            steps=self._transitions,
+            **known,
         )
+
+    def _by_arm(self, observation: Observation) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Observations, desired and achieved goals, each (n_envs, n_arms, size)."""
+        return (
+            self.mapping.split_observation(observation["observation"]),
+            self.mapping.split_goal(observation["desired_goal"]),
+            self.mapping.split_goal(observation["achieved_goal"]),
+        )
+
+    def teacher_actions(self, observation: Observation) -> FloatArray:
+        """What the teachers would do, whatever strategy and budget say; nothing is counted.
+
+        :param observation: as for `advise`
+        :return: (n_envs, n_arms, action_size), in the environment's units
+        """
+        return self.teachers.act(*self._by_arm(observation))
+
+    def demonstrate(self, observation: Observation) -> Advice:
+        """All teachers act, at one step of the budget for each environment.
+
+        :param observation: as for `advise`
+        :return: the teachers' actions, and an all-True mask
+        :raises ValueError: where the budget does not last for all environments, or some arm must
+            not be advised
+        """
+        n_envs = len(observation["observation"])
+        if self.budget.remaining < n_envs:
+            raise ValueError(
+                f"budget={self.budget.total}: {self.budget.remaining} steps remain, and a "
+                f"demonstration in {n_envs} environments takes {n_envs}"
+            )
+        if not self._advisable.all():
+            raise ValueError(
+                f"arms={np.flatnonzero(self._advisable).tolist()}: in a demonstration a teacher "
+                f"drives each of the {self.mapping.n_arms} arms; leave arms out"
+            )
+        mask = np.ones((n_envs, self.mapping.n_arms), dtype=bool)
+        self.budget.spend(np.ones(n_envs, dtype=bool))
+        self._count(mask)
+        return Advice(self.mapping.join_actions(self.teacher_actions(observation)), mask)
+
+    def student_evaluated(self, success_rate: float) -> None:
+        """Tell a strategy that follows the student's progress how an evaluation went.
+
+        :param success_rate: of the student alone
+        """
+        if isinstance(self.strategy, WatchesStudent):
+            self.strategy.student_evaluated(success_rate)
 
     def _count(self, mask: Mask) -> None:
         self._window.add_mask(mask)
@@ -253,6 +335,10 @@ class Advisor:
             "budget": self.budget.state_dict(),
             "advised_per_arm": self._advised_per_arm.tolist(),
             "transitions": self._transitions,
+            "arms": np.flatnonzero(self._advisable).tolist(),
+            "strategy_state": dict(self.strategy.state_dict())
+            if isinstance(self.strategy, Remembers)
+            else None,
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -276,6 +362,12 @@ class Advisor:
         self.budget.load_state_dict(state["budget"])
         self._advised_per_arm = np.asarray(state["advised_per_arm"], dtype=np.int64)
         self._transitions = int(state["transitions"])
+        if isinstance(self.strategy, Remembers):
+            if not state.get("strategy_state"):
+                raise ValueError(
+                    f"the state holds no strategy_state, which {self.strategy.name!r} needs"
+                )
+            self.strategy.load_state_dict(state["strategy_state"])
         self.start_window()
 
     def __repr__(self) -> str:
@@ -293,12 +385,17 @@ def make_advisor(
     action_space: spaces.Space[Any] | None = None,
     threshold: float | None = None,
     correcting: str | None = None,
+    settings: Mapping[str, Any] | None = None,
     compare: Compare = "noisy",
     twin_minimum: bool = True,
+    arms: Sequence[int] | None = None,
+    total_steps: int | None = None,
+    horizon: int | None = None,
+    seed: int = 0,
 ) -> Advisor:
     """An advisor from names, for either a number of arms or a student's spaces.
 
-    :param strategy: a strategy's name or a strategy of your own
+    :param strategy: a strategy's name, "module:Class" of one that is not registered, or a strategy
     :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
         arm
     :param budget: environment steps that may be advised
@@ -307,16 +404,21 @@ def make_advisor(
     :param action_space: the student's, checked at once
     :param threshold: t_I or alpha of a correcting strategy
     :param correcting: the second half of `early-mc`
+    :param settings: further arguments of a strategy given by name
     :param compare: "noisy" or "noise-free": which student action a correcting strategy judges
     :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
+    :param arms: which arms may be advised, by their numbers from 0; every arm where None
+    :param total_steps: environment steps of the run, which `random` spreads its budget over
+    :param horizon: steps of an episode, which `jump-start` divides
+    :param seed: of the run, for strategies that draw
     :raises ValueError: where something does not fit; the message names the sizes
     """
     if isinstance(strategy, str):
-        strategy = make_strategy(strategy, threshold, correcting=correcting)
-    elif threshold is not None or correcting is not None:
+        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
+    elif threshold is not None or correcting is not None or settings:
         raise ValueError(
-            "threshold and correcting belong to a strategy given by name: set them on the object "
-            "instead"
+            "threshold, correcting and settings belong to a strategy given by name: set them on "
+            "the object instead"
         )
     teachers = _resolve(teacher)
     first = teachers[0]
@@ -332,10 +434,31 @@ def make_advisor(
         AdviceBudget(budget),
         compare=compare,
         twin_minimum=twin_minimum,
+        arms=arms,
+        run=RunPlan(total_steps, horizon, seed),
     )
     if observation_space is not None and action_space is not None:
         advisor.check_spaces(observation_space, action_space)
     return advisor
+
+
+def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:
+    """(n_arms,) from numbers of arms.
+
+    :raises ValueError: for a number that is no arm's, or none at all
+    """
+    if arms is None:
+        return np.ones(n_arms, dtype=bool)
+    given = list(arms)
+    whole = all(isinstance(arm, (int, np.integer)) and not isinstance(arm, bool) for arm in given)
+    if not given or not whole or min(given) < 0 or max(given) >= n_arms:
+        raise ValueError(
+            f"arms={given} must be one or more of {list(range(n_arms))}: which of the "
+            f"{n_arms} arms may be advised"
+        )
+    mask = np.zeros(n_arms, dtype=bool)
+    mask[given] = True
+    return mask
 
 
 def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:

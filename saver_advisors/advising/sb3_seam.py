@@ -16,6 +16,7 @@ import io
 import pathlib
 import warnings
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -30,8 +31,9 @@ from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
 
-from saver_advisors.advising.advisor import Advisor, make_advisor
-from saver_advisors.advising.strategies import Mask
+from saver_advisors.advising.advisor import Advice, Advisor, make_advisor
+from saver_advisors.advising.context import Mask
+from saver_advisors.advising.student import student_values
 
 
 class AdvisedMixin(OffPolicyAlgorithm):
@@ -49,6 +51,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
     advisor: Advisor | Mapping[str, Any] | None
     advice_state: dict[str, Any] | None
     _advice_mask: Mask | None
+    _episode_steps: NDArray[np.int64] | None
 
     def __init__(
         self, *args: Any, advisor: Advisor | Mapping[str, Any] | None = None, **kwargs: Any
@@ -57,6 +60,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         self.advisor = advisor
         self.advice_state = None
         self._advice_mask = None
+        self._episode_steps = None
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
@@ -113,11 +117,44 @@ class AdvisedMixin(OffPolicyAlgorithm):
         if not isinstance(advisor, Advisor):
             self._advice_mask = None
             return action, buffer_action
-        # The teacher has a normaliser of its own, so it gets what the environment said.
+        compared = self._noise_free_action() if advisor.needs_noise_free else None
+        advice = advisor.advise(
+            self._raw_observation(),
+            action,
+            compared,
+            episode_steps=self._count_episode_steps(n_envs),
+            student_values=partial(student_values, self),
+        )
+        return self._follow(advice, action, buffer_action)
+
+    def _raw_observation(self) -> dict[str, NDArray[Any]]:
+        """What the environment said: the teacher has a normaliser of its own."""
         observation = self._last_obs if self._vec_normalize_env is None else self._last_original_obs
         assert isinstance(observation, dict), "check_spaces lets only Dict observations through"
-        compared = self._noise_free_action() if advisor.needs_noise_free else None
-        advised_action, mask = advisor.advise(observation, action, compared)
+        return observation
+
+    def _count_episode_steps(self, n_envs: int) -> NDArray[np.int64]:
+        """(n_envs,) steps since each environment's episode began.
+
+        SB3 marks the first observations after a reset in `_last_episode_starts`, and its off-policy
+        algorithms leave the rest of its upkeep to us. Where a stock model begins to be advised in
+        the middle of an episode, that episode counts from there.
+        """
+        starts = self._last_episode_starts
+        before = self._episode_steps
+        if before is None or starts is None or len(before) != n_envs:
+            self._episode_steps = np.zeros(n_envs, dtype=np.int64)
+        else:
+            self._episode_steps = np.where(starts, 0, before + 1)
+        return self._episode_steps
+
+    def _follow(
+        self, advice: Advice, action: NDArray[Any], buffer_action: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """:return: the action to execute and its scaled twin, with the advised arms' blocks"""
+        advisor = self.advisor
+        assert isinstance(advisor, Advisor)
+        advised_action, mask = advice
         self._advice_mask = mask
         if not mask.any():
             return action, buffer_action
@@ -152,6 +189,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
                 for info, arms in zip(infos, self._advice_mask, strict=True)
             ]
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
+        self._last_episode_starts = dones
 
     def dump_logs(self) -> None:
         """Write log data, the advice figures among them."""
@@ -178,7 +216,8 @@ class AdvisedMixin(OffPolicyAlgorithm):
         super().save(path, exclude, include)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "advisor", "_advice_mask", "_plain_class"]
+        own = ["advisor", "_advice_mask", "_episode_steps", "_plain_class"]
+        return [*super()._excluded_save_params(), *own]
 
 
 class AdvisedDDPG(AdvisedMixin, DDPG):
@@ -236,6 +275,7 @@ def _hook(model: Any, advisor: Advisor) -> None:
         model.advice_state = getattr(model, "advice_state", None)
     model.advisor = advisor
     model._advice_mask = None
+    model._episode_steps = None
 
 
 def _unhook(model: Any) -> bool:
@@ -244,7 +284,7 @@ def _unhook(model: Any) -> bool:
         return False
     model.advice_state = model.advisor.state_dict()
     model.__class__ = model._plain_class
-    del model.advisor, model._advice_mask, model._plain_class
+    del model.advisor, model._advice_mask, model._episode_steps, model._plain_class
     return True
 
 

@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--print-config", action="store_true", help="show the settings as YAML and stop"
     )
     advice = parser.add_argument_group("advice")
-    advice.add_argument("--advice", metavar="STRATEGY", help="early, mc-q, ... or none")
+    advice.add_argument("--advice", metavar="STRATEGY", help="early, mc-q, MODULE:CLASS, none")
     advice.add_argument("--teacher", type=teacher, metavar="NAME", help="shipped, or a weight file")
     advice.add_argument(
         "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
@@ -159,14 +159,17 @@ def _apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
     given = {name: value for name, value in given.items() if value is not None}
     if not given:
         return
-    if args.advice is not None and args.advice not in STRATEGIES:
+    own = args.advice is not None and ":" in args.advice
+    if args.advice is not None and not own and args.advice not in STRATEGIES:
         raise UsageError(f"argument --advice: {unknown('strategy', args.advice, STRATEGIES)}")
     if args.advice == "none":
         values["advice"] = None
         return
     advice = {**(values.get("advice") or {}), **given}
     if args.advice is not None and args.threshold is None:
-        advice.pop("threshold", None)
+        # The settings' own strategy is another one: what belonged to it does not belong to this.
+        for name in ("threshold", "correcting", "settings"):
+            advice.pop(name, None)
     for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
         if name not in advice:
             raise UsageError(f"argument --{argument}: advice needs it as well")
@@ -200,18 +203,17 @@ def _check_before_start(args: argparse.Namespace, config: Any) -> None:
 
 def _check_advice(config: Any) -> None:
     """Refuse a teacher that does not fit the arms, and settings that its strategy does not know."""
-    from dataclasses import asdict
-
-    from saver_advisors.advising import make_advisor
+    from saver_advisors.training import build_advisor
     from saver_envs.envs.spaces import action_space, observation_space
     from saver_envs.registration import make_episodes
 
     episodes = make_episodes(config.env_id, **config.env_kwargs)
     with user_mistakes("advice"):
-        make_advisor(
-            **asdict(config.advice),
-            observation_space=observation_space(episodes),
-            action_space=action_space(episodes),
+        build_advisor(
+            config,
+            observation_space(episodes),
+            action_space(episodes),
+            episodes.settings.horizon,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -12,31 +13,92 @@ from saver_advisors.provenance import write_json_atomic
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
 
+ADVISOR_FIELDS = (
+    "strategy",
+    "teacher",
+    "budget",
+    "threshold",
+    "correcting",
+    "settings",
+    "compare",
+    "twin_minimum",
+    "arms",
+)
+
 Config = TypeVar("Config", "RunConfig", "AdviceConfig")
 
 
 @dataclass(frozen=True)
 class AdviceConfig:
-    """Advice during a run; see ``saver_advisors.advising.make_advisor``.
+    """What a run takes from teachers: advice, and what else one can do with the same budget.
 
-    :param strategy: name, e.g. ``mc-q``
-    :param teacher: a shipped policy's name or a weight file
+    The first nine are the arguments of ``saver_advisors.advising.make_advisor``. Those below work
+    beside any strategy, ``none`` among them.
+
+    :param strategy: name, e.g. ``mc-q``, or "module:Class"
+    :param teacher: a shipped policy's name or a weight file; or a list of those, one an arm
     :param budget: environment steps that may be advised
     :param threshold: of a correcting strategy, its default where None
     :param correcting: the second half of ``early-mc``, its default where None
+    :param settings: further arguments of the strategy's class
     :param compare: "noisy" or "noise-free", the student's action that is judged
+    :param twin_minimum: a teacher's value is the smallest of its critics', else the first's
+    :param arms: which arms may be advised, counted from 0; every arm where None
+    :param bootstrap: the learner's target takes the better of the student's next action and the
+        teacher's, while the budget lasts (IBRL's second half; TD3)
+    :param demonstration_steps: environment steps at the start in which the teachers drive every arm
+        into a buffer of demonstrations; they count as steps of the run and as advice, and whole
+        episodes are finished
+    :param demonstration_share: of each batch that is drawn from that buffer (0.5: RLPD)
+    :param cloning_updates: gradient steps that fit the actor to the demonstrations before it learns
+    :param start_as_teacher: the student's networks start as the teachers', arm by arm
     """
 
     strategy: str
-    teacher: str
+    teacher: str | tuple[str, ...]
     budget: int
     threshold: float | None = None
     correcting: str | None = None
+    settings: dict[str, Any] = field(default_factory=dict)
     compare: str = "noisy"
+    twin_minimum: bool = True
+    arms: tuple[int, ...] | None = None
+    bootstrap: bool = False
+    demonstration_steps: int = 0
+    demonstration_share: float = 0.5
+    cloning_updates: int = 0
+    start_as_teacher: bool = False
 
     def __post_init__(self) -> None:
-        _check_types(self)
-        _require(self.budget >= 0, "advice.budget", self.budget, "0 or more")
+        _check_types(self, "advice.")
+        limit = self.threshold
+        finite = limit is None or (math.isfinite(limit) and limit >= 0)
+        _require(finite, "advice.threshold", limit, "a finite number of at least 0")
+        for name in ("budget", "demonstration_steps", "cloning_updates"):
+            _require(getattr(self, name) >= 0, f"advice.{name}", getattr(self, name), "0 or more")
+        share = self.demonstration_share
+        _require(0 <= share < 1, "advice.demonstration_share", share, "in [0, 1)")
+        _require(
+            self.demonstration_steps <= self.budget,
+            "advice.demonstration_steps",
+            self.demonstration_steps,
+            f"at most advice.budget={self.budget}, which pays for them",
+        )
+        _require(
+            self.cloning_updates == 0 or self.demonstration_steps > 0,
+            "advice.cloning_updates",
+            self.cloning_updates,
+            "0 where advice.demonstration_steps is 0: there is nothing to clone",
+        )
+        teachers = (self.teacher,) if isinstance(self.teacher, str) else self.teacher
+        named = bool(teachers) and all(isinstance(one, str) and one for one in teachers)
+        _require(named, "advice.teacher", self.teacher, "a name, or a list of one name an arm")
+
+    def advisor_arguments(self) -> dict[str, Any]:
+        """
+        :return: arguments of ``make_advisor``
+        """
+        return {name: getattr(self, name) for name in ADVISOR_FIELDS}
 
 
 @dataclass(frozen=True)
@@ -117,9 +179,14 @@ class RunConfig:
     checkpoint_every: int = 50_000
 
     def __post_init__(self) -> None:
-        _check_types(self)
+        _check_types(self, "")
         if self.algorithm not in ALGORITHM_NAMES:
-            raise ValueError(f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}")
+            raise ValueError(
+                f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: goals in "
+                "hindsight and a teacher's actions need an off-policy algorithm"
+            )
+        if self.advice is not None and self.advice.bootstrap and self.algorithm != "td3":
+            raise ValueError(f"advice.bootstrap=True needs algorithm='td3', not {self.algorithm!r}")
         if self.arms_apart and self.algorithm != "td3":
             raise ValueError(f"arms_apart=True needs algorithm='td3', not {self.algorithm!r}")
         for name in (
@@ -160,7 +227,11 @@ class RunConfig:
         """
         values = dict(values)
         if isinstance(values.get("advice"), Mapping):
-            values["advice"] = _build(AdviceConfig, values["advice"], "advice.")
+            advice = dict(values["advice"])
+            for name in ("teacher", "arms"):
+                if isinstance(advice.get(name), list):
+                    advice[name] = tuple(advice[name])
+            values["advice"] = _build(AdviceConfig, advice, "advice.")
         if isinstance(values.get("net_arch"), list):
             values["net_arch"] = tuple(values["net_arch"])
         return _build(cls, values, "")
@@ -249,7 +320,7 @@ def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
         raise ValueError(f"{', '.join(missing)} must be given") from error
 
 
-def _check_types(config: RunConfig | AdviceConfig) -> None:
+def _check_types(config: RunConfig | AdviceConfig, prefix: str) -> None:
     """Whole numbers, numbers, names: each where its hint says so."""
     for f in fields(config):
         value = getattr(config, f.name)
@@ -258,7 +329,7 @@ def _check_types(config: RunConfig | AdviceConfig) -> None:
         if wrong_bool or not isinstance(value, allowed):
             if isinstance(value, str) and float in allowed:
                 hint += "; YAML reads 1e-3 as text, write 1.0e-3"
-            raise TypeError(f"{f.name}={value!r} must be {hint}")
+            raise TypeError(f"{prefix}{f.name}={value!r} must be {hint}")
 
 
 _EXPECTED: dict[str, tuple[tuple[type, ...], str]] = {
@@ -270,6 +341,8 @@ _EXPECTED: dict[str, tuple[tuple[type, ...], str]] = {
     "float | None": ((float, int, type(None)), "a number or null"),
     "dict[str, Any]": ((dict,), "a mapping"),
     "tuple[int, ...]": ((tuple,), "a list of whole numbers"),
+    "tuple[int, ...] | None": ((tuple, type(None)), "a list of whole numbers or null"),
+    "str | tuple[str, ...]": ((str, tuple), "a text or a list of texts"),
     "AdviceConfig | None": ((AdviceConfig, type(None)), "a mapping of advice settings or null"),
 }
 
