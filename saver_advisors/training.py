@@ -226,6 +226,11 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         **arguments,
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
+    if config.advice is not None and config.advice.start_as_teacher:
+        from saver_advisors.advising.initialisation import start_as_teachers
+
+        advisor = arguments["advisor"]
+        start_as_teachers(model, advisor.teachers, advisor.mapping)
     return model
 
 
