@@ -7,10 +7,11 @@ A run is a folder::
     latest/        the checkpoint that `resume=True` goes on from
     best/          the policy with the highest success rate so far, and its figures
 
-It goes on in blocks: every environment does one episode, then some gradient steps. Evaluations and
-checkpoints fall between blocks. At a checkpoint the environments are reset with a seed made from
-the run's seed and its step count, on resuming likewise, so that a run that was stopped at a
-checkpoint and resumed does exactly what an uninterrupted one does.
+It goes on in blocks: every environment does one episode, then some gradient steps; in the first
+blocks the teachers demonstrate, where that is asked for. Evaluations and checkpoints fall between
+blocks. At a checkpoint the environments are reset with a seed made from the run's seed and its step
+count, on resuming likewise, so that a run that was stopped at a checkpoint and resumed does exactly
+what an uninterrupted one does.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ from saver_advisors.learner.checkpoint import (
     save_checkpoint,
     save_policy,
 )
+from saver_advisors.learner.cloning import clone
 from saver_advisors.learner.configuration import AdviceConfig, RunConfig
+from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.provenance import provenance, write_json_atomic
 from saver_advisors.threads import one_thread_of_algebra
@@ -195,6 +198,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         arguments["imitation_weight"] = config.imitation_weight
         arguments["imitation_filter_from"] = config.imitation_filter_from
     horizon = episode_horizon(env)
+    replay_arguments: dict[str, Any] = {}
     if config.advice is not None:
         from saver_advisors.advising import build_advised
 
@@ -202,6 +206,10 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         arguments["advisor"] = build_advisor(
             config, env.observation_space, env.action_space, horizon
         )
+        if config.advice.demonstration_steps > 0:
+            arguments["replay_buffer_class"] = DemonstrationReplayBuffer
+            replay_arguments["demonstration_size"] = demonstration_steps(config, horizon)
+            replay_arguments["demonstration_share"] = config.advice.demonstration_share
     model = build(
         "MultiInputPolicy",
         env,
@@ -217,6 +225,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
             "horizon": horizon,
             "relabel_probability": config.relabel_probability,
             "goal_parts": goal_parts,
+            **replay_arguments,
         },
         policy_kwargs=policy_arguments,
         exploration_noise=config.exploration_noise,
@@ -232,6 +241,31 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         advisor = arguments["advisor"]
         start_as_teachers(model, advisor.teachers, advisor.mapping)
     return model
+
+
+def demonstration_steps(config: RunConfig, horizon: int) -> int:
+    """Environment steps of a run that the teachers demonstrate: whole episodes of all environments.
+
+    :param config: of the run
+    :param horizon: steps of an episode
+    :return: steps, 0 or more
+    :raises ValueError: where the budget or the run is too short for them
+    """
+    if config.advice is None:
+        return 0
+    block = horizon * config.n_envs
+    steps = -(-config.advice.demonstration_steps // block) * block
+    for name, limit in (
+        ("advice.budget", config.advice.budget),
+        ("total_steps", config.total_steps),
+    ):
+        if steps > limit:
+            raise ValueError(
+                f"advice.demonstration_steps={config.advice.demonstration_steps} are {steps} in "
+                f"whole episodes of {config.n_envs} environments ({horizon} steps each), but "
+                f"{name}={limit}: raise it, or ask for at most {limit // block * block}"
+            )
+    return steps
 
 
 def build_advisor(
@@ -252,7 +286,8 @@ def build_advisor(
     from saver_advisors.advising import make_advisor
 
     assert config.advice is not None
-    return make_advisor(
+    steps = demonstration_steps(config, horizon)
+    advisor = make_advisor(
         **config.advice.advisor_arguments(),
         observation_space=observation_space,
         action_space=action_space,
@@ -260,6 +295,13 @@ def build_advisor(
         horizon=horizon,
         seed=config.seed,
     )
+    if steps > 0 and not advisor.advisable.all():
+        raise ValueError(
+            f"advice.demonstration_steps={config.advice.demonstration_steps} with "
+            f"advice.arms={list(config.advice.arms or ())}: in a demonstration every arm has a "
+            "teacher; leave advice.arms out"
+        )
+    return advisor
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:
@@ -310,7 +352,9 @@ class _Run:
         self.env = env
         self.evaluate = evaluate
         self.model = build_model(config, env)
-        self.block = episode_horizon(env) * config.n_envs
+        horizon = episode_horizon(env)
+        self.block = horizon * config.n_envs
+        self.demonstration_steps = demonstration_steps(config, horizon)
         self.wall_clock_s = 0.0
         self.curve: list[dict[str, Any]] = []
 
@@ -350,7 +394,10 @@ class _Run:
         with bar, _stop_requests() as stop:
             while self.steps < limit and not stop.is_set():
                 before = self.steps
-                self._train_block(callback)
+                if self.steps < self.demonstration_steps:
+                    self._demonstrate_block()
+                else:
+                    self._train_block(callback)
                 bar.update(self.steps - before)
                 done = self.steps >= total
                 if done or self._is_due(self.config.eval_every, before):
@@ -366,6 +413,24 @@ class _Run:
     def _is_due(self, every: int, before: int) -> bool:
         """Whether a multiple of ``every`` lies in the steps done since ``before``."""
         return self.steps // every > before // every
+
+    def _demonstrate_block(self) -> None:
+        """One episode of the teachers in each environment; after the last, behaviour cloning."""
+        start = time.perf_counter()
+        model: Any = self.model
+        replay = _replay(model)
+        assert isinstance(replay, DemonstrationReplayBuffer)
+        model.demonstrate(self.block, replay.demonstrations)
+        if self.steps >= self.demonstration_steps:
+            assert self.config.advice is not None
+            clone(
+                model,
+                replay.demonstrations,
+                updates=self.config.advice.cloning_updates,
+                batch_size=self.config.batch_size,
+                learning_rate=self.config.learning_rate,
+            )
+        self.wall_clock_s += time.perf_counter() - start
 
     def _train_block(self, callback: MaybeCallback) -> None:
         """One episode in each environment, then the gradient steps."""

@@ -127,6 +127,31 @@ class AdvisedMixin(OffPolicyAlgorithm):
         )
         return self._follow(advice, action, buffer_action)
 
+    def demonstrate(self, steps: int, replay_buffer: ReplayBuffer) -> None:
+        """Let the teachers drive every arm, without noise, into a buffer; as advice it costs one
+        step of the budget a step.
+
+        :param steps: environment steps, all environments together; a step of the vector is
+            finished
+        :param replay_buffer: what the transitions go to
+        :raises ValueError: where the budget does not last, or some arm must not be advised
+        :raises TypeError: where the model has no advisor
+        """
+        advisor = self._ready_advisor()
+        if not isinstance(advisor, Advisor):
+            raise TypeError("a model without an advisor has no teachers to demonstrate")
+        assert self.env is not None and self._last_obs is not None, "reset the environments first"
+        nothing = np.zeros((self.n_envs, *(self.action_space.shape or ())), np.float32)
+        for _ in range(-(-steps // self.n_envs)):
+            self._count_episode_steps(self.n_envs)
+            advice = advisor.demonstrate(self._raw_observation())
+            executed, stored = self._follow(advice, nothing, nothing)
+            new_obs, rewards, dones, infos = self.env.step(executed)
+            self.num_timesteps += self.n_envs
+            self._episode_num += int(dones.sum())
+            self._store_transition(replay_buffer, stored, new_obs, rewards, dones, infos)  # type: ignore[arg-type]
+        self._advice_mask = None
+
     def _raw_observation(self) -> dict[str, NDArray[Any]]:
         """What the environment said: the teacher has a normaliser of its own."""
         observation = self._last_obs if self._vec_normalize_env is None else self._last_original_obs

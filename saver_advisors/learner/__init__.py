@@ -9,6 +9,8 @@ from saver_advisors.learner.algorithms import (
     episode_horizon,
     goal_learner,
 )
+from saver_advisors.learner.cloning import clone
+from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 from saver_advisors.learner.policies import (
     GoalPolicyMixin,
     GoalSACPolicy,
@@ -24,6 +26,7 @@ from saver_advisors.learner.replay import (
 )
 
 __all__ = [
+    "DemonstrationReplayBuffer",
     "GoalDDPG",
     "GoalLearnerMixin",
     "GoalPolicyMixin",
@@ -37,6 +40,7 @@ __all__ = [
     "GoalTransitions",
     "NormalizedGoalFeatures",
     "RewardFunction",
+    "clone",
     "episode_horizon",
     "goal_learner",
     "reward_function_of",

@@ -184,15 +184,15 @@ class GoalLearnerMixin(_Algorithm):
     ) -> None:
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         if dones.any():
-            self._update_normalizer(np.flatnonzero(dones))
+            self._update_normalizer(replay_buffer, np.flatnonzero(dones))
 
-    def _update_normalizer(self, environments: npt.NDArray[np.int64]) -> None:
+    def _update_normalizer(self, buffer: ReplayBuffer, environments: npt.NDArray[np.int64]) -> None:
         """Take these environments' finished episodes into the policy's statistics.
 
         Each step counts twice, with the episode's goal and with the goal achieved next, because
         the networks are trained on both kinds.
         """
-        policy, buffer = self.policy, self.replay_buffer
+        policy = self.policy
         if not isinstance(policy, GoalPolicyMixin) or not isinstance(buffer, GoalReplayBuffer):
             return
         observation, desired, achieved = buffer.episodes_of(environments)

@@ -339,10 +339,13 @@ class GoalReplayBuffer(ReplayBuffer):
             rewards=self._tensor(reward),
         )
 
-    def sample_transitions(self, batch_size: int) -> GoalTransitions:
+    def sample_transitions(
+        self, batch_size: int, *, relabel_probability: float | None = None
+    ) -> GoalTransitions:
         """Draw transitions as arrays, with their origin.
 
         :param batch_size: transitions to draw, with replacement
+        :param relabel_probability: another one than the buffer's own
         :return: the transitions
         :raises ValueError: when the buffer is empty, or has no reward function
         """
@@ -353,7 +356,8 @@ class GoalReplayBuffer(ReplayBuffer):
         action_row = slot * self.horizon + step
 
         desired = np.take(self.desired_goal, slot, axis=0)
-        goal_step = self._relabel(desired, achieved, slot, step)
+        share = self.relabel_probability if relabel_probability is None else relabel_probability
+        goal_step = self._relabel(desired, achieved, slot, step, share)
         next_achieved = np.take(achieved, row + 1, axis=0)
         return GoalTransitions(
             observation=np.take(observation, row, axis=0),
@@ -374,7 +378,12 @@ class GoalReplayBuffer(ReplayBuffer):
         )
 
     def _relabel(
-        self, desired: FloatArray, achieved: FloatArray, slot: IntArray, step: IntArray
+        self,
+        desired: FloatArray,
+        achieved: FloatArray,
+        slot: IntArray,
+        step: IntArray,
+        share: float,
     ) -> IntArray:
         """Replace parts of ``desired`` (batch, goal_dim) by ones achieved later, in place.
 
@@ -383,7 +392,7 @@ class GoalReplayBuffer(ReplayBuffer):
         shape = (len(slot), len(self._part_columns))
         later = self._random.random(shape) * (self.length[slot] - step)[:, None]
         goal_step = step[:, None] + 1 + later.astype(np.int64)
-        relabelled = self._random.random(shape) < self.relabel_probability
+        relabelled = self._random.random(shape) < share
         row = slot[:, None] * (self.horizon + 1) + goal_step
         for part, columns in enumerate(self._part_columns):
             chosen = relabelled[:, part]

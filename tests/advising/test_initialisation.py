@@ -165,7 +165,7 @@ def test_critics_with_layer_norm_start_near() -> None:
         mapping.split_action(actions)[None],
         twin_minimum=False,
     )[0]
-    assert np.corrcoef(own.ravel(), expected.ravel())[0, 1] > 0.95
+    assert np.corrcoef(own.ravel(), expected.ravel())[0, 1] > 0.9
     assert np.abs(own - expected).max() > 1e-3, "it would be exact: say so in the docs"
 
 
