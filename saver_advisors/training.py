@@ -30,23 +30,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
 from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
+from saver_advisors.building import ALGORITHMS, build_advisor, build_model, demonstration_steps
 from saver_advisors.curves import CURVE_FILE, append_point, read_curve, write_curve
-from saver_advisors.learner.algorithms import (
-    GoalDDPG,
-    GoalLearnerMixin,
-    GoalSAC,
-    GoalTD3,
-    GoalTQC,
-    episode_horizon,
-)
+from saver_advisors.learner.algorithms import GoalLearnerMixin, episode_horizon
 from saver_advisors.learner.checkpoint import (
     POLICY_FILE,
     find_checkpoint,
@@ -65,13 +57,6 @@ from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from saver_advisors.advising import Advisor
-
-ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
-    "ddpg": GoalDDPG,
-    "td3": GoalTD3,
-    "sac": GoalSAC,
-    "tqc": GoalTQC,
-}
 
 __all__ = [
     "ALGORITHMS",
@@ -169,148 +154,6 @@ def train(
         return run.loop(callback, progress, stop_after_steps)
     finally:
         env.close()
-
-
-def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
-    """The untrained learner of a run, with its advisor.
-
-    :param config: of the run
-    :param env: the run's vector env
-    :return: a goal learner
-    """
-    algorithm = ALGORITHMS[config.algorithm]
-    build: Callable[..., OffPolicyAlgorithm] = algorithm
-    policy_arguments: dict[str, Any] = {
-        "net_arch": list(config.net_arch),
-        "layer_norm": config.layer_norm,
-    }
-    if config.q_min is not None:
-        policy_arguments["q_min"] = config.q_min
-    arguments: dict[str, Any] = {}
-    goal_parts = _goal_parts(env) if config.arms_apart else None
-    if config.algorithm in ("ddpg", "td3"):
-        policy_arguments["action_penalty"] = config.action_penalty
-    if config.algorithm == "td3":
-        arguments["policy_delay"] = config.policy_delay
-        arguments["target_policy_noise"] = config.target_policy_noise
-        arguments["target_noise_clip"] = config.target_noise_clip
-        policy_arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
-        arguments["imitation_weight"] = config.imitation_weight
-        arguments["imitation_filter_from"] = config.imitation_filter_from
-    horizon = episode_horizon(env)
-    replay_arguments: dict[str, Any] = {}
-    if config.advice is not None:
-        from saver_advisors.advising import build_advised
-
-        build = build_advised(algorithm)
-        arguments["advisor"] = build_advisor(
-            config, env.observation_space, env.action_space, horizon
-        )
-        if config.advice.demonstration_steps > 0:
-            arguments["replay_buffer_class"] = DemonstrationReplayBuffer
-            replay_arguments["demonstration_size"] = demonstration_steps(config, horizon)
-            replay_arguments["demonstration_share"] = config.advice.demonstration_share
-    model = build(
-        "MultiInputPolicy",
-        env,
-        learning_rate=config.learning_rate,
-        buffer_size=config.buffer_size,
-        learning_starts=config.learning_starts,
-        batch_size=config.batch_size,
-        tau=config.tau,
-        gamma=config.gamma,
-        train_freq=(horizon, "step"),
-        gradient_steps=config.gradient_steps,
-        replay_buffer_kwargs={
-            "horizon": horizon,
-            "relabel_probability": config.relabel_probability,
-            "goal_parts": goal_parts,
-            **replay_arguments,
-        },
-        policy_kwargs=policy_arguments,
-        exploration_noise=config.exploration_noise,
-        random_action_probability=config.random_action_probability,
-        seed=config.seed,
-        device="cpu",
-        **arguments,
-    )
-    model.set_logger(Logger(folder=None, output_formats=[]))
-    if config.advice is not None and config.advice.start_as_teacher:
-        from saver_advisors.advising.initialisation import start_as_teachers
-
-        advisor = arguments["advisor"]
-        start_as_teachers(model, advisor.teachers, advisor.mapping)
-    return model
-
-
-def demonstration_steps(config: RunConfig, horizon: int) -> int:
-    """Environment steps of a run that the teachers demonstrate: whole episodes of all environments.
-
-    :param config: of the run
-    :param horizon: steps of an episode
-    :return: steps, 0 or more
-    :raises ValueError: where the budget or the run is too short for them
-    """
-    if config.advice is None:
-        return 0
-    block = horizon * config.n_envs
-    steps = -(-config.advice.demonstration_steps // block) * block
-    for name, limit in (
-        ("advice.budget", config.advice.budget),
-        ("total_steps", config.total_steps),
-    ):
-        if steps > limit:
-            raise ValueError(
-                f"advice.demonstration_steps={config.advice.demonstration_steps} are {steps} in "
-                f"whole episodes of {config.n_envs} environments ({horizon} steps each), but "
-                f"{name}={limit}: raise it, or ask for at most {limit // block * block}"
-            )
-    return steps
-
-
-def build_advisor(
-    config: RunConfig,
-    observation_space: spaces.Space[Any],
-    action_space: spaces.Space[Any],
-    horizon: int,
-) -> Advisor:
-    """The advisor of a run, checked against its environment.
-
-    :param config: of the run, with advice
-    :param observation_space: of the environment
-    :param action_space: of the environment
-    :param horizon: steps of an episode
-    :return: the advisor, with its whole budget
-    :raises ValueError: where teachers, arms, strategy or budget do not fit
-    """
-    from saver_advisors.advising import make_advisor
-
-    assert config.advice is not None
-    steps = demonstration_steps(config, horizon)
-    advisor = make_advisor(
-        **config.advice.advisor_arguments(),
-        observation_space=observation_space,
-        action_space=action_space,
-        total_steps=config.total_steps,
-        horizon=horizon,
-        seed=config.seed,
-    )
-    if steps > 0 and not advisor.advisable.all():
-        raise ValueError(
-            f"advice.demonstration_steps={config.advice.demonstration_steps} with "
-            f"advice.arms={list(config.advice.arms or ())}: in a demonstration every arm has a "
-            "teacher; leave advice.arms out"
-        )
-    return advisor
-
-
-def _goal_parts(env: VecEnv) -> tuple[int, ...]:
-    """Three coordinates an arm; what a task appends, such as a distance, is a part of its own."""
-    assert isinstance(env.observation_space, spaces.Dict)
-    shape = env.observation_space["desired_goal"].shape
-    assert shape is not None
-    arms, rest = divmod(shape[0], 3)
-    return (3,) * arms + ((rest,) if rest else ())
 
 
 def load_trained(

@@ -12,6 +12,7 @@ from saver_advisors.advising.context import (
     WatchesStudent,
 )
 from saver_advisors.advising.ibrl import BetterOfBoth, TeacherProposals
+from saver_advisors.advising.initialisation import start_as_teachers
 from saver_advisors.advising.jump_start import JumpStart
 from saver_advisors.advising.mapping import ArmMapping
 from saver_advisors.advising.networks import NetworkSpec, PolicyNetworks
@@ -76,4 +77,5 @@ __all__ = [
     "make_strategy",
     "networks_from_sb3",
     "register_strategy",
+    "start_as_teachers",
 ]

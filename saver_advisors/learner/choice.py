@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+import torch as th
 
 Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
 """Actions of all arms, (k, batch, n_arms * action_size) -> values (k, batch, values)."""
+
+
+class Proposals(Protocol):
+    """Somebody else's actions in given states."""
+
+    @property
+    def arms(self) -> npt.NDArray[np.bool_]:
+        """(n_arms,) which arms may take a proposed action."""
+
+    def __call__(self, observations: Mapping[str, th.Tensor]) -> npt.NDArray[np.float32] | None:
+        """
+        :param observations: entries (batch, dim)
+        :return: (batch, n_arms, action_size) scaled to [-1, 1], or None for no proposals
+        """
 
 
 def better_by_arm(

@@ -6,6 +6,10 @@ them; the extra loss below keeps it near what it was shown (Nair et al., 2018, "
 Exploration in Reinforcement Learning with Demonstrations": behaviour cloning with a Q-filter). The
 filter, imitating only what the critic finds better, is open at first: such a critic finds nothing
 better than the actor's own action.
+
+With ``proposals`` the critics' target takes, arm by arm, the better of the target actor's action
+and the proposed one, in the eyes of the target critics (Hu et al., arXiv 2311.02198: IBRL's
+bootstrapping).
 """
 
 from __future__ import annotations
@@ -13,12 +17,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch as th
 from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.td3 import TD3
 from torch.nn import functional
 
+from saver_advisors.learner.choice import Proposals, better_by_arm
 from saver_advisors.learner.replay import GoalReplayBuffer
 
 
@@ -33,6 +39,9 @@ class ImitatingTD3(TD3):
     :raises ValueError: for a negative weight or step
     """
 
+    proposals: Proposals | None
+    """Actions for the critics' target to choose from beside the actor's, or None; not saved."""
+
     def __init__(
         self,
         *arguments: Any,
@@ -44,6 +53,7 @@ class ImitatingTD3(TD3):
             raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
         if not imitation_filter_from >= 0:
             raise ValueError(f"imitation_filter_from={imitation_filter_from} must be 0 or more")
+        self.proposals = None
         self.imitation_weight = imitation_weight
         self.imitation_filter_from = imitation_filter_from
         super().__init__(*arguments, **named)
@@ -85,6 +95,8 @@ class ImitatingTD3(TD3):
             noise = th.randn_like(batch.actions) * self.target_policy_noise
             noise = noise.clamp(-self.target_noise_clip, self.target_noise_clip)
             next_actions = (self.actor_target(batch.next_observations) + noise).clamp(-1, 1)
+            if self.proposals is not None:
+                next_actions = self._better_actions(batch.next_observations, next_actions)
             values = th.stack(self.critic_target(batch.next_observations, next_actions))
             target = batch.rewards + self.gamma * values.amin(dim=0)
         estimates = self.critic(batch.observations, batch.actions)
@@ -93,6 +105,29 @@ class ImitatingTD3(TD3):
         loss.backward()
         self.critic.optimizer.step()
         return float(loss.item())
+
+    def _better_actions(self, observations: Any, own: th.Tensor) -> th.Tensor:
+        """Proposed actions in place of ``own`` (batch, action_dim) where the target critics prefer
+        them.
+        """
+        assert self.proposals is not None
+        proposed = self.proposals(observations)
+        if proposed is None:
+            return own
+
+        def values(actions: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+            repeated = {key: value.repeat(len(actions), 1) for key, value in observations.items()}
+            flat = th.as_tensor(actions.reshape(-1, actions.shape[2]), device=self.device)
+            least = th.stack(self.critic_target(repeated, flat)).amin(dim=0)
+            return np.asarray(least.cpu().numpy().reshape(*actions.shape[:2], -1))
+
+        by_arm = own.cpu().numpy().reshape(proposed.shape)
+        chosen = better_by_arm(by_arm, proposed, values, self.proposals.arms)
+        mixed = np.where(chosen[..., np.newaxis], proposed, by_arm)
+        return th.as_tensor(mixed.reshape(len(own), -1), device=self.device)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "proposals"]
 
     def _update_actor(
         self, batch: DictReplayBufferSamples, advised: th.Tensor
