@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, TINY, Saver
 
-PAGES = ("README.md", "docs/quick-start.md")
+PAGES = (
+    "README.md",
+    "docs/quick-start.md",
+    "docs/advising.md",
+    "docs/your-own-strategy.md",
+)
 #: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
 #: counts.
 SHORTER = {
@@ -20,7 +25,15 @@ SHORTER = {
     "export": ["--episodes", "2"],
 }
 #: Tried elsewhere: they install, or take minutes.
-ELSEWHERE = ("pip ", "make ", "saver --help", "saver benchmark", "saver demo", "saver COMMAND")
+ELSEWHERE = (
+    "pip ",
+    "make ",
+    "saver --help",
+    "saver benchmark",
+    "saver demo",
+    "saver COMMAND",
+    "export ",
+)
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -29,10 +42,21 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
 
 
+def write_files(page: str, folder: Path) -> None:
+    """Write a page's blocks with a title to the files that they are called."""
+    found = re.findall(
+        r'^```\w+ title="([\w.]+)"\n(.*?)^```', (ROOT / page).read_text(), re.DOTALL | re.MULTILINE
+    )
+    for name, text in found:
+        (folder / name).write_text(text)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_python(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    write_files(page, tmp_path)
     found = blocks(page, "python")
     assert found
     names: dict[str, object] = {}
@@ -44,6 +68,8 @@ def test_python(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize("page", PAGES)
 def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    write_files(page, tmp_path)
     (tmp_path / "runs").mkdir()
     lines = [line for code in blocks(page, "bash") for line in code.splitlines() if line]
     ours = [line for line in lines if not line.startswith(ELSEWHERE)]
