@@ -1,6 +1,6 @@
 """Budgeted action advising: single-arm teachers help an n-arm student (dissertation, chapter 5)."""
 
-from saver_advisors.advising.advisor import Advice, Advisor, Compare, make_advisor
+from saver_advisors.advising.advisor import Advice, Advisor, Compare
 from saver_advisors.advising.budget import AdviceBudget
 from saver_advisors.advising.context import (
     AdviceContext,
@@ -11,6 +11,7 @@ from saver_advisors.advising.context import (
     StudentValues,
     WatchesStudent,
 )
+from saver_advisors.advising.factory import make_advisor
 from saver_advisors.advising.ibrl import BetterOfBoth, TeacherProposals
 from saver_advisors.advising.initialisation import start_as_teachers
 from saver_advisors.advising.jump_start import JumpStart

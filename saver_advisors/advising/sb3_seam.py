@@ -31,8 +31,9 @@ from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
 
-from saver_advisors.advising.advisor import Advice, Advisor, make_advisor
+from saver_advisors.advising.advisor import Advice, Advisor
 from saver_advisors.advising.context import Mask
+from saver_advisors.advising.factory import make_advisor
 from saver_advisors.advising.student import student_values
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -134,3 +135,18 @@ def test_configurations_come_back_from_files(tmp_path: Path) -> None:
         config.to_file(tmp_path / name)
         assert RunConfig.from_file(tmp_path / name) == config
     assert np.isclose(config.advice.demonstration_share, 0.5)  # type: ignore[union-attr]
+
+
+def test_a_checkpoint_from_before_a_setting_goes_on(tmp_path: Path) -> None:
+    """Settings that are newer than a checkpoint have their defaults in it, and no others."""
+    config = settings(advice(tmp_path, threshold=0.05))
+    start(config, tmp_path / "run", stop_after_steps=BLOCK)
+    path = tmp_path / "run" / "latest" / "state.json"
+    state = json.loads(path.read_text())
+    for name in ("arms", "settings", "bootstrap", "demonstration_steps", "twin_minimum"):
+        del state["extra"]["config"]["advice"][name]
+    path.write_text(json.dumps(state))
+    other = settings({**advice(tmp_path, threshold=0.05), "twin_minimum": False})
+    with pytest.raises(ValueError, match=r"is of another configuration .*twin_minimum"):
+        start(other, tmp_path / "run", resume=True)
+    assert start(config, tmp_path / "run", resume=True).finished

@@ -1,0 +1,117 @@
+"""An advisor from names and numbers, as configurations hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any
+
+from gymnasium import spaces
+
+from saver_advisors.advising.advisor import Advisor, Compare
+from saver_advisors.advising.budget import AdviceBudget
+from saver_advisors.advising.context import AdvisingStrategy, RunPlan
+from saver_advisors.advising.mapping import ArmMapping
+from saver_advisors.advising.registry import make_strategy
+from saver_advisors.advising.teacher import Teacher
+
+TeacherLike = str | PathLike[str] | Teacher
+
+
+def make_advisor(
+    strategy: str | AdvisingStrategy,
+    teacher: TeacherLike | Sequence[TeacherLike],
+    budget: int,
+    *,
+    n_arms: int | None = None,
+    observation_space: spaces.Space[Any] | None = None,
+    action_space: spaces.Space[Any] | None = None,
+    threshold: float | None = None,
+    correcting: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    compare: Compare = "noisy",
+    twin_minimum: bool = True,
+    arms: Sequence[int] | None = None,
+    total_steps: int | None = None,
+    horizon: int | None = None,
+    seed: int = 0,
+) -> Advisor:
+    """An advisor from names, for either a number of arms or a student's spaces.
+
+    :param strategy: a strategy's name, "module:Class" of one that is not registered, or a strategy
+    :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
+        arm
+    :param budget: environment steps that may be advised
+    :param n_arms: arms of the student; may be left out where the spaces are given
+    :param observation_space: the student's, checked at once
+    :param action_space: the student's, checked at once
+    :param threshold: t_I or alpha of a correcting strategy
+    :param correcting: the second half of `early-mc`
+    :param settings: further arguments of a strategy given by name
+    :param compare: "noisy" or "noise-free": which student action a correcting strategy judges
+    :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
+    :param arms: which arms may be advised, by their numbers from 0; every arm where None
+    :param total_steps: environment steps of the run, which `random` spreads its budget over
+    :param horizon: steps of an episode, which `jump-start` divides
+    :param seed: of the run, for strategies that draw
+    :raises ValueError: where something does not fit; the message names the sizes
+    """
+    if isinstance(strategy, str):
+        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
+    elif threshold is not None or correcting is not None or settings:
+        raise ValueError(
+            "threshold, correcting and settings belong to a strategy given by name: set them on "
+            "the object instead"
+        )
+    teachers = _resolve(teacher)
+    first = teachers[0]
+    if n_arms is None:
+        if observation_space is None or action_space is None:
+            raise ValueError("give n_arms, or observation_space and action_space to read it from")
+        n_arms = _count_arms(first, action_space)
+    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+    advisor = Advisor(
+        strategy,
+        teachers,
+        mapping,
+        AdviceBudget(budget),
+        compare=compare,
+        twin_minimum=twin_minimum,
+        arms=arms,
+        run=RunPlan(total_steps, horizon, seed),
+    )
+    if observation_space is not None and action_space is not None:
+        advisor.check_spaces(observation_space, action_space)
+    return advisor
+
+
+def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
+    """:return: teachers, loaded where a name or a path was given; equal names share one teacher"""
+    # Imported here: the pretrained room builds on this one.
+    from saver_advisors.pretrained import load_teacher
+
+    given = [teacher] if isinstance(teacher, (str, PathLike, Teacher)) else list(teacher)
+    if not given:
+        raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")
+    loaded: dict[str, Teacher] = {}
+    teachers = []
+    for one in given:
+        if isinstance(one, Teacher):
+            teachers.append(one)
+        else:
+            teachers.append(loaded.setdefault(str(one), load_teacher(one)))
+    return teachers
+
+
+def _count_arms(teacher: Teacher, action_space: spaces.Space[Any]) -> int:
+    if not isinstance(action_space, spaces.Box) or len(action_space.shape) != 1:
+        raise TypeError(f"advice needs a flat Box action space, not {action_space}")
+    size = int(action_space.shape[0])
+    n_arms, rest = divmod(size, teacher.action_size)
+    if rest or n_arms == 0:
+        raise ValueError(
+            f"teacher {teacher.name!r} has actions of size {teacher.action_size}, which do not "
+            f"divide the student's "
+            f"action of size {size}: choose a teacher of the same task"
+        )
+    return n_arms
