@@ -211,7 +211,7 @@ class Advisor:
                 episode_steps=episode_steps,
                 student_values=student_values,
             )
-            wanted = self.strategy.decide(context) & self._advisable
+            wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
             self._window.add_context(context)
@@ -223,6 +223,20 @@ class Advisor:
                 )
         self._count(mask)
         return Advice(actions, mask)
+
+    def _decide(self, context: AdviceContext) -> Mask:
+        """The strategy's mask, held to the arms that may be advised.
+
+        :raises ValueError: for anything but a mask of environments and arms, which would be
+            stretched to one unseen
+        """
+        wanted = np.asarray(self.strategy.decide(context))
+        if wanted.shape != context.shape or wanted.dtype != np.bool_:
+            raise ValueError(
+                f"strategy {self.strategy.name!r} decided {wanted.dtype} {wanted.shape}: it must "
+                f"return truth values of shape (n_envs, n_arms) = {context.shape}"
+            )
+        return wanted & self._advisable
 
     def _context(
         self, observation: Observation, student_actions: NDArray[Any], **known: Any

@@ -110,7 +110,6 @@ class AdviceContext:
         return distance
 
 
-@runtime_checkable
 class AdvisingStrategy(Protocol):
     """Decides which arms should get the teacher's action."""
 

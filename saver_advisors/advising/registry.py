@@ -48,7 +48,7 @@ def register_strategy(strategy: Strategy) -> Strategy:
     :raises TypeError: where a member is missing
     :raises ValueError: where another strategy has that name
     """
-    _require_strategy(strategy)
+    _require_class(strategy)
     known = STRATEGIES.get(strategy.name)
     if known is not None and known is not strategy:
         raise ValueError(
@@ -96,7 +96,9 @@ def make_strategy(
             )
         arguments["threshold"] = threshold
     _require_known(name, strategy, settings or {})
-    return strategy(**arguments)
+    made = strategy(**arguments)
+    _require_members(made, _MEMBERS)
+    return made
 
 
 def _find(name: str) -> type[AdvisingStrategy]:
@@ -113,20 +115,26 @@ def _find(name: str) -> type[AdvisingStrategy]:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise ValueError(f"strategy={name!r} cannot be imported: {error}") from error
-    strategy: type[AdvisingStrategy] = _require_strategy(found)
+    _require_class(found)
+    strategy: type[AdvisingStrategy] = found
     return strategy
 
 
-def _require_strategy(found: Any) -> Any:
-    """:raises TypeError: for anything but a class with the members of a strategy"""
-    missing = [member for member in _MEMBERS if not hasattr(found, member)]
-    if not isinstance(found, type) or missing:
-        lacks = f"lacks {', '.join(missing)}" if missing else "is no class"
+def _require_class(found: Any) -> None:
+    """:raises TypeError: for anything but a class with a name and a decision"""
+    if not isinstance(found, type):
+        raise TypeError(f"{found!r} is no class: a strategy is one with {', '.join(_MEMBERS)}")
+    # The others may be set by the constructor.
+    _require_members(found, ("name", "decide"))
+
+
+def _require_members(found: Any, members: tuple[str, ...]) -> None:
+    missing = [member for member in members if not hasattr(found, member)]
+    if missing:
         raise TypeError(
-            f"{found!r} {lacks}: a strategy is a class with {', '.join(_MEMBERS)} "
+            f"{found!r} lacks {', '.join(missing)}: a strategy has {', '.join(_MEMBERS)} "
             "(see AdvisingStrategy)"
         )
-    return found
 
 
 def _require_known(

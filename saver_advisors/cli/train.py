@@ -166,9 +166,9 @@ def _apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
         values["advice"] = None
         return
     advice = {**(values.get("advice") or {}), **given}
-    if args.advice is not None and args.threshold is None:
-        # The settings' own strategy is another one: what belonged to it does not belong to this.
-        for name in ("threshold", "correcting", "settings"):
+    if args.advice is not None:
+        # Another strategy: what belonged to the settings' own does not belong to it.
+        for name in {"threshold", "correcting", "settings"} - set(given):
             advice.pop(name, None)
     for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
         if name not in advice:
