@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import BLOCK, advisor_state, settings, start, steps_taken
-from runs import save_teacher as save
 from test_advisor import observation, students
 from toy_arms import ACTION, make_teacher
+from toy_runs import BLOCK, advisor_state, settings, start, steps_taken
+from toy_runs import save_teacher as save
 
 from saver_advisors.advising import build_advised, make_advisor
 from saver_advisors.learner import GoalTD3

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import (
+from toy_arms import ACTION, N_ARMS, make_vec_env
+from toy_runs import (
     BLOCK,
     BLOCKS,
     HORIZON,
@@ -21,7 +22,6 @@ from runs import (
     start,
     steps_taken,
 )
-from toy_arms import ACTION, N_ARMS, make_vec_env
 
 from saver_advisors.learner import DemonstrationReplayBuffer, clone, reward_function_of
 from saver_advisors.pretrained import load_teacher, side_by_side

@@ -8,11 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 import torch as th
-from runs import BLOCK, advisor_state, assert_resumes_exactly, replay, save_teacher, settings, start
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 from test_sb3_seam import make_model, stored, teacher_actions
 from toy_arms import ACTION, N_ARMS, make_teacher, make_vec_env
+from toy_runs import (
+    BLOCK,
+    advisor_state,
+    assert_resumes_exactly,
+    replay,
+    save_teacher,
+    settings,
+    start,
+)
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
 from saver_advisors.advising.student import student_values

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch as th
-from runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
+from toy_runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 
 from saver_advisors.advising import ArmMapping, NetworkSpec, PolicyNetworks, Teacher, TeacherGroup
 from saver_advisors.advising.initialisation import start_as_teachers

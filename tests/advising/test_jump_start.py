@@ -10,7 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from runs import (
+from stable_baselines3 import TD3
+from stable_baselines3.common.vec_env import DummyVecEnv
+from test_advisor import observation, students
+from test_sb3_seam import make_model
+from toy_arms import ToyArms, make_teacher, make_vec_env
+from toy_runs import (
     BLOCK,
     HORIZON,
     advisor_state,
@@ -19,11 +24,6 @@ from runs import (
     save_teacher,
     settings,
 )
-from stable_baselines3 import TD3
-from stable_baselines3.common.vec_env import DummyVecEnv
-from test_advisor import observation, students
-from test_sb3_seam import make_model
-from toy_arms import ToyArms, make_teacher, make_vec_env
 
 from saver_advisors.advising import (
     AdviceBudget,

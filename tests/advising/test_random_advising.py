@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from runs import (
+from test_advisor import observation, students
+from toy_arms import make_teacher
+from toy_runs import (
     BLOCK,
     BLOCKS,
     advisor_state,
@@ -19,9 +21,7 @@ from runs import (
     save_teacher,
     start,
 )
-from runs import settings as run_settings
-from test_advisor import observation, students
-from toy_arms import make_teacher
+from toy_runs import settings as run_settings
 
 from saver_advisors.advising import Advisor, RandomAdvising, make_advisor
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import BLOCK, save_teacher, settings, start, steps_taken
 from stable_baselines3 import A2C, PPO
 from toy_arms import GOAL, OBSERVATION, make_teacher, make_vec_env
+from toy_runs import BLOCK, save_teacher, settings, start, steps_taken
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
 from saver_advisors.training import AdviceConfig, RunConfig

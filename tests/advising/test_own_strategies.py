@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runs import BLOCK, advisor_state, assert_resumes_exactly, save_teacher, settings
 from test_advisor import observation, students
 from toy_arms import make_teacher
+from toy_runs import BLOCK, advisor_state, assert_resumes_exactly, save_teacher, settings
 
 from saver_advisors.advising import STRATEGIES, make_advisor, make_strategy, register_strategy
 
