@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the table, draw the figure, write the figures."""
     from saver_advisors.cli import tables
-    from saver_advisors.cli.runs import COLUMNS, SOLVED, cells, draw, read_runs
+    from saver_advisors.cli.runs import COLUMNS, cells, draw, read_runs
+    from saver_advisors.evaluation.metrics import SOLVED
 
     runs = read_runs(args.run_dirs)
     summaries = [one.summary() for one in runs]

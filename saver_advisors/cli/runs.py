@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.curves import CURVE_FILE, read_curve
+from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-SOLVED: Final = 0.9
-"""Success rate whose first appearance is reported."""
 
 # Okabe and Ito: told apart by readers with any colour vision.
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -47,7 +45,7 @@ class Run:
 
     def summary(self) -> dict[str, Any]:
         """What is said about the run in a table, and all its points."""
-        solved = next((p for p in self.points if p["success_rate"] >= SOLVED), None)
+        solved = time_to_level(LearningCurve.from_points(self.points))
         rates = [p["success_rate"] for p in self.points]
         collisions = [p.get("cost_collision", 0.0) for p in self.points]
         advice = self.config.get("advice")
@@ -59,8 +57,8 @@ class Run:
             "seed": self.config.get("seed"),
             "steps": self.points[-1]["steps"],
             "wall_clock_s": self.points[-1]["wall_clock_s"],
-            "steps_to_solved": None if solved is None else solved["steps"],
-            "wall_clock_to_solved_s": None if solved is None else solved["wall_clock_s"],
+            "steps_to_solved": None if solved.steps is None else int(solved.steps),
+            "wall_clock_to_solved_s": solved.wall_clock_s,
             "best_success_rate": max(rates),
             "last_success_rate": rates[-1],
             "cost_collision_mean": sum(collisions) / len(collisions),

@@ -1,1 +1,1 @@
-"""Evaluation: episodes with fixed seeds, and what is counted in them."""
+"""Evaluation: episodes with fixed seeds, what is counted in them, and what curves of them say."""
