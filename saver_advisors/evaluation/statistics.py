@@ -1,0 +1,225 @@
+"""What a handful of seeds say: interquartile means, comparisons, and how sure each is.
+
+The estimators are those of Agarwal et al., Deep Reinforcement Learning at the Edge of the
+Statistical Precipice (arXiv 2108.13264): the interquartile mean, the probability of improvement,
+and percentile intervals from a bootstrap that draws seeds within each stratum. A stratum is a task:
+two tasks' seeds are never exchanged for one another. Episodes of one seed belong together, since
+one policy played them all: they are averaged, and a seed is drawn with all of its episodes.
+
+One seed has no interval: an estimate then has a value and says n = 1. Two seeds' interval reaches
+from one to the other, and no further.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import bootstrap, trim_mean
+
+CONFIDENCE: Final = 0.95
+RESAMPLES: Final = 10_000
+BOOTSTRAP_SEED: Final = 0
+"""So that the same seeds' figures give the same interval, and a page does not change by itself."""
+
+QUARTER: Final = 0.25
+
+Floats = NDArray[np.float64]
+Statistic = Callable[[Sequence[Floats]], Floats]
+"""From one array (..., seeds) a stratum to a figure (...)."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure over seeds.
+
+    :param value: the figure
+    :param low: lower end of its 95% interval, None where there is none
+    :param high: upper end, likewise
+    :param n: seeds behind it, in all; of two groups that are compared, the smaller one's
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+    n: int
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Both ends, or None where no stratum has two seeds."""
+        return None if self.low is None or self.high is None else (self.low, self.high)
+
+    def excludes(self, value: float) -> bool:
+        """Whether there is an interval, and ``value`` lies outside it."""
+        return self.interval is not None and not self.interval[0] <= value <= self.interval[1]
+
+    def text(self, digits: int = 2, scale: float = 1.0) -> str:
+        """The figure in words.
+
+        :param digits: after the point
+        :param scale: what it is multiplied by
+        :return: such as ``0.95 [0.93, 0.97]``; the value alone where there is no interval
+        """
+        told = f"{scale * self.value:,.{digits}f}"
+        if self.interval is None:
+            return told
+        low, high = (f"{scale * end:,.{digits}f}" for end in self.interval)
+        return f"{told} [{low}, {high}]"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """:return: plain values, for JSON; ``ci95`` is None where there is no interval"""
+        ends = None if self.interval is None else list(self.interval)
+        return {"value": self.value, "ci95": ends, "n": self.n}
+
+
+def interquartile_mean(values: ArrayLike) -> float:
+    """The mean of the middle half.
+
+    A quarter of the values, rounded down, is left out at each end: of three or fewer none is, and
+    it is their mean.
+
+    :param values: any number of them but none
+    :return: the mean
+    :raises ValueError: for no value, or one that is not finite
+    """
+    return float(trim_mean(_checked("values", values), QUARTER))
+
+
+def estimate(*strata: ArrayLike, resamples: int = RESAMPLES) -> Estimate:
+    """The interquartile mean over seeds with its stratified bootstrap interval.
+
+    :param strata: one array a task: (seeds,), or (seeds, episodes) whose episodes are averaged
+    :param resamples: of the bootstrap
+    :return: the estimate
+    :raises ValueError: for no stratum, an empty one, or values that are not finite
+    """
+    samples = _seeds("strata", strata)
+    return _estimate(samples, _pooled_iqm, sum(map(len, samples)), resamples)
+
+
+def difference(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+    """How much larger x is than y.
+
+    :param x: seeds of one group: one array, or a list of arrays, one a task
+    :param y: those of the other, of the same tasks
+    :param resamples: of the bootstrap
+    :return: IQM(x) - IQM(y)
+    :raises ValueError: as ``estimate``, or for other tasks
+    """
+    return _compare(x, y, lambda a, b: _pooled_iqm(a) - _pooled_iqm(b), resamples)
+
+
+def ratio(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+    """How many times as large x is as y.
+
+    :param x: seeds of one group, as for ``difference``
+    :param y: those of the other; above 0
+    :param resamples: of the bootstrap
+    :return: IQM(x) / IQM(y)
+    :raises ValueError: as ``difference``, or where y has a value of 0 or less
+    """
+    if any((sample <= 0).any() for sample in _seeds("y", _listed(y))):
+        raise ValueError(f"y={y!r} must be above 0: x is divided by it")
+    return _compare(x, y, lambda a, b: _pooled_iqm(a) / _pooled_iqm(b), resamples)
+
+
+def probability_of_improvement(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+    """How likely a run of x ends above a run of y; ties count half.
+
+    :param x: seeds of one group, as for ``difference``
+    :param y: those of the other
+    :param resamples: of the bootstrap
+    :return: the mean over tasks of P(x > y) + P(x = y) / 2
+    :raises ValueError: as ``difference``
+    """
+    return _compare(x, y, _improvement, resamples)
+
+
+Strata = ArrayLike | Sequence[ArrayLike]
+
+
+def _improvement(x: Sequence[Floats], y: Sequence[Floats]) -> Floats:
+    per_task = []
+    for a, b in zip(x, y, strict=True):
+        gap = a[..., :, None] - b[..., None, :]
+        per_task.append(((gap > 0) + 0.5 * (gap == 0)).mean(axis=(-2, -1)))
+    return np.mean(per_task, axis=0)
+
+
+def _pooled_iqm(samples: Sequence[Floats]) -> Floats:
+    """The interquartile mean over all strata's seeds, (...,)."""
+    return np.asarray(trim_mean(np.concatenate(samples, axis=-1), QUARTER, axis=-1))
+
+
+def _compare(
+    x: Strata, y: Strata, of: Callable[[Sequence[Floats], Sequence[Floats]], Floats], resamples: int
+) -> Estimate:
+    """A figure of two groups; without an interval where one of them is a single run a task."""
+    a, b = _seeds("x", _listed(x)), _seeds("y", _listed(y))
+    if len(a) != len(b):
+        raise ValueError(f"x has {len(a)} tasks and y {len(b)}: they must be of the same ones")
+
+    def both(samples: Sequence[Floats]) -> Floats:
+        return of(samples[: len(a)], samples[len(a) :])
+
+    smaller = min(sum(map(len, a)), sum(map(len, b)))
+    single = any(max(map(len, group)) == 1 for group in (a, b))
+    return _estimate([*a, *b], both, smaller, 0 if single else resamples)
+
+
+def _estimate(samples: Sequence[Floats], statistic: Statistic, n: int, resamples: int) -> Estimate:
+    """A figure of all samples, with the percentile interval of a bootstrap within each."""
+    value = float(statistic(samples))
+    varied = [index for index, sample in enumerate(samples) if len(sample) > 1]
+    if not varied or resamples == 0:
+        return Estimate(value, None, None, n)
+
+    def of_drawn(*drawn: Floats, axis: int = -1) -> Floats:
+        # A stratum with one seed cannot be drawn from: it stays what it is.
+        leading = drawn[0].shape[:-1]
+        full = [np.broadcast_to(sample, (*leading, len(sample))) for sample in samples]
+        for index, values in zip(varied, drawn, strict=True):
+            full[index] = values
+        return statistic(full)
+
+    found = bootstrap(
+        [samples[index] for index in varied],
+        of_drawn,
+        vectorized=True,
+        n_resamples=resamples,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(BOOTSTRAP_SEED),
+    ).confidence_interval
+    return Estimate(value, float(found.low), float(found.high), n)
+
+
+def _listed(group: Strata) -> Sequence[ArrayLike]:
+    """A group as a list of strata, which a single array is the only one of."""
+    if isinstance(group, np.ndarray) or np.isscalar(group):
+        return [group]
+    items: Sequence[Any] = group  # type: ignore[assignment]  # neither array nor scalar: a sequence
+    return items if any(np.ndim(item) for item in items) else [items]
+
+
+def _seeds(name: str, strata: Sequence[ArrayLike]) -> list[Floats]:
+    """Each stratum as (seeds,), its episodes averaged."""
+    if not strata:
+        raise ValueError(f"{name} must have at least one array, one a task")
+    arrays = [_checked(name, stratum) for stratum in strata]
+    for array in arrays:
+        if array.ndim > 2:
+            raise ValueError(
+                f"{name} has an array of shape {array.shape}: must be (seeds,) or (seeds, episodes)"
+            )
+    return [array.mean(axis=1) if array.ndim == 2 else np.atleast_1d(array) for array in arrays]
+
+
+def _checked(name: str, values: ArrayLike) -> Floats:
+    array = np.asarray(values, np.float64)
+    if array.size == 0 or not np.isfinite(array).all():
+        raise ValueError(f"{name}={values!r} must hold finite numbers, and at least one")
+    return array

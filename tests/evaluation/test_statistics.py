@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from saver_advisors.evaluation.statistics import (
+    Estimate,
+    difference,
+    estimate,
+    interquartile_mean,
+    probability_of_improvement,
+    ratio,
+)
+
+rates = st.integers(0, 100).map(lambda hits: hits / 100)
+some_seeds = st.lists(rates, min_size=1, max_size=6)
+
+
+def test_interquartile_means_by_hand():
+    assert interquartile_mean([0, 4, 5, 100]) == 4.5  # one of four is left out at each end
+    assert interquartile_mean([1, 2, 9]) == 4  # of three none is
+    assert interquartile_mean([7]) == 7
+    # Of nine, two at each end: the mean of the five in the middle.
+    assert interquartile_mean([9, 8, 7, 6, 5, 4, 3, 2, -100]) == 5
+
+
+def test_one_seed_has_a_value_and_no_interval():
+    one = estimate([0.95])
+    assert one == Estimate(0.95, None, None, 1)
+    assert one.interval is None
+    assert one.text() == "0.95"
+    assert not one.excludes(0.0)
+    assert one.to_mapping() == {"value": 0.95, "ci95": None, "n": 1}
+
+
+def test_the_interval_of_two_seeds_reaches_from_one_to_the_other():
+    # Drawn with replacement: both, or one of them twice with probability 1/4 each, above 2.5%.
+    two = estimate([0.9, 1.0])
+    assert two.value == pytest.approx(0.95)
+    assert two.interval == pytest.approx((0.9, 1.0))
+    assert two.n == 2
+    assert two.text(1, scale=100) == "95.0 [90.0, 100.0]"
+    assert two.excludes(0.8)
+    assert not two.excludes(0.95)
+    assert json.loads(json.dumps(two.to_mapping()))["ci95"] == pytest.approx([0.9, 1.0])
+
+
+def test_the_interval_is_that_of_all_possible_draws():
+    # Five seeds have 3,125 draws: their percentiles, counted out, are what the bootstrap estimates.
+    seeds = np.array([0.2, 0.5, 0.6, 0.7, 0.95])
+    draws = [interquartile_mean(draw) for draw in itertools.product(seeds, repeat=5)]
+    found = estimate(seeds)
+    assert found.value == pytest.approx(0.6)  # 0.5, 0.6, 0.7
+    assert found.interval == pytest.approx(np.percentile(draws, [2.5, 97.5]), abs=0.02)
+
+
+def test_seeds_are_drawn_within_their_task():
+    # Within a task all seeds agree, so no draw differs; drawn across tasks the mean would move.
+    strata = estimate([0.1, 0.1, 0.1], [0.9, 0.9, 0.9])
+    assert strata.value == pytest.approx(0.5)
+    assert strata.interval == pytest.approx((0.5, 0.5))
+    assert strata.n == 6
+    pooled = estimate([0.1, 0.1, 0.1, 0.9, 0.9, 0.9])
+    assert pooled.low < 0.2
+    assert pooled.high > 0.8
+
+
+def test_a_task_with_one_seed_stays_what_it_is():
+    mixed = estimate([0.0], [0.4, 0.6])
+    assert mixed.value == pytest.approx(1 / 3)
+    assert mixed.interval == pytest.approx((0.8 / 3, 1.2 / 3))
+
+
+def test_episodes_of_a_seed_are_drawn_together():
+    # Two policies of 100 episodes each: two things were drawn, not two hundred.
+    episodes = np.zeros((2, 100))
+    episodes[0, :90] = episodes[1, :] = 1.0
+    assert estimate(episodes) == estimate([0.9, 1.0])
+
+
+def test_probability_of_improvement_by_hand():
+    # Of the six pairs x wins four and ties one.
+    found = probability_of_improvement([3, 5, 6], [4, 3])
+    assert found.value == pytest.approx(4.5 / 6)
+    assert found.n == 2
+    assert 0 <= found.low <= found.value <= found.high <= 1
+    assert probability_of_improvement([1, 1], [0, 0]).interval == (1, 1)
+    # The mean over two tasks: always, and never.
+    assert probability_of_improvement([[1, 1], [0, 0]], [[0, 0], [1, 1]]).value == 0.5
+
+
+def test_differences_and_ratios_by_hand():
+    assert difference([4, 6], [1, 3]).value == 3
+    assert difference([4, 6], [1, 3]).interval == (1, 5)
+    assert ratio([4, 6], [1, 3]).value == 2.5
+    assert ratio([4, 4], [2, 2]).interval == (2, 2)
+    with pytest.raises(ValueError, match="y="):
+        ratio([1, 2], [0, 1])
+
+
+@pytest.mark.parametrize("of", [difference, ratio, probability_of_improvement])
+def test_a_single_run_on_either_side_leaves_no_interval(of):
+    # Drawing the other side alone would look surer than anybody can be.
+    assert of([1.0], [2.0, 3.0]).interval is None
+    assert of([1.0, 2.0], [3.0]).interval is None
+    assert of([1.0, 2.0], [3.0]).n == 1
+    assert of([1.0, 2.0], [3.0, 4.0]).interval is not None
+
+
+@given(some_seeds, some_seeds)
+def test_the_probability_of_the_opposite_is_the_rest(x, y):
+    there = probability_of_improvement(x, y, resamples=0).value
+    back = probability_of_improvement(y, x, resamples=0).value
+    assert there + back == pytest.approx(1)
+    assert probability_of_improvement(x, x, resamples=0).value == 0.5
+
+
+@given(some_seeds, st.sampled_from([2.0, -1.0, 0.5]), st.integers(-3, 3))
+def test_the_mean_moves_with_its_values(seeds, factor, shift):
+    moved = interquartile_mean([factor * seed + shift for seed in seeds])
+    assert moved == pytest.approx(factor * interquartile_mean(seeds) + shift)
+    assert min(seeds) - 1e-12 <= interquartile_mean(seeds) <= max(seeds) + 1e-12
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(rates, min_size=2, max_size=6))
+def test_an_interval_lies_among_its_seeds_and_repeats(seeds):
+    found = estimate(seeds, resamples=200)
+    low, high = found.interval
+    assert min(seeds) - 1e-9 <= low <= high <= max(seeds) + 1e-9
+    assert estimate(seeds, resamples=200) == found
+
+
+@pytest.mark.parametrize(
+    "strata", [[], [[]], [[1.0, math.nan]], [[1.0], []], [np.zeros((1, 1, 1))]]
+)
+def test_what_is_no_sample_is_refused(strata):
+    with pytest.raises(ValueError, match="strata"):
+        estimate(*strata)
+
+
+def test_other_tasks_are_refused():
+    with pytest.raises(ValueError, match="2 tasks and y 1"):
+        difference([[1, 2], [3, 4]], [[1, 2]])
