@@ -13,6 +13,7 @@ examples:
 
 KINDS: Final = {
     "speed": ("saver_advisors.benchmarks.speed", "environment steps per second, beside peers"),
+    "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
 command has, and a line of help. One row a benchmark, and nothing else to edit here.

@@ -356,7 +356,7 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
     """Success with its interval, a bar a policy."""
     from matplotlib.figure import Figure
 
-    from saver_advisors.cli.runs import COLOURS
+    from saver_advisors.evaluation.plots import COLOURS
 
     figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
     axes = figure.subplots()

@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.curves import CURVE_FILE, read_curve
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
+from saver_advisors.evaluation.plots import COLOURS, dress, line_style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-# Okabe and Ito: told apart by readers with any colour vision.
-COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 PANELS: Final = (
     ("success_rate", "success rate"),
@@ -153,8 +150,8 @@ def draw(runs: Sequence[Run], panels: Sequence[tuple[str, str]] = PANELS) -> Fig
             for index, run in enumerate(runs):
                 x = [value / scale for value in run.values(axis)]
                 colour = COLOURS[index % len(COLOURS)]
-                axes.plot(x, run.values(name), color=colour, label=run.name, **_line(len(x)))
-            _dress(axes, name)
+                axes.plot(x, run.values(name), color=colour, label=run.name, **line_style(len(x)))
+            dress(axes, name)
         grid[row][0].set_ylabel(label)
     grid[-1][0].set_xlabel("environment steps (thousands)")
     grid[-1][1].set_xlabel("training time (minutes)")
@@ -164,19 +161,3 @@ def draw(runs: Sequence[Run], panels: Sequence[tuple[str, str]] = PANELS) -> Fig
         handles, labels, loc="outside upper center", ncols=min(len(runs), 4), frameon=False
     )
     return figure
-
-
-def _line(points: int) -> dict[str, Any]:
-    """Few points are marked, many are not."""
-    return {"linewidth": 1.6, "marker": "o" if points <= 40 else None, "markersize": 3.5}
-
-
-def _dress(axes: Axes, name: str) -> None:
-    axes.grid(color="0.9", linewidth=0.8)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_xlim(left=0)
-    if name == "success_rate":
-        axes.set_ylim(-0.02, 1.02)
-        axes.axhline(SOLVED, color="0.6", linewidth=0.8, linestyle=":")
-    elif name.startswith("cost"):
-        axes.set_ylim(bottom=0)

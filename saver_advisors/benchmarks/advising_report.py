@@ -1,0 +1,231 @@
+"""The page of ``saver benchmark advising``, and its short form on the terminal."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from saver_advisors.benchmarks.advising import NO_ADVICE
+from saver_advisors.benchmarks.advising_figures import ONE_ARM, Drawn
+from saver_advisors.benchmarks.paper import PaperFigures, table_5_2
+from saver_advisors.benchmarks.run_tables import (
+    beside,
+    beyond,
+    measured,
+    origin,
+    reference_table,
+    run_table,
+    skipped_list,
+    under_way_list,
+)
+from saver_advisors.cli.tables import markdown
+from saver_advisors.cli.tables import show as show_table
+from saver_advisors.evaluation.findings import MIN_SEEDS, Finding
+from saver_advisors.evaluation.metrics import EPOCH_STEPS
+from saver_advisors.evaluation.summary import Row
+from saver_advisors.evaluation.training_runs import Results
+
+INTRODUCTION: Final = f"""\
+Rendered by `saver benchmark advising` from the files of the runs, never typed. An epoch is
+{EPOCH_STEPS:,} environment steps of ours; the paper's epochs are others, so orderings and ratios
+can be compared, the epochs themselves cannot. n counts finished seeds. A figure over several seeds
+is their interquartile mean (of three or fewer, their mean) with a 95% bootstrap interval over seeds
+in brackets; over a single seed there is no interval. With two seeds the interval just reaches from
+one to the other.
+
+- **IE**: epochs at the first evaluation with 10% of the run's own maximum success rate
+- **RT**: epochs from there to 90% of it
+- **MSR**: that maximum
+- **ELR**: 0.9 MSR over the epochs that it took to get there
+- **to 0.9**: the first evaluation with a success rate of 0.9; where a run ended before, its length
+  stands in, and the figure is a lower bound
+- **all steps**: the teacher's training and demonstrations counted as well
+- **minutes**: of training, evaluations not counted
+- **final success**: of the chosen checkpoint on report seeds, which had no part in choosing it
+- **mean success**: the area under the curve, over the steps that all rows of the task did
+- **collisions per episode**: steps with contact between arms, or of an arm with the table or with
+  another arm's cube
+- **paper**: Table 5.2 of the dissertation
+"""
+
+BESIDE: Final = """\
+How many times as soon as without advice a success rate of 0.9 was seen, and how likely a run's mean
+success lies above that of one without advice:
+"""
+
+FINDINGS: Final = f"""\
+What the paper reads off its table, computed from these runs. *In these runs*: it holds where every
+row that it is about comes out so by more than the evaluations can tell apart, it does not hold
+where one comes out the other way by as much, and cannot be told where rows are missing or too
+close. *Beyond seeds* asks for {MIN_SEEDS} seeds a row and a 95% interval that leaves out no
+difference: with fewer seeds, other seeds could turn it round.
+"""
+
+SCRATCH: Final = """\
+Epochs to a success rate of 0.9 from scratch, as the paper tells them beside its Figure 5.4:
+"""
+
+FEW_NAMES: Final = 3
+"""So many missing rows are named, more are counted."""
+
+
+def page(
+    tasks: Mapping[str, Sequence[Row]],
+    findings: Sequence[Finding],
+    results: Results,
+    drawn: Sequence[Drawn],
+    folder: Path,
+) -> str:
+    """The page.
+
+    :param tasks: rows by environment
+    :param findings: of the paper
+    :param results: what was read
+    :param drawn: figures to show
+    :param folder: of the page, which the figures are linked from
+    :return: Markdown
+    """
+    parts = ["# Advising, measured", INTRODUCTION]
+    if findings:
+        parts += ["## The paper's findings", FINDINGS, finding_table(findings)]
+    for task, rows in tasks.items():
+        parts += [f"## {task}", *_task(task, rows)]
+    if scratch := scratch_table(tasks):
+        parts += ["## Without advice", SCRATCH, scratch]
+    if results.references:
+        parts += ["## Without training", reference_table(results.references)]
+    if drawn:
+        parts.append("## Curves")
+        parts.append("Thin: seeds; thick: their interquartile mean.\n")
+        for one in drawn:
+            link = Path(os.path.relpath(one.path.resolve(), folder.resolve())).as_posix()
+            parts.append(f"![{one.caption}]({link})\n\n{one.caption}\n")
+    parts.append(skipped_list(results.skipped))
+    parts.append(origin(results.runs))
+    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
+
+
+def _task(task: str, rows: Sequence[Row]) -> list[str]:
+    """Everything about one environment."""
+    finished = [row for row in rows if row.n]
+    paper = table_5_2().of_environment(task)
+    parts = []
+    if finished:
+        parts = [strategy_table(finished, paper), beyond(finished)]
+        reference = next((row for row in finished if row.name == NO_ADVICE), None)
+        others = [row for row in finished if row.name != NO_ADVICE]
+        if reference is not None and others:
+            parts += [BESIDE, beside(others, reference)]
+        parts += ["Each run:\n", run_table([run for row in finished for run in row.runs])]
+    parts.append(under_way_list(rows))
+    missing = [name for name in paper if name not in {row.name for row in finished}]
+    if missing:
+        parts.append(f"Rows of the paper's without a finished run: {', '.join(missing)}.\n")
+    return parts
+
+
+def strategy_table(rows: Sequence[Row], paper: Mapping[str, PaperFigures]) -> str:
+    """The counterpart of Table 5.2.
+
+    :param rows: of a task
+    :param paper: the paper's rows of that task, none where it has no such task
+    :return: Markdown
+    """
+    columns = ["row", "n", "IE", "RT", "MSR", "ELR"]
+    if paper:
+        columns += [f"paper: {name}" for name in ("IE", "RT", "MSR", "ELR")]
+    cells = []
+    for row in rows:
+        cells.append([row.name, *measured(row)])
+        if paper:
+            cells[-1] += _paper_cells(paper.get(row.name))
+    return markdown(columns, cells)
+
+
+def scratch_table(tasks: Mapping[str, Sequence[Row]]) -> str:
+    """Epochs to 0.9 without advice, with one arm and with two; nothing where none was run.
+
+    :param tasks: rows by environment
+    :return: Markdown
+    """
+    paper = table_5_2()
+    cells = []
+    for task, two_arms in paper.tasks.items():
+        for label, env in (("one arm", ONE_ARM[task]), ("two arms", two_arms)):
+            row = next((row for row in tasks.get(env, ()) if row.name == NO_ADVICE), None)
+            if row is None or row.steps_to_solved is None:
+                continue
+            theirs = paper.from_scratch[task][label]
+            cells.append(
+                [
+                    task,
+                    label,
+                    str(row.n),
+                    row.steps_to_solved.text(scale=1 / EPOCH_STEPS),
+                    "never" if theirs is None else f"{theirs:g}",
+                ]
+            )
+    return markdown(("task", "arms", "n", "epochs to 0.9", "paper"), cells) if cells else ""
+
+
+def _paper_cells(one: PaperFigures | None) -> list[str]:
+    if one is None:
+        return ["-"] * 4
+    epochs = ["-" if v is None else f"{v:g}" for v in (one.inspired_epoch, one.rise_time)]
+    rate = one.effective_learning_rate
+    return [*epochs, f"{one.maximum_success_rate:.4f}", "-" if rate is None else f"{rate:.4f}"]
+
+
+FINDING_COLUMNS: Final = ("finding", "task", "in these runs", "beyond seeds", "n", "nearest to it")
+
+
+def finding_cells(finding: Finding) -> list[str]:
+    """A row of the table of findings, in the order of ``FINDING_COLUMNS``.
+
+    :param finding: of the paper
+    :return: the cells
+    """
+    told = finding.text()
+    if missing := finding.missing:
+        many = len(missing) > FEW_NAMES
+        told += f"; missing: {f'{len(missing)} rows' if many else ', '.join(missing)}"
+    counted = str(finding.n) if finding.n else "-"
+    return [
+        finding.claim,
+        finding.task,
+        finding.verdict,
+        finding.beyond_seeds,
+        counted,
+        told,
+    ]
+
+
+def finding_table(findings: Sequence[Finding]) -> str:
+    """The findings with the figures that decide them.
+
+    :param findings: of the paper
+    :return: Markdown
+    """
+    return markdown(FINDING_COLUMNS, [finding_cells(finding) for finding in findings])
+
+
+def show(tasks: Mapping[str, Sequence[Row]], findings: Sequence[Finding], results: Results) -> None:
+    """Print the tables of Table 5.2's figures, the findings, and what was left out.
+
+    :param tasks: rows by environment
+    :param findings: of the paper
+    :param results: what was read
+    """
+    for task, rows in tasks.items():
+        columns = ("row", "n", "IE", "RT", "MSR", "ELR")
+        cells = [[row.name, *measured(row)] for row in rows if row.n]
+        if cells:
+            show_table(columns, cells, title=task)
+        if told := under_way_list(rows):
+            print(told)
+    if findings:
+        show_table(FINDING_COLUMNS[:5], [finding_cells(one)[:5] for one in findings])
+    for one in results.skipped:
+        print(f"left out {one.file}: {one.reason}")

@@ -1,0 +1,165 @@
+"""Learning curves over seeds: every seed as a thin line, their interquartile mean as a thick one.
+
+What a curve looks like is decided here, for the figures of single runs too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
+from saver_advisors.evaluation.statistics import QUARTER
+from saver_advisors.evaluation.training_runs import TrainingRun
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito: told apart by readers with any colour vision.
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+GREY: Final = "0.55"
+
+FEW_POINTS: Final = 40
+"""Curves with more evaluations are drawn without a mark at each."""
+
+LABELS: Final = {"success_rate": "success rate", "mean_q": "mean Q of the student"}
+
+Floats = NDArray[np.float64]
+
+
+def line_style(points: int) -> dict[str, Any]:
+    """How a curve is drawn: few points are marked, many are not.
+
+    :param points: of the curve
+    :return: arguments of Matplotlib's ``plot``
+    """
+    few = points <= FEW_POINTS
+    return {"linewidth": 1.6, "marker": "o" if few else None, "markersize": 3.5}
+
+
+def dress(axes: Axes, name: str) -> None:
+    """Grid, spines and limits as all our curves have them.
+
+    :param axes: whose horizontal axis starts from 0
+    :param name: of the column of the curve that it shows
+    """
+    axes.grid(color="0.9", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlim(left=0)
+    if name == "success_rate":
+        axes.set_ylim(-0.02, 1.02)
+        axes.axhline(SOLVED, color="0.6", linewidth=0.8, linestyle=":")
+    elif name.startswith("cost"):
+        axes.set_ylim(bottom=0)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A part of a figure that compares rows.
+
+    :param title: above it
+    :param rows: what it compares: labels, each with the runs of one method
+    :param grey: label of the row that the others are to be read against, drawn in grey
+    """
+
+    title: str
+    rows: Mapping[str, Sequence[TrainingRun]]
+    grey: str | None = None
+
+
+def mean_curve(runs: Sequence[TrainingRun], column: str) -> tuple[Floats, Floats] | None:
+    """The interquartile mean of seeds, over the steps that all of them did.
+
+    Between its evaluations a run is taken to lie on a straight line: seeds may have been evaluated
+    at different steps.
+
+    :param runs: seeds of one method
+    :param column: of their curves, such as ``success_rate``
+    :return: steps and means; None where no run has the column, or none have steps in common
+    """
+    lines = [line for run in runs if (line := _line(run, column)) is not None]
+    if not lines:
+        return None
+    first, last = max(x[0] for x, _ in lines), min(x[-1] for x, _ in lines)
+    steps = np.unique(np.concatenate([x for x, _ in lines]))
+    steps = steps[(steps >= first) & (steps <= last)]
+    if not steps.size:
+        return None
+    values = np.stack([np.interp(steps, x, y) for x, y in lines])
+    return steps, np.asarray(trim_mean(values, QUARTER, axis=0), np.float64)
+
+
+def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure:
+    """Draw curves against epochs, in panels side by side.
+
+    :param panels: at least one; two a line
+    :param column: of the curves: ``success_rate`` or ``mean_q``
+    :return: the figure
+    """
+    from matplotlib.figure import Figure
+
+    lines = -(-len(panels) // 2)
+    width = min(len(panels), 2)
+    figure = Figure(figsize=(5.6 * width, 0.3 + 3.9 * lines), layout="constrained", dpi=120)
+    grid = figure.subplots(lines, width, sharey=True, squeeze=False)
+    for index, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
+        _draw_panel(axes, panel, column)
+        axes.set_xlabel(f"epochs of {EPOCH_STEPS:,} environment steps")
+        if index % width == 0:
+            axes.set_ylabel(LABELS.get(column, column.replace("_", " ")))
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    return figure
+
+
+def _draw_panel(axes: Axes, panel: Panel, column: str) -> None:
+    colours = iter(COLOURS * (1 + len(panel.rows) // len(COLOURS)))
+    for label, runs in panel.rows.items():
+        colour = GREY if label == panel.grey else next(colours)
+        _draw_row(axes, label, runs, column, colour)
+    dress(axes, column)
+    axes.set_title(panel.title, loc="left", fontsize=11, pad=8)
+    if panel.rows:
+        # Below the curves: inside, some run would always lie under it. Two columns fit the panel.
+        axes.legend(
+            loc="upper left",
+            bbox_to_anchor=(0.0, -0.17),
+            ncols=2,
+            frameon=False,
+            fontsize=9,
+            handlelength=1.6,
+            columnspacing=1.2,
+        )
+
+
+def _draw_row(
+    axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, colour: str
+) -> None:
+    """One method: thin seeds, and their mean."""
+    mean = mean_curve(runs, column)
+    if mean is None:
+        return
+    count = f"{label} (n = {len(runs)})"
+    if len(runs) > 1:
+        for run in runs:
+            if (line := _line(run, column)) is not None:
+                axes.plot(line[0] / EPOCH_STEPS, line[1], color=colour, linewidth=0.7, alpha=0.45)
+    style = {**line_style(len(mean[0])), "markersize": 2.5}
+    axes.plot(mean[0] / EPOCH_STEPS, mean[1], color=colour, label=count, **style)
+
+
+def _line(run: TrainingRun, column: str) -> tuple[Floats, Floats] | None:
+    """Steps and figures of the evaluations that tell the column."""
+    pairs = [
+        (point["steps"], point[column]) for point in run.points if point.get(column) is not None
+    ]
+    if not pairs:
+        return None
+    steps, values = np.asarray(pairs, np.float64).T
+    return steps, values
