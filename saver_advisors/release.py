@@ -8,13 +8,11 @@ from typing import Any
 
 from saver_advisors.curves import read_curve
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
+from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
 from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.pretrained.files import export_policy
 from saver_advisors.provenance import portable_command
 from saver_advisors.training import load_trained
-
-#: Checkpoints are chosen on seeds from here up, and reported on seeds from 0.
-SELECTION_SEED = 10_000
 
 
 def evaluate_trained(
@@ -58,7 +56,7 @@ def release_run(
         if (Path(run_dir) / which).exists()
     }
     chosen = max(selection, key=lambda which: selection[which])
-    summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=0).summary()
+    summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=REPORT_SEED).summary()
     record = _record(run_dir)
     progress = _progress(run_dir, chosen)
     config = _config(run_dir)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,6 +93,16 @@ def baselines(task: str, by_row: Mapping[str, Sequence[TrainingRun]]) -> Panel |
     if not rows:
         return None
     return Panel(task, {**_chosen(by_row, (NO_ADVICE, "early")), **rows}, grey=NO_ADVICE)
+
+
+def link(figure: Path, folder: Path) -> str:
+    """Where a figure is, as a page links it.
+
+    :param figure: the picture
+    :param folder: of the page
+    :return: the relative path, with slashes
+    """
+    return Path(os.path.relpath(figure.resolve(), folder.resolve())).as_posix()
 
 
 def _chosen(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from saver_advisors.benchmarks.advising import NO_ADVICE
-from saver_advisors.benchmarks.advising_figures import ONE_ARM, Drawn
+from saver_advisors.benchmarks.advising_figures import ONE_ARM, Drawn, link
 from saver_advisors.benchmarks.paper import PaperFigures, table_5_2
 from saver_advisors.benchmarks.run_tables import (
     beside,
@@ -100,8 +99,7 @@ def page(
         parts.append("## Curves")
         parts.append("Thin: seeds; thick: their interquartile mean.\n")
         for one in drawn:
-            link = Path(os.path.relpath(one.path.resolve(), folder.resolve())).as_posix()
-            parts.append(f"![{one.caption}]({link})\n\n{one.caption}\n")
+            parts.append(f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n")
     parts.append(skipped_list(results.skipped))
     parts.append(origin(results.runs))
     return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)

@@ -13,6 +13,8 @@ examples:
 
 KINDS: Final = {
     "speed": ("saver_advisors.benchmarks.speed", "environment steps per second, beside peers"),
+    "run": ("saver_advisors.benchmarks.protocol_run", "an algorithm of yours, by our protocol"),
+    "compare": ("saver_advisors.benchmarks.compare", "results of yours beside the baselines"),
     "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a

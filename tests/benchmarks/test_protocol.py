@@ -1,0 +1,334 @@
+"""`saver benchmark run` and `compare`: a stranger's algorithm, held to the rules."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium import make_vec
+from run_files import curve, write_run
+
+from saver_advisors.benchmarks.foreign import BudgetSpent, CountedVectorEnv, load_object, resolved
+from saver_advisors.benchmarks.recorder import Plan, Recorder
+from saver_advisors.cli import main
+from saver_advisors.evaluation.protocol import (
+    REPORT_EPISODES,
+    REPORT_SEED,
+    SELECTION_EPISODES,
+    SELECTION_SEED,
+    TRAINING_SEED,
+    training_seed,
+)
+from saver_advisors.evaluation.training_runs import read_results
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).with_name("algorithms.py")
+EXAMPLE = ROOT / "docs" / "examples" / "td3_her.py"
+
+
+def words(output: Path, algorithm: str, *more: object) -> list[str]:
+    """A run of 80 steps: 2 environments, episodes of 10."""
+    tiny = "--steps 80 --seed 3 --n-envs 2 --eval-every 40 --eval-episodes 2 --report-episodes 3"
+    start = ["benchmark", "run", "--env", "JacoPush-v0", "--algo", algorithm]
+    end = ["--output", str(output), "--env-kwargs", "horizon=10"]
+    return [*start, *tiny.split(), *end, *map(str, more)]
+
+
+def record(folder: Path) -> dict[str, Any]:
+    """The only result file of a folder."""
+    [path] = folder.glob("*.json")
+    content: dict[str, Any] = json.loads(path.read_text())
+    return content
+
+
+def test_training_choice_and_report_never_meet() -> None:
+    # A run in 1,000 environments takes seeds up to 999 beyond its first.
+    taken = {training_seed(seed) + offset for seed in range(3) for offset in (0, 999)}
+    assert len(taken) == 6
+    assert min(taken) == TRAINING_SEED
+    report = range(REPORT_SEED, REPORT_SEED + REPORT_EPISODES)
+    selection = range(SELECTION_SEED, SELECTION_SEED + SELECTION_EPISODES)
+    assert not set(report) & set(selection)
+    assert max(*report, *selection) < TRAINING_SEED
+    assert training_seed(10**6) < 2**31
+    for wrong in (-1, 10**7):
+        with pytest.raises(ValueError, match=f"seed={wrong}"):
+            training_seed(wrong)
+
+
+def test_a_plain_algorithm_is_trained_and_recorded(tmp_path: Path) -> None:
+    assert main(words(tmp_path, f"{HERE}:Drifter", "--algo-kwargs", "speed=0.25")) == 0
+    content = record(tmp_path)
+    assert content["kind"] == "training-run"
+    assert (content["task"], content["row"], content["seed"]) == ("JacoPush-v0", "Drifter", 3)
+    assert content["finished"]
+    assert [line["steps"] for line in content["curve"]] == [40, 80]
+    assert content["curve"][0].keys() >= {"success_rate", "wall_clock_s", "cost_collision"}
+    assert content["config"]["algo_kwargs"] == {"speed": 0.25}
+    assert len(content["config"]["source_sha256"]) == 64
+    assert content["config"]["eval_seed"] == 10_000
+    # No weights to go back to: the last policy is reported, on the report seeds.
+    assert content["final"]["checkpoint"] == "last"
+    assert (content["final"]["seed"], content["final"]["episodes"]) == (0, 3)
+    assert content["provenance"].keys() >= {"command", "versions"}
+    [run] = read_results([tmp_path]).runs
+    assert run.final_success == content["final"]["success_rate"]
+
+
+def test_training_starts_are_from_training_seeds(tmp_path: Path) -> None:
+    module = load_object(f"{HERE}:Drifter")
+    plan = plan_of(total_steps=10)
+    env = make_vec("saver_envs:JacoPush-v0", 2, vectorization_mode="vector_entry_point")
+    counted = CountedVectorEnv(env, Recorder(plan, tmp_path))
+    learner = module(counted, seed=plan.seed)
+    learner.env.reset()
+    first, _ = counted.reset(seed=plan.seed)
+    again, _ = counted.reset(seed=[3, 4])
+    same, _ = env.reset(seed=[training_seed(3), training_seed(4)])
+    np.testing.assert_array_equal(again["observation"], same["observation"])
+    np.testing.assert_array_equal(first["observation"][0], same["observation"][0])
+    report, _ = env.reset(seed=3)
+    assert not np.allclose(report["observation"][0], same["observation"][0])
+
+
+def plan_of(**changes: Any) -> Plan:
+    """A plan of a tiny run."""
+    values: dict[str, Any] = {
+        "name": "run",
+        "row": "row",
+        "env_id": "JacoPush-v0",
+        "env_kwargs": {"horizon": 10},
+        "algorithm": "x:Y",
+        "algo_kwargs": {},
+        "source_sha256": None,
+        "n_envs": 2,
+        "total_steps": 100,
+        "seed": 3,
+        "eval_every": 50,
+        "eval_episodes": 1,
+        "report_episodes": 1,
+    }
+    return Plan(**{**values, **changes})
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_steps_that_only_reset_are_not_counted(tmp_path: Path, mode: str) -> None:
+    recorder = Recorder(plan_of(total_steps=45, eval_every=10**6), tmp_path)
+    env = make_vec(
+        "saver_envs:JacoPush-v0",
+        2,
+        vectorization_mode="vector_entry_point",
+        horizon=10,
+        autoreset_mode=mode,
+    )
+    counted = CountedVectorEnv(env, recorder)
+    recorder.begin(lambda observation: np.zeros((len(observation["observation"]), 3)), None)
+    counted.reset()
+    stepped = 0
+    with pytest.raises(BudgetSpent, match="45"):
+        while True:
+            counted.step(np.zeros((2, 3)))
+            stepped += 1
+    # 46 is the first even number with the budget; every 11th step of NextStep resets both.
+    assert recorder.steps == 46
+    assert stepped == (23 + 2 if mode == "NextStep" else 23)
+    assert [line["steps"] for line in recorder.curve] == [46]
+
+
+def test_greed_for_steps_ends_with_the_budget(tmp_path: Path) -> None:
+    assert main(words(tmp_path, f"{HERE}:Drifter", "--algo-kwargs", "greedy=true")) == 0
+    assert record(tmp_path)["curve"][-1]["steps"] == 80
+
+
+def test_being_evaluated_leaves_no_trace(tmp_path: Path) -> None:
+    noises = []
+    for every in (10, 80):
+        np.random.seed(0)  # noqa: NPY002  (the generator that strangers use)
+        output = tmp_path / str(every)
+        assert main(words(output, f"{HERE}:Drifter", "--eval-every", every)) == 0
+        noises.append(load_last("Drifter").made[-1].noise)
+        assert len(record(output)["curve"]) == 80 // every
+    assert noises[0] == noises[1]
+
+
+def load_last(name: str) -> Any:
+    """A class of the module as the command loaded it last."""
+    import sys
+
+    return getattr(sys.modules["algorithms"], name)
+
+
+def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = iter([1.0, 0.5, 0.5, 0.0, 0.25, 0.75])  # four evaluations, then the last, then the best
+
+    class Outcomes:
+        def summary(self) -> dict[str, Any]:
+            rate = next(rates)
+            return {
+                "success_rate": rate,
+                "ci95": [0, 1],
+                "env": "x",
+                "episodes": 3,
+                "seed": 0,
+                "cost_means": {},
+                "final_distance_mean": [0.1],
+                "diverged": 0,
+            }
+
+    monkeypatch.setattr(
+        "saver_advisors.benchmarks.recorder.evaluate_policy", lambda *_, **__: Outcomes()
+    )
+    assert main(words(tmp_path, f"{HERE}:Counter", "--eval-every", 20)) == 0
+    content = record(tmp_path)
+    assert [line["success_rate"] for line in content["curve"]] == [1.0, 0.5, 0.5, 0.0]
+    assert (content["final"]["checkpoint"], content["final"]["checkpoint_steps"]) == ("best", 20)
+    assert content["final"]["success_rate"] == 0.75
+    assert content["last"]["success_rate"] == 0.25
+    # What it had counted when that checkpoint was taken: the step in progress not yet.
+    assert load_last("Counter").last.steps.item() == 18
+
+
+def test_an_interrupted_run_leaves_its_curve_and_is_redone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from saver_advisors.benchmarks import recorder as module
+
+    def interrupt(self: Recorder, steps: int) -> None:
+        advance(self, steps)
+        if self.curve:
+            raise KeyboardInterrupt
+
+    advance = Recorder.advance
+    monkeypatch.setattr(module.Recorder, "advance", interrupt)
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 130
+    assert not record(tmp_path)["finished"]
+    assert [line["steps"] for line in record(tmp_path)["curve"]] == [40]
+    monkeypatch.setattr(module.Recorder, "advance", advance)
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
+    assert "starts again" in capsys.readouterr().out
+    assert record(tmp_path)["finished"]
+    [path] = tmp_path.glob("*.json")
+    before = path.read_bytes()
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
+    assert "nothing to do" in capsys.readouterr().out
+    assert path.read_bytes() == before
+    assert main(words(tmp_path, f"{HERE}:Drifter", "--n-envs", 4)) == 2
+    assert "n_envs" in capsys.readouterr().err
+    path.write_bytes(before[:200])
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
+    assert record(tmp_path)["finished"]
+
+
+def test_a_class_of_sb3(tmp_path: Path) -> None:
+    small = "policy_kwargs={net_arch: [8]} learning_starts=30 buffer_size=200 batch_size=8"
+    named = "replay_buffer_class=import:stable_baselines3:HerReplayBuffer"
+    kwargs = ["--algo-kwargs", "policy_kwargs={net_arch: [8]}", *small.split("} ")[1].split()]
+    told = ["--name", "sac-her", "--teacher-steps", 7]
+    assert main(words(tmp_path, "stable_baselines3:SAC", *kwargs, named, *told)) == 0
+    content = record(tmp_path)
+    assert (content["row"], content["teacher_steps"]) == ("sac-her", 7)
+    assert [line["steps"] for line in content["curve"]] == [40, 80]
+    assert content["final"]["checkpoint"] in ("best", "last")
+    [weights] = tmp_path.glob("*.safetensors")
+    assert weights.stem == "JacoPush-v0-sac-her-seed3"
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "more", "named"),
+    [
+        ("td3_her", (), "MODULE:CLASS"),
+        ("no.such.module:TD3", (), "no.such.module"),
+        ("nowhere.py:TD3", (), "nowhere.py"),
+        (f"{HERE}:Drift", (), "Drifter"),
+        (f"{HERE}:np", (), "cannot be called"),
+        (f"{HERE}:Mute", (), "no method 'predict'"),
+        (f"{HERE}:Drifter", ("--algo-kwargs", "speed=-1"), "speed=-1"),
+        (f"{HERE}:Drifter", ("--algo-kwargs", "sped=1"), "sped"),
+        (f"{HERE}:Drifter", ("--algo-kwargs", "speed=import:math:tau2"), "tau2"),
+        ("stable_baselines3:DQN", (), "DQN cannot be built"),
+        (f"{HERE}:Drifter", ("--seed", "9999999"), "--seed"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(
+    tmp_path: Path,
+    algorithm: str,
+    more: tuple[str, ...],
+    named: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(words(tmp_path, algorithm, *more)) == 2
+    assert named in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_named_arguments_are_imported() -> None:
+    assert resolved({"a": "import:math:tau", "b": "plain", "c": 1})["a"] == pytest.approx(6.2831853)
+
+
+def test_the_example_learner(tmp_path: Path) -> None:
+    kwargs = ["hidden=[8]", "batch_size=16", "updates=2", "capacity=8"]
+    assert main(words(tmp_path, f"{EXAMPLE}:TD3HER", "--algo-kwargs", *kwargs)) == 0
+    content = record(tmp_path)
+    assert [line["steps"] for line in content["curve"]] == [40, 80]
+    assert content["row"] == "TD3HER"
+
+
+def test_the_example_relabels_with_what_its_episode_reached_later() -> None:
+    episodes = load_object(f"{EXAMPLE}:Episodes")(4, 5, (1, 1, 1), 0)
+    place = np.arange(6.0, dtype=np.float32)[None, :, None]
+    episodes.add(place, 100 + place, np.array([[-1.0]]), place[:, :5], np.array([5]))
+    given: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def reward(achieved: np.ndarray, goal: np.ndarray, info: dict[str, Any]) -> np.ndarray:
+        given.append((achieved, goal))
+        return -(np.abs(achieved - goal)[:, 0] > 0.5).astype(float)
+
+    now, action, rewards, then = (one.numpy() for one in episodes.draw(500, 0.8, reward))
+    step, goal = now[:, 0], now[:, 1]
+    np.testing.assert_array_equal(action[:, 0], step)
+    np.testing.assert_array_equal(then[:, 0], step + 1)
+    np.testing.assert_array_equal(then[:, 1], goal)
+    own = goal == -1
+    assert 0.1 < own.mean() < 0.3
+    assert (goal[~own] - 100 >= step[~own] + 1).all()
+    np.testing.assert_array_equal(given[0][0][:, 0], 100 + step + 1)
+    np.testing.assert_array_equal(rewards == 0, goal == 101 + step)
+
+
+def test_comparing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    yours, ours = tmp_path / "yours", tmp_path / "ours"
+    yours.mkdir()
+    ours.mkdir()
+    for seed in range(2):
+        write_run(yours, "JacoPush-v0", "td3", seed, curve(8 + seed, evaluations=20))
+        write_run(ours, "JacoPush-v0", "none", seed, curve(16 + seed))
+    write_run(yours, "JacoPush-v0", "none", 0, curve(12))
+    write_run(ours, "DualJacoPush-v0", "none", 0, curve(12))
+    (yours / "cut.json").write_text("{")
+    page, figure, data = tmp_path / "page.md", tmp_path / "figure.png", tmp_path / "all.json"
+    words = ["benchmark", "compare", yours, "--baselines", ours, "--table", page]
+    assert main([*map(str, [*words, "--figure", figure, "--json", data])]) == 0
+    assert "left out cut.json" in capsys.readouterr().out
+    text = page.read_text()
+    assert "DualJacoPush" not in text
+    assert text.index("| none (yours) | 1 |") < text.index("| none | 2 |")
+    assert "times as few steps to 0.9 as none" in text
+    assert "![learning curves](figure.png)" in text
+    assert figure.stat().st_size > 10_000
+    content = json.loads(data.read_text())
+    better = {one["row"]: one for one in content["improvement"]}
+    assert better["td3"]["value"] == 1.0
+    assert better["td3"]["ci95"] == [1.0, 1.0]
+    assert better["none (yours)"]["ci95"] is None
+    # Over the steps of the shortest run.
+    detail = {one["row"]: one for one in content["detail"]}
+    assert detail["none"]["area"]["value"] < 0.5
+
+
+def test_comparing_what_is_not_finished(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_run(tmp_path, "JacoPush-v0", "td3", 0, curve(8), finished=False)
+    assert main(["benchmark", "compare", str(path), "--baselines", str(path)]) == 2
+    assert "none of the runs is finished" in capsys.readouterr().err
