@@ -54,7 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="what tables call it (default: the class's name)")
     count = at_least(1)
     parser.add_argument(
-        "--steps", type=count, required=True, metavar="N", help="environment steps in all"
+        "--steps",
+        type=count,
+        metavar="N",
+        help="environment steps in all (default: the environment's, as in `saver train`)",
     )
     parser.add_argument(
         "--seed", type=at_least(0), required=True, metavar="S", help="of everything random"
@@ -124,6 +127,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
     from saver_advisors.benchmarks.foreign import source_sha256
     from saver_advisors.benchmarks.recorder import Plan
     from saver_advisors.cli.arguments import checked_env_kwargs, settings
+    from saver_advisors.cli.defaults import default_settings
     from saver_advisors.cli.errors import UsageError, user_mistakes
     from saver_advisors.evaluation.protocol import training_seed
 
@@ -142,7 +146,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
         algo_kwargs=settings(args.algo_kwargs, "--algo-kwargs"),
         source_sha256=source_sha256(algorithm),
         n_envs=args.n_envs,
-        total_steps=args.steps,
+        total_steps=args.steps or default_settings(args.env)["total_steps"],
         seed=args.seed,
         eval_every=args.eval_every,
         eval_episodes=args.eval_episodes,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +14,13 @@ from gymnasium import make_vec
 from run_files import curve, write_run
 
 from saver_advisors.benchmarks.foreign import BudgetSpent, CountedVectorEnv, load_object, resolved
+from saver_advisors.benchmarks.protocol_run import plan_of as plan_from
 from saver_advisors.benchmarks.recorder import Plan, Recorder
-from saver_advisors.cli import main
+from saver_advisors.cli import build_parser, main
+from saver_advisors.cli.defaults import default_settings
+from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.protocol import (
+    EVALUATE_EVERY,
     REPORT_EPISODES,
     REPORT_SEED,
     SELECTION_EPISODES,
@@ -332,3 +338,35 @@ def test_comparing_what_is_not_finished(tmp_path: Path, capsys: pytest.CaptureFi
     path = write_run(tmp_path, "JacoPush-v0", "td3", 0, curve(8), finished=False)
     assert main(["benchmark", "compare", str(path), "--baselines", str(path)]) == 2
     assert "none of the runs is finished" in capsys.readouterr().err
+
+
+def test_the_page_says_what_the_code_does() -> None:
+    text = (ROOT / "docs" / "benchmark-protocol.md").read_text()
+    for told in (
+        f"from {TRAINING_SEED:,} up",
+        f"{SELECTION_SEED:,} to {SELECTION_SEED + SELECTION_EPISODES - 1:,}",
+        f"{SELECTION_EPISODES} episodes every {EVALUATE_EVERY:,} steps",
+        f"{REPORT_SEED} to {REPORT_SEED + REPORT_EPISODES - 1}",
+        f"{REPORT_EPISODES} episodes of the chosen checkpoint",
+        f"of {EPOCH_STEPS:,} environment steps",
+    ):
+        assert told in text, told
+
+
+def test_the_pages_commands_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    text = (ROOT / "docs" / "benchmark-protocol.md").read_text()
+    blocks = re.findall(r"^```bash\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    commands = [line for block in blocks for line in block.replace("\\\n", "").splitlines()]
+    assert len(commands) == 3
+    for command in commands:
+        program, *rest = shlex.split(command)
+        assert program == "saver"
+        build_parser("benchmark").parse_args(rest)
+
+
+def test_the_budget_is_the_environments_own(tmp_path: Path) -> None:
+    given = ["benchmark", "run", "--env", "JacoPush-v0", "--algo", f"{HERE}:Drifter"]
+    args = build_parser("benchmark").parse_args([*given, "--seed", "0", "--output", str(tmp_path)])
+    own = default_settings("JacoPush-v0")["total_steps"]
+    assert plan_from(args, load_object(f"{HERE}:Drifter")).total_steps == own
