@@ -115,7 +115,7 @@ def _task(task: str, rows: Sequence[Row]) -> list[str]:
         reference = next((row for row in finished if row.name == NO_ADVICE), None)
         others = [row for row in finished if row.name != NO_ADVICE]
         if reference is not None and others:
-            parts += [BESIDE, beside(others, reference)]
+            parts += [BESIDE, beside([(row, reference) for row in others])]
         parts += ["Each run:\n", run_table([run for row in finished for run in row.runs])]
     parts.append(under_way_list(rows))
     missing = [name for name in paper if name not in {row.name for row in finished}]

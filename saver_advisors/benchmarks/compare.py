@@ -157,9 +157,7 @@ def page(
         rows = [*own, *others]
         parts += [f"## {task}", strategy_table(rows, {}), beyond(rows)]
         if others:
-            parts.append(BESIDE)
-        for other in others:
-            parts.append(beside(own, other))
+            parts += [BESIDE, beside([(row, other) for row in own for other in others])]
         references = [one for one in baselines.references if one["env"] == task]
         if references:
             parts += ["Policies that were not trained here:\n", reference_table(references)]

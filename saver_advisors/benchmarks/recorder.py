@@ -102,14 +102,14 @@ class Recorder:
     plan: Plan
     folder: Path
     progress: Callable[[dict[str, Any]], None] = lambda line: None
-    steps: int = 0
-    curve: list[dict[str, Any]] = field(default_factory=list)
-    _predict: Predict | None = None
-    _weights: Weights | None = None
-    _seconds: float = 0.0
-    _since: float | None = None
-    _best: float = -1.0
-    _started: dict[str, Any] = field(default_factory=provenance)
+    steps: int = field(default=0, init=False)
+    curve: list[dict[str, Any]] = field(default_factory=list, init=False)
+    _predict: Predict | None = field(default=None, init=False)
+    _weights: Weights | None = field(default=None, init=False)
+    _seconds: float = field(default=0.0, init=False)
+    _since: float | None = field(default=None, init=False)
+    _best: float = field(default=-1.0, init=False)
+    _started: dict[str, Any] = field(default_factory=provenance, init=False)
 
     @property
     def path(self) -> Path:

@@ -68,29 +68,30 @@ def beyond(rows: Sequence[Row]) -> str:
     return markdown(columns, cells)
 
 
-def beside(rows: Sequence[Row], reference: Row) -> str:
-    """Rows against one of them: how many times as soon, and how likely better.
+def beside(pairs: Sequence[tuple[Row, Row]]) -> str:
+    """Rows against others: how many times as soon, and how likely better.
 
-    :param rows: of a task
-    :param reference: the row that they are compared with
+    :param pairs: a row, and the one that it is compared with, of the same task
     :return: Markdown
     """
     columns = (
         "row",
+        "beside",
         "n",
-        f"times as few steps to 0.9 as {reference.name}",
-        "times as few minutes",
+        "times as few steps to 0.9",
+        "times as few minutes to 0.9",
         "probability of a higher mean success",
     )
     cells = [
         [
             row.name,
-            f"{row.n} and {reference.n}",
-            speed_up(row.steps_to_solved, reference.steps_to_solved),
-            speed_up(row.seconds_to_solved, reference.seconds_to_solved),
-            likely_better(row, reference),
+            other.name,
+            f"{row.n} and {other.n}",
+            speed_up(row.steps_to_solved, other.steps_to_solved),
+            speed_up(row.seconds_to_solved, other.seconds_to_solved),
+            likely_better(row, other),
         ]
-        for row in rows
+        for row, other in pairs
     ]
     return markdown(columns, cells)
 

@@ -321,7 +321,7 @@ def test_comparing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = page.read_text()
     assert "DualJacoPush" not in text
     assert text.index("| none (yours) | 1 |") < text.index("| none | 2 |")
-    assert "times as few steps to 0.9 as none" in text
+    assert "| td3 | none | 2 and 2 | 1.52 [1.44, 1.60] |" in text
     assert "![learning curves](figure.png)" in text
     assert figure.stat().st_size > 10_000
     content = json.loads(data.read_text())
