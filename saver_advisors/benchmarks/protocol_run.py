@@ -1,6 +1,7 @@
 """Train an algorithm of yours by the benchmark's protocol, and write its result file.
 
-Seeds from 10,000 choose the checkpoint, seeds from 0 report; the policy acts alone, without noise.
+Seeds from 10,000 make the curve and choose a checkpoint, seeds from 0 report the last policy and the
+chosen one; the policy acts alone, without noise.
 Interrupted, it leaves the file with what it had shown; run again, it starts from the beginning.
 """
 
@@ -196,5 +197,6 @@ def _tell(line: dict[str, Any]) -> None:
 def _report(record: dict[str, Any]) -> None:
     from saver_advisors.cli.evaluate import show
 
-    final = record["final"]
-    show({**final, "policy": f"{record['row']} ({final['checkpoint']} checkpoint)"})
+    show({**record["final"], "policy": f"{record['row']}, last policy"})
+    if chosen := record["chosen"]:
+        show({**chosen, "policy": f"{record['row']}, chosen after {chosen['steps']:,} steps"})

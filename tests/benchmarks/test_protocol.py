@@ -77,7 +77,7 @@ def test_a_plain_algorithm_is_trained_and_recorded(tmp_path: Path) -> None:
     assert len(content["config"]["source_sha256"]) == 64
     assert content["config"]["eval_seed"] == 10_000
     # No weights to go back to: the last policy is reported, on the report seeds.
-    assert content["final"]["checkpoint"] == "last"
+    assert content["chosen"] is None
     assert (content["final"]["seed"], content["final"]["episodes"]) == (0, 3)
     assert content["provenance"].keys() >= {"command", "versions"}
     [run] = read_results([tmp_path]).runs
@@ -190,9 +190,8 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
     assert main(words(tmp_path, f"{HERE}:Counter", "--eval-every", 20)) == 0
     content = record(tmp_path)
     assert [line["success_rate"] for line in content["curve"]] == [1.0, 0.5, 0.5, 0.0]
-    assert (content["final"]["checkpoint"], content["final"]["checkpoint_steps"]) == ("best", 20)
-    assert content["final"]["success_rate"] == 0.75
-    assert content["last"]["success_rate"] == 0.25
+    assert (content["chosen"]["steps"], content["chosen"]["success_rate"]) == (20, 0.75)
+    assert content["final"]["success_rate"] == 0.25
     # What it had counted when that checkpoint was taken: the step in progress not yet.
     assert load_last("Counter").last.steps.item() == 18
 
@@ -237,7 +236,7 @@ def test_a_class_of_sb3(tmp_path: Path) -> None:
     content = record(tmp_path)
     assert (content["row"], content["teacher_steps"]) == ("sac-her", 7)
     assert [line["steps"] for line in content["curve"]] == [40, 80]
-    assert content["final"]["checkpoint"] in ("best", "last")
+    assert content["chosen"]["steps"] in (40, 80)
     [weights] = tmp_path.glob("*.safetensors")
     assert weights.stem == "JacoPush-v0-sac-her-seed3"
 
@@ -347,7 +346,7 @@ def test_the_page_says_what_the_code_does() -> None:
         f"{SELECTION_SEED:,} to {SELECTION_SEED + SELECTION_EPISODES - 1:,}",
         f"{SELECTION_EPISODES} episodes every {EVALUATE_EVERY:,} steps",
         f"{REPORT_SEED} to {REPORT_SEED + REPORT_EPISODES - 1}",
-        f"{REPORT_EPISODES} episodes of the chosen checkpoint",
+        f"{REPORT_EPISODES} episodes of the last policy",
         f"of {EPOCH_STEPS:,} environment steps",
     ):
         assert told in text, told
