@@ -42,7 +42,8 @@ one to the other.
   stands in, and the figure is a lower bound
 - **all steps**: the teacher's training and demonstrations counted as well
 - **minutes**: of training, evaluations not counted
-- **final success**: of the chosen checkpoint on report seeds, which had no part in choosing it
+- **final success**: of the last policy, on report seeds, which had no part in anything before; the
+  **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
 - **mean success**: the area under the curve, over the steps that all rows of the task did
 - **collisions per episode**: steps with contact between arms, or of an arm with the table or with
   another arm's cube

@@ -1,8 +1,8 @@
 """Train an algorithm of yours by the benchmark's protocol, and write its result file.
 
-Seeds from 10,000 make the curve and choose a checkpoint, seeds from 0 report the last policy and the
-chosen one; the policy acts alone, without noise.
-Interrupted, it leaves the file with what it had shown; run again, it starts from the beginning.
+Seeds from 10,000 make the curve and choose a checkpoint, seeds from 0 report the last policy and
+the chosen one; the policy acts alone, without noise. Interrupted, it leaves the file with what it
+had shown; run again, it starts from the beginning.
 """
 
 from __future__ import annotations

@@ -135,6 +135,7 @@ RUN_COLUMNS: Final = (
     "last success",
     "steps to 0.9",
     "final success, interval over episodes",
+    "chosen checkpoint",
     "advice used",
     "minutes",
 )
@@ -157,7 +158,8 @@ def run_table(runs: Sequence[TrainingRun]) -> str:
                 f"{run.metrics.maximum_success_rate:.3f}",
                 f"{run.curve.success[-1]:.3f}",
                 "never" if solved.steps is None else f"{solved.steps:,.0f}",
-                final_cell(run),
+                outcome_cell(run.final),
+                outcome_cell(run.chosen),
                 f"{run.advice_spent:,}",
                 NOTHING if solved.observed_s is None else f"{solved.observed_s / MINUTE:.1f}",
             ]
@@ -165,14 +167,18 @@ def run_table(runs: Sequence[TrainingRun]) -> str:
     return markdown(RUN_COLUMNS, cells)
 
 
-def final_cell(run: TrainingRun) -> str:
-    """Success on report seeds with its interval over episodes, and how many they were."""
-    if run.final is None or run.final_success is None:
+def outcome_cell(outcome: Mapping[str, Any] | None) -> str:
+    """Success on report seeds with its interval over episodes, and how many they were.
+
+    :param outcome: of an evaluation, None where there was none
+    :return: the cell
+    """
+    if outcome is None or outcome.get("success_rate") is None:
         return NOTHING
-    told = f"{run.final_success:.3f}"
-    if ends := run.final.get("ci95"):
+    told = f"{outcome['success_rate']:.3f}"
+    if ends := outcome.get("ci95"):
         told += f", {ends[0]:.3f} to {ends[1]:.3f}"
-    if episodes := run.final.get("episodes"):
+    if episodes := outcome.get("episodes"):
         told += f" of {episodes}"
     return told
 

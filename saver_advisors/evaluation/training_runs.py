@@ -8,9 +8,10 @@ entries of a ``training-run`` file are ``curve`` and the environment (``task``, 
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -33,7 +34,9 @@ class TrainingRun:
     :param points: one mapping an evaluation, as ``curve.jsonl`` has them
     :param curve: their steps and success rates
     :param config: its settings
-    :param final: the evaluation on report seeds, None before it
+    :param final: the last policy's evaluation on report seeds, None before it
+    :param chosen: that of the checkpoint that was best on other seeds, None where none was kept
+    :param group: of the grid of experiments that it is from, None outside of one
     :param teacher_steps: environment steps that trained its teachers, None where unknown
     :param demonstration_steps: environment steps of demonstrations
     :param finished: whether it did all its steps
@@ -48,6 +51,8 @@ class TrainingRun:
     curve: LearningCurve
     config: Mapping[str, Any] = field(default_factory=dict)
     final: Mapping[str, Any] | None = None
+    chosen: Mapping[str, Any] | None = None
+    group: str | None = None
     teacher_steps: int | None = 0
     demonstration_steps: int = 0
     finished: bool = True
@@ -78,7 +83,7 @@ class TrainingRun:
 
     @property
     def final_success(self) -> float | None:
-        """Success rate on report seeds, None before that evaluation."""
+        """The last policy's success rate on report seeds, None before that evaluation."""
         return None if self.final is None else self.final.get("success_rate")
 
     @property
@@ -138,7 +143,7 @@ def read_results(paths: Iterable[str | Path]) -> Results:
     :return: what they hold
     :raises FileNotFoundError: for a path that does not exist, naming it
     """
-    runs: dict[tuple[str, str, int], TrainingRun] = {}
+    runs: dict[tuple[str, str | None, str, int], TrainingRun] = {}
     references: list[Mapping[str, Any]] = []
     skipped: list[Skipped] = []
     for path in _files(paths):
@@ -151,13 +156,64 @@ def read_results(paths: Iterable[str | Path]) -> Results:
         if content["kind"] == "evaluation":
             references.append(content)
         for run in found:
-            key = (run.task, run.row, run.seed)
+            key = (run.task, run.group, run.row, run.seed)
             if key in runs:
                 reason = f"{run.task}, {run.row}, seed {run.seed} is in {runs[key].name} already"
                 skipped.append(Skipped(path.name, reason))
             else:
                 runs[key] = run
-    return Results(list(runs.values()), references, skipped)
+    return Results(told_apart(list(runs.values())), references, skipped)
+
+
+def told_apart(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
+    """Give rows that a grid has in several groups, for other settings, names of their own.
+
+    The group with most runs keeps its rows' names, of equals the one with the shortest name; in the
+    others a row that it has too, or that one of its other settings could be taken for, is called
+    ``ROW (GROUP)``. Groups with the same settings, advice and seed apart, belong together.
+
+    :param runs: of any tasks
+    :return: the same runs, renamed where need be
+    """
+    kept = {task: _main_settings(runs, task) for task in {run.task for run in runs}}
+    main_rows = {(run.task, run.row) for run in runs if _settings(run) == kept[run.task]}
+    return [
+        replace(run, row=f"{run.row} ({run.group})")
+        if run.group is not None
+        and _settings(run) != kept[run.task]
+        and ((run.task, run.row) in main_rows or _is_strategy(run))
+        else run
+        for run in runs
+    ]
+
+
+def _main_settings(runs: Sequence[TrainingRun], task: str) -> str | None:
+    """The settings of most of a task's runs of strategies; None where no grid has any."""
+    counted: dict[str, list[TrainingRun]] = {}
+    for run in runs:
+        if run.task == task and run.group is not None and _is_strategy(run):
+            counted.setdefault(_settings(run), []).append(run)
+    names = {key: min(len(run.group or "") for run in found) for key, found in counted.items()}
+    return max(counted, key=lambda key: (len(counted[key]), -names[key]), default=None)
+
+
+def _is_strategy(run: TrainingRun) -> bool:
+    """Whether the row is called as its advice is: a strategy, and nothing else about it."""
+    return run.row.split(" ")[0] == row_name(run.config).split(" ")[0]
+
+
+def _settings(run: TrainingRun) -> str:
+    """What a grid's run has for settings but for advice and seed, to be compared."""
+    if run.group is None:
+        return ""
+    from saver_advisors.learner.configuration import RunConfig
+
+    config: Mapping[str, Any] = run.config
+    # By way of the class: a setting that is younger than the file has its default there.
+    with contextlib.suppress(TypeError, ValueError):
+        config = RunConfig.from_mapping({**config, "advice": None}).to_mapping()
+    others = {name: value for name, value in config.items() if name not in ("advice", "seed")}
+    return json.dumps(others, sort_keys=True, default=str)
 
 
 def row_name(config: Mapping[str, Any]) -> str:
@@ -226,6 +282,8 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
         curve=LearningCurve.from_points(points),
         config=config,
         final=content.get("final"),
+        chosen=content.get("chosen"),
+        group=content.get("group"),
         teacher_steps=_teacher_steps(content.get("teacher_steps"), config),
         demonstration_steps=int(content.get("demonstration_steps") or 0),
         finished=bool(content.get("finished", steps >= config.get("total_steps", 0))),

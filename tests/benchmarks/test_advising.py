@@ -180,6 +180,34 @@ def test_files_without_optional_entries_are_read(tmp_path: Path) -> None:
     assert row.n == 0
 
 
+def test_other_settings_of_a_row_are_told_apart(tmp_path: Path) -> None:
+    def write(
+        group: str, row: str, seed: int = 0, advice: object = None, **settings: object
+    ) -> None:
+        config = {"env_id": PUSH, "seed": seed, "advice": advice, "arms_apart": True, **settings}
+        path = write_run(tmp_path, PUSH, row, seed, curve(9), group=group, config=config)
+        path.rename(tmp_path / f"{group}-{path.name}")
+
+    early, loose = {"strategy": "early"}, {"strategy": "mc-q", "threshold": 0.01}
+    for group, arms_apart in (("push", True), ("push-joint-value", False)):
+        write(group, "none", arms_apart=arms_apart)
+        write(group, "early", advice=early, arms_apart=arms_apart)
+    # A setting that an older file does not have has its default.
+    write("push-thresholds", "mc-q 0.01", advice=loose, relabel_probability=0.8)
+    write("push-baselines", "cloned", imitation_weight=1.0)
+    results = read_results([tmp_path])
+    assert not results.skipped
+    assert set(results.of_task(PUSH)) == {
+        *("none", "early", "mc-q 0.01", "cloned"),
+        *("none (push-joint-value)", "early (push-joint-value)"),
+    }
+    # A row that the main group has not run yet keeps its name free.
+    (tmp_path / f"push-{PUSH}-early-0.json").unlink()
+    rows = read_results([tmp_path]).of_task(PUSH)
+    assert "early" not in rows
+    assert "early (push-joint-value)" in rows
+
+
 def test_damaged_files_are_named_and_left_out(tmp_path: Path) -> None:
     good = write_run(tmp_path, PUSH, "early", 0, curve(20))
     (tmp_path / "cut.json").write_text(good.read_text()[:500])
