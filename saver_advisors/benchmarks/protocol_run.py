@@ -128,8 +128,8 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
     from saver_advisors.benchmarks.foreign import source_sha256
     from saver_advisors.benchmarks.recorder import Plan
     from saver_advisors.cli.arguments import checked_env_kwargs, settings
-    from saver_advisors.cli.defaults import default_settings
     from saver_advisors.cli.errors import UsageError, user_mistakes
+    from saver_advisors.defaults import default_settings
     from saver_advisors.evaluation.protocol import training_seed
 
     with user_mistakes("argument --seed"):

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.curves import read_curve
+from saver_advisors.evaluation.protocol import REPORT_SEED
+from saver_advisors.evaluation.training_runs import KIND
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.provenance import provenance, write_json_atomic
 
-KIND: Final = "training-run"
-#: Students are reported on seeds from here up; checkpoints are chosen on others.
-REPORT_SEED: Final = 0
 RESULT_KEYS: Final = ("kind", "name", "task", "row", "seed", "config", "curve", "finished")
 
 

@@ -17,7 +17,7 @@ from saver_advisors.benchmarks.foreign import BudgetSpent, CountedVectorEnv, loa
 from saver_advisors.benchmarks.protocol_run import plan_of as plan_from
 from saver_advisors.benchmarks.recorder import Plan, Recorder
 from saver_advisors.cli import build_parser, main
-from saver_advisors.cli.defaults import default_settings
+from saver_advisors.defaults import default_settings
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.protocol import (
     EVALUATE_EVERY,
