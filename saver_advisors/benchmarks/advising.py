@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = """\
 examples:
-  saver benchmark advising --results docs/results/advising
+  saver benchmark advising                               of docs/results/advising
   saver benchmark advising --results docs/results/advising docs/results/teachers.json \\
       --table docs/advising-results.md --figures docs/results/advising \\
       --json docs/results/advising.json"""
 
 NO_ADVICE: Final = "none"
+RESULTS: Final = Path("docs/results/advising")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,10 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--results",
         nargs="+",
         type=Path,
-        required=True,
+        default=[RESULTS],
         metavar="PATH",
         help="folders of result files, and such files: training runs, the figures of `saver "
-        "curves`, evaluations of policies to stand beside them",
+        f"curves`, evaluations of policies to stand beside them (default: {RESULTS})",
     )
     parser.add_argument(
         "--table", type=new_file(".md"), metavar="FILE.md", help="write the page there"

@@ -19,6 +19,9 @@ from typing import Any, Final
 from saver_advisors.evaluation.metrics import LearningCurve, LearningMetrics, learning_metrics
 
 KIND: Final = "training-run"
+RENDERED: Final = ("advising", "comparison")
+"""Kinds of files that are made from those of runs, and may lie among them."""
+
 DEFAULT_EPISODES: Final = 100
 """Episodes of an evaluation where a file does not say."""
 
@@ -260,6 +263,8 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
             return [_drawn_run(one, content) for one in content["runs"]]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"lacks or misspells an entry: {error!r}") from error
+    if kind in RENDERED:
+        return []
     if kind == "evaluation":
         if not {"env", "policy", "success_rate", "ci95", "episodes"} <= content.keys():
             raise ValueError("is an evaluation without env, policy, success_rate, ci95 or episodes")

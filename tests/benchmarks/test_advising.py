@@ -219,6 +219,7 @@ def test_damaged_files_are_named_and_left_out(tmp_path: Path) -> None:
     write_run(tmp_path, PUSH, "none", 3, curve(20), teacher_steps="many")
     (tmp_path / "twin.json").write_text(good.read_text())
     (tmp_path / "run.json.partial").write_text("{")
+    (tmp_path / "table.json").write_text('{"kind": "advising"}')  # our own, made from the others
     results = read_results([tmp_path])
     assert [run.name for run in results.runs] == ["early-0"]
     reasons = {one.file: one.reason for one in results.skipped}
