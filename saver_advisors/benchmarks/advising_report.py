@@ -10,6 +10,7 @@ from saver_advisors.benchmarks.advising import NO_ADVICE
 from saver_advisors.benchmarks.advising_figures import ONE_ARM, Drawn, link
 from saver_advisors.benchmarks.paper import PaperFigures, table_5_2
 from saver_advisors.benchmarks.run_tables import (
+    DEFINITIONS,
     beside,
     beyond,
     measured,
@@ -26,28 +27,10 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.summary import Row
 from saver_advisors.evaluation.training_runs import Results
 
-INTRODUCTION: Final = f"""\
-Rendered by `saver benchmark advising` from the files of the runs, never typed. An epoch is
-{EPOCH_STEPS:,} environment steps of ours; the paper's epochs are others, so orderings and ratios
-can be compared, the epochs themselves cannot. n counts finished seeds. A figure over several seeds
-is their interquartile mean (of three or fewer, their mean) with a 95% bootstrap interval over seeds
-in brackets; over a single seed there is no interval. With two seeds the interval just reaches from
-one to the other.
-
-- **IE**: epochs at the first evaluation with 10% of the run's own maximum success rate
-- **RT**: epochs from there to 90% of it
-- **MSR**: that maximum
-- **ELR**: 0.9 MSR over the epochs that it took to get there
-- **to 0.9**: the first evaluation with a success rate of 0.9; where a run ended before, its length
-  stands in, and the figure is a lower bound
-- **all steps**: the teacher's training and demonstrations counted as well
-- **minutes**: of training, evaluations not counted
-- **final success**: of the last policy, on report seeds, which had no part in anything before; the
-  **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
-- **mean success**: the area under the curve, over the steps that all rows of the task did
-- **collisions per episode**: steps with contact between arms, or of an arm with the table or with
-  another arm's cube
-- **paper**: Table 5.2 of the dissertation
+INTRODUCTION: Final = """\
+Rendered by `saver benchmark advising` from the files of the runs, never typed. The paper's epochs
+are others than ours, so orderings and ratios can be compared, the epochs themselves cannot. *Paper*
+is Table 5.2 of the dissertation.
 """
 
 BESIDE: Final = """\
@@ -87,7 +70,7 @@ def page(
     :param folder: of the page, which the figures are linked from
     :return: Markdown
     """
-    parts = ["# Advising, measured", INTRODUCTION]
+    parts = ["# Advising, measured", INTRODUCTION, DEFINITIONS]
     if findings:
         parts += ["## The paper's findings", FINDINGS, finding_table(findings)]
     for task, rows in tasks.items():

@@ -21,11 +21,8 @@ DRAWN_BASELINES: Final = 5
 """So many are drawn, those with the highest mean success: a figure of a dozen says nothing."""
 
 INTRODUCTION: Final = """\
-Rendered by `saver benchmark compare` from result files. What was put beside the baselines comes
-first. n counts finished seeds; a figure over several is their interquartile mean with a 95%
-bootstrap interval over seeds in brackets, over a single seed there is none. *Mean success* is the
-area under the curve over the steps that all rows did. The page on the protocol says how each figure
-is measured.
+Rendered by `saver benchmark compare` from result files, never typed. What was put beside the
+baselines comes first. The page on the protocol says how each figure is measured.
 """
 
 BESIDE: Final = """\
@@ -144,6 +141,7 @@ def page(
     from saver_advisors.benchmarks.advising_figures import link
     from saver_advisors.benchmarks.advising_report import strategy_table
     from saver_advisors.benchmarks.run_tables import (
+        DEFINITIONS,
         beside,
         beyond,
         origin,
@@ -152,7 +150,7 @@ def page(
         skipped_list,
     )
 
-    parts = ["# Beside the baselines", INTRODUCTION]
+    parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
     for task, (own, others) in tasks.items():
         rows = [*own, *others]
         parts += [f"## {task}", strategy_table(rows, {}), beyond(rows)]

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.benchmarks.machine import load
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
 from saver_advisors.evaluation.training_runs import KIND
@@ -183,6 +184,8 @@ class Recorder:
             "mean_q": None,
             **dict(sorted(summary["cost_means"].items())),
             "advice_spent": 0,
+            # What the seconds are worth: more than the cores means that others had a share.
+            "load_average": None if (averages := load()) is None else averages[0],
         }
         self.curve.append(line)
         # Of equals the later: longer trained, it does better on other episodes.

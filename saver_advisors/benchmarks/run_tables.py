@@ -3,16 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Any, Final
 
 from saver_advisors.cli import evaluate
 from saver_advisors.cli.tables import markdown
-from saver_advisors.evaluation.metrics import area_under_curve
+from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
 from saver_advisors.evaluation.summary import MINUTE, Censored, Row
 from saver_advisors.evaluation.training_runs import Skipped, TrainingRun
 
 NOTHING: Final = "-"
+
+DEFINITIONS: Final = f"""\
+An epoch is {EPOCH_STEPS:,} environment steps, and n counts finished seeds. A figure over several
+seeds is their interquartile mean (of three or fewer, their mean) with a 95% bootstrap interval over
+seeds in brackets; over a single seed there is no interval, and with two it just reaches from one to
+the other.
+
+- **IE**: epochs at the first evaluation with 10% of the run's own maximum success rate
+- **RT**: epochs from there to 90% of it
+- **MSR**: that maximum
+- **ELR**: 0.9 MSR over the epochs that it took to get there
+- **to 0.9**: the first evaluation with a success rate of 0.9; where a run ended before, its length
+  stands in, and the figure is a lower bound
+- **all steps**: the teacher's training and demonstrations counted as well
+- **minutes**: of training, evaluations not counted; **load** is the system's, the median over the
+  run: where it is above the machine's cores, minutes say little
+- **final success**: of the last policy, on report seeds, which had no part in anything before; the
+  **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
+- **mean success**: the area under the curve, over the steps that all rows of the task did
+- **collisions per episode**: steps with contact between arms, or of an arm with the table or with
+  another arm's cube
+"""
 
 
 def measured(row: Row) -> list[str]:
@@ -138,6 +161,7 @@ RUN_COLUMNS: Final = (
     "chosen checkpoint",
     "advice used",
     "minutes",
+    "load",
 )
 
 
@@ -162,9 +186,16 @@ def run_table(runs: Sequence[TrainingRun]) -> str:
                 outcome_cell(run.chosen),
                 f"{run.advice_spent:,}",
                 NOTHING if solved.observed_s is None else f"{solved.observed_s / MINUTE:.1f}",
+                _load(run),
             ]
         )
     return markdown(RUN_COLUMNS, cells)
+
+
+def _load(run: TrainingRun) -> str:
+    """The median of the load averages at its evaluations, where it tells them."""
+    told = [value for point in run.points if (value := point.get("load_average")) is not None]
+    return f"{median(told):.1f}" if told else NOTHING
 
 
 def outcome_cell(outcome: Mapping[str, Any] | None) -> str:

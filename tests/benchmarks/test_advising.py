@@ -241,7 +241,10 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         write_run(folder, PUSH, "none", seed, curve(30 + seed, best=0.5))
         write_run(folder, PUSH, "early", seed, curve(10 + seed))
         write_run(folder, PUSH, "mc-q 0.1", seed, curve(6 + seed))
-    write_run(folder, PUSH, "random", 0, curve(12))
+    busy = [
+        {**point, "load_average": load} for point, load in zip(curve(12), [1, 9] * 20, strict=True)
+    ]
+    write_run(folder, PUSH, "random", 0, busy)
     write_run(folder, PUSH, "mc-q 0.01", 0, curve(12), finished=False)
     write_run(folder, PICK, "none", 0, curve(12))
     write_run(folder, "JacoPush-v0", "none", 0, curve(3))
@@ -259,6 +262,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "| 63 | 229 | 0.9583 | 0.0030 |" in text
     assert "| random | 1 |" in text
     assert "> 1,000,000 (2 of 2 never)" in text
+    assert "| 100,000 | 40.0 | 5.0 |" in text
     assert "side-by-side:jaco-push | 100 | 0.830" in text
     assert "mc-q 0.01 seed 0" in text
     assert "- `cut.json` is no JSON" in text
