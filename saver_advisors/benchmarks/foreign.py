@@ -28,6 +28,9 @@ from saver_advisors.evaluation.protocol import training_seed
 IMPORTED: Final = "import:"
 """What a keyword argument begins with that names a class or a function."""
 
+NOISE: Final = "noise_std"
+"""Of SB3's algorithms, as RL Zoo calls it: their action noise is an object, and no text."""
+
 Observation = dict[str, NDArray[Any]]
 
 
@@ -214,6 +217,7 @@ def _is_sb3(algorithm: Any) -> bool:
 
 def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder) -> dict[str, Any]:
     from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.noise import NormalActionNoise
 
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
@@ -229,6 +233,9 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
     env = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
     try:
         policy = kwargs.pop("policy", "MultiInputPolicy")
+        if (deviation := kwargs.pop(NOISE, None)) is not None:
+            size = int(np.prod(env.action_space.shape or ()))
+            kwargs["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, deviation))
         model = _build(lambda: algorithm(policy, env, seed=plan.seed, **kwargs), recorder)
         # The constructor seeded the environments with the run's own seed.
         env.seed(training_seed(plan.seed))
