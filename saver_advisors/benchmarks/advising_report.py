@@ -43,7 +43,8 @@ What the paper reads off its table, computed from these runs. *In these runs*: i
 row that it is about comes out so by more than the evaluations can tell apart, it does not hold
 where one comes out the other way by as much, and cannot be told where rows are missing or too
 close. *Beyond seeds* asks for {MIN_SEEDS} seeds a row and a 95% interval that leaves out no
-difference: with fewer seeds, other seeds could turn it round.
+difference: with fewer seeds, other seeds could turn it round. The closest comparison is the one
+that comes nearest to refuting it, or does.
 """
 
 SCRATCH: Final = """\
@@ -160,7 +161,14 @@ def _paper_cells(one: PaperFigures | None) -> list[str]:
     return [*epochs, f"{one.maximum_success_rate:.4f}", "-" if rate is None else f"{rate:.4f}"]
 
 
-FINDING_COLUMNS: Final = ("finding", "task", "in these runs", "beyond seeds", "n", "nearest to it")
+FINDING_COLUMNS: Final = (
+    "finding",
+    "task",
+    "in these runs",
+    "beyond seeds",
+    "n",
+    "closest comparison",
+)
 
 
 def finding_cells(finding: Finding) -> list[str]:

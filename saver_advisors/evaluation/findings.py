@@ -165,7 +165,7 @@ class Finding:
         """The closest comparison in words, with its figures."""
         one = self.closest
         if one is None or one.advantage is None:
-            return "no two of its rows have been run"
+            return "no two of its rows can be compared"
         parts = [
             f"{name}: {number(self.figures[name].value, self.metric)}"
             for name in (one.better, one.worse)
@@ -174,9 +174,9 @@ class Finding:
         if one.advantage.interval is not None:
             low, high = (number(end, self.metric, signed=True) for end in one.advantage.interval)
             gap += f" [{low}, {high}]"
-        told = f"{ABBREVIATIONS[self.metric]} of {parts[0]}, of {parts[1]}; better by {gap}"
+        told = f"{ABBREVIATIONS[self.metric]} of {parts[0]}, of {parts[1]}; advantage {gap}"
         resolvable = number(one.resolution, self.metric)
-        return f"{told}, and {resolvable} can be told apart" if one.resolution else told
+        return f"{told}, resolution {resolvable}" if one.resolution else told
 
     def to_mapping(self) -> dict[str, Any]:
         """:return: plain values, for JSON"""
