@@ -22,7 +22,7 @@ from saver_envs.core import (
 from saver_envs.robots import ROBOTS
 from saver_envs.scenes import Layout, ObjectProperties
 from saver_envs.tasks.base import SUCCESS_THRESHOLD, RewardType, Task
-from saver_envs.tasks.distance import Distance, RewardStage
+from saver_envs.tasks.distance import Distance, RewardCombination, RewardStage
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.regions import OVERLAP
@@ -70,6 +70,9 @@ class Options:
     :param in_hand_share: share of the arms that start with their cube in hand (pick and place;
         for training).
     :param reward_stage: ``goal`` or ``constrained`` (distance task alone).
+    :param reward_combination: ``min`` or ``linear``, how the constrained stage puts goal and
+        constraint together (distance task alone).
+    :param constraint_weight: of the constraint where they are summed (distance task alone).
     """
 
     n_arms: int | None = None
@@ -87,6 +90,8 @@ class Options:
     contested_share: float = CONTESTED_SHARE
     in_hand_share: float = 0.0
     reward_stage: RewardStage | None = None
+    reward_combination: RewardCombination | None = None
+    constraint_weight: float | None = None
 
 
 def _rows() -> dict[str, Row]:
@@ -172,17 +177,21 @@ def make_episodes(
 
 def _task(row: Row, options: Options) -> Task:
     n_arms = row.n_arms if options.n_arms is None else options.n_arms
+    constraint: dict[str, Any] = {
+        "reward_stage": options.reward_stage,
+        "reward_combination": options.reward_combination,
+        "constraint_weight": options.constraint_weight,
+    }
     if row.task is Distance:
         return Distance(
             n_arms,
             row.reward_type,
             options.success_threshold,
-            reward_stage=options.reward_stage or "constrained",
+            **{name: value for name, value in constraint.items() if value is not None},
         )
-    if options.reward_stage is not None:
-        raise ValueError(
-            f"reward_stage={options.reward_stage!r}: only the distance task has reward stages"
-        )
+    for name, value in constraint.items():
+        if value is not None:
+            raise ValueError(f"{name}={value!r}: only the distance task has a constraint")
     return row.task(n_arms, row.reward_type, options.success_threshold, options.contested_share)
 
 

@@ -271,7 +271,8 @@ def _sparse_reward(one: Entry) -> str:
         return reached
     return (
         "0 where every cube is within the threshold of its target and the cubes keep their "
-        'distance, else -1; with `reward_stage="goal"` the distance does not count.'
+        'distance, else -1; with `reward_stage="goal"` the distance does not count, and with '
+        '`reward_combination="linear"` goal and distance are summed, -1 for each that is missed.'
     )
 
 

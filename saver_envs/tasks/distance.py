@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -15,6 +16,7 @@ from saver_envs.tasks.pick_and_place import AIR_HEIGHT, AIR_SHARE, HAND_HEIGHT, 
 from saver_envs.tasks.sampling import StartRules
 
 RewardStage = Literal["goal", "constrained"]
+RewardCombination = Literal["min", "linear"]
 
 #: Mean U.S. shoulder width (m), and how far the distance may stray from it (m).
 REQUIRED_DISTANCE, DISTANCE_TOLERANCE = 0.35, 0.015
@@ -27,10 +29,17 @@ class Distance(PickAndPlace):
     """Pick and place with two arms whose cubes keep 0.35 m apart at every step.
 
     :param reward_stage: ``goal``: the reward of reaching the targets alone, f_g (eq. 6.4);
-        ``constrained``: min(f_c, f_g), also -1 wherever the band is left (eq. 6.3).
+        ``constrained``: with f_c, which is -1 wherever the band is left (eq. 6.3).
+    :param reward_combination: how the constrained stage puts them together: ``min(f_c, f_g)`` as
+        in the dissertation, or ``linear``, f_g + constraint_weight * f_c. Before the goal is
+        reached f_g is -1 already: the minimum does not tell whether the band was left on the way,
+        the sum does.
+    :param constraint_weight: of f_c in the sum, above 0.
     """
 
     reward_stage: RewardStage = "constrained"
+    reward_combination: RewardCombination = "min"
+    constraint_weight: float = 1.0
 
     name: ClassVar[str] = "distance"
     cost_names: ClassVar[tuple[str, ...]] = ("distance",)
@@ -42,6 +51,14 @@ class Distance(PickAndPlace):
         if self.reward_stage not in ("goal", "constrained"):
             raise ValueError(
                 f"reward_stage={self.reward_stage!r}: valid stages are 'goal' and 'constrained'"
+            )
+        if self.reward_combination not in ("min", "linear"):
+            raise ValueError(
+                f"reward_combination={self.reward_combination!r}: must be 'min' or 'linear'"
+            )
+        if not (math.isfinite(self.constraint_weight) and self.constraint_weight > 0):
+            raise ValueError(
+                f"constraint_weight={self.constraint_weight!r} must be a finite number above 0"
             )
 
     @property
@@ -82,7 +99,16 @@ class Distance(PickAndPlace):
             astray = np.abs(achieved[..., -1] - desired[..., -1])
             return reward - astray.astype(np.float32), reached
         kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
-        return np.minimum(reward, kept.astype(np.float32) - np.float32(1)), reached
+        constraint = kept.astype(np.float32) - np.float32(1)
+        if self.reward_combination == "linear":
+            return reward + np.float32(self.constraint_weight) * constraint, reached
+        return np.minimum(reward, constraint), reached
+
+    @property
+    def least_reward(self) -> float:
+        """The smallest reward of a step, where rewards are sparse."""
+        summed = self.reward_stage == "constrained" and self.reward_combination == "linear"
+        return -1.0 - self.constraint_weight if summed else -1.0
 
     def costs(
         self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]

@@ -160,6 +160,8 @@ def test_number_of_arms(env_id: str, n_arms: int, layout: Any) -> None:
         ({"object_friction": -1}, "object_friction"),
         ({"object_damping": float("nan")}, "object_damping"),
         ({"reward_stage": "goal"}, "only the distance task"),
+        ({"reward_combination": "linear"}, "only the distance task"),
+        ({"constraint_weight": 2.0}, "only the distance task"),
     ],
 )
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
@@ -174,6 +176,10 @@ def test_reward_stages_of_the_distance_task() -> None:
         make_episodes("DualJacoDistance-v0", n_arms=3)
     with pytest.raises(ValueError, match="'goal' and 'constrained'"):
         make_episodes("DualJacoDistance-v0", reward_stage="both")
+    with pytest.raises(ValueError, match="reward_combination='max'"):
+        make_episodes("DualJacoDistance-v0", reward_combination="max")
+    with pytest.raises(ValueError, match="constraint_weight=0"):
+        make_episodes("DualJacoDistance-v0", constraint_weight=0)
 
 
 def test_bases_stand_where_the_layout_says() -> None:

@@ -60,6 +60,9 @@ def test_rewards_are_the_formulas(achieved: np.ndarray, desired: np.ndarray) -> 
     np.testing.assert_array_equal(
         rewards["constrained"].reward(achieved, desired), np.minimum(f_c, f_g)
     )
+    linear = Distance(2, reward_combination="linear", constraint_weight=0.5)
+    np.testing.assert_array_equal(linear.reward(achieved, desired), f_g + 0.5 * f_c)
+    assert linear.reward(achieved, desired).min() >= linear.least_reward == -1.5
 
 
 def test_success_is_per_object_and_not_of_the_whole_vector() -> None:
