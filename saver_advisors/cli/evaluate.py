@@ -18,6 +18,7 @@ from saver_advisors.cli.arguments import (
     new_file,
     write_json,
 )
+from saver_advisors.cli.errors import user_mistakes
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -57,6 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record the first episodes there"
     )
     parser.add_argument(
+        "--paths",
+        type=new_file(".png", ".svg", ".pdf"),
+        metavar="FIG.png",
+        help="draw the ways of hands and objects in the first episode, and the objects' distance",
+    )
+    parser.add_argument(
         "--video-episodes",
         type=at_least(1),
         default=4,
@@ -88,6 +95,15 @@ def run(args: argparse.Namespace) -> int:
         )
         write_mp4(args.video, recordings, f"{args.env}   {args.policy}")
         print(f"wrote {args.video}")
+    if args.paths is not None:
+        from saver_advisors.evaluation.paths import draw_paths, follow
+
+        predict = resolve(args.policy, args.env, env_kwargs, args.seed).predict
+        title = f"{args.env}, {args.policy}, seed {args.seed}"
+        episode = follow(predict, args.env, title=title, seed=args.seed, env_kwargs=env_kwargs)
+        with user_mistakes("argument --paths"):
+            draw_paths([episode]).savefig(args.paths)
+        print(f"wrote {args.paths}")
     return 0
 
 

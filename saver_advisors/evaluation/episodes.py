@@ -27,6 +27,7 @@ POINT_SIZE: Final = 3
 """Numbers of one object's position in a goal; entries beyond whole points (a distance) are no
 position.
 """
+GOALS: Final = ("achieved_goal", "desired_goal")
 DEFAULT_N_ENVS: Final = 16
 LONGEST_EPISODE: Final = 10_000
 """Steps after which an episode counts as never ending: every id truncates at its horizon, long
@@ -66,6 +67,8 @@ class EpisodeOutcomes:
     :param final_distances: (episodes, objects) from each object to its target at the end, metres
     :param lengths: (episodes,) steps
     :param diverged: (episodes,) whether the simulation broke down
+    :param deviations: (episodes, 2) mean over the episode and largest, of how far a constraint's
+        value is from the required one, metres; None for tasks without a constraint
     :param goal_reached: (episodes,) every object at its target at the end, where the environment
         tells it apart from success (constrained tasks); else None
     """
@@ -80,6 +83,7 @@ class EpisodeOutcomes:
     lengths: NDArray[np.int64]
     diverged: NDArray[np.bool_]
     goal_reached: NDArray[np.bool_] | None = None
+    deviations: NDArray[np.float64] | None = None
 
     @property
     def episodes(self) -> int:
@@ -127,6 +131,9 @@ class EpisodeOutcomes:
             "diverged": int(self.diverged.sum()),
             "cost_means": {name: float(sums.mean()) for name, sums in self.cost_sums.items()},
         }
+        if self.deviations is not None:
+            values["deviation_mean"] = float(self.deviations[:, 0].mean())
+            values["deviation_worst"] = float(self.deviations[:, 1].max())
         for name in ("constraint_met_rate", "goal_success_rate"):
             rate = getattr(self, name)
             if rate is not None:
@@ -221,11 +228,15 @@ class _Record:
     cost_sums: dict[str, float] = field(default_factory=dict)
     cost_maxima: dict[str, float] = field(default_factory=dict)
     diverged: bool = False
+    deviation_sum: float = 0.0
+    deviation_largest: float = 0.0
     final_info: Mapping[str, Any] = field(default_factory=dict)
 
-    def add(self, reward: float, done: bool, info: Mapping[str, Any]) -> None:
+    def add(self, reward: float, done: bool, info: Mapping[str, Any], deviation: float) -> None:
         self.total += reward
         self.length += 1
+        self.deviation_sum += deviation
+        self.deviation_largest = max(self.deviation_largest, deviation)
         self.diverged |= bool(info.get("diverged", False))
         for name, value in info.items():
             if name == "cost" or name.startswith("cost_"):
@@ -252,9 +263,13 @@ def _run_batch(
         if frame_callback is not None:
             frame_callback(vec_env, first, step)
         observation, rewards, dones, infos = vec_env.step(predict(observation))
-        for record, reward, done, info in zip(records, rewards, dones, infos, strict=True):
+        for index, (record, info) in enumerate(zip(records, infos, strict=True)):
             if not record.done:
-                record.add(float(reward), bool(done), info)
+                reached = info.get("terminal_observation") if dones[index] else None
+                if reached is None:
+                    reached = {key: observation[key][index] for key in GOALS}
+                deviation = _deviation(reached)
+                record.add(float(rewards[index]), bool(dones[index]), info, deviation)
         if all(record.done for record in records):
             return records
     raise RuntimeError(
@@ -282,10 +297,23 @@ def _outcomes(records: list[_Record], env_id: str, seed: int) -> EpisodeOutcomes
         ),
         lengths=np.array([record.length for record in records]),
         diverged=np.array([record.diverged for record in records]),
+        deviations=np.array(
+            [(record.deviation_sum / record.length, record.deviation_largest) for record in records]
+        )
+        if "cost_distance" in names
+        else None,
         goal_reached=None
         if reached_key is None
         else np.array([bool(info[reached_key]) for info in infos]),
     )
+
+
+def _deviation(observation: Mapping[str, NDArray[Any]]) -> float:
+    """:return: metres between a constraint's value, the goal's last entry, and the required one; 0
+    without a constraint
+    """
+    achieved, desired = (observation[key] for key in GOALS)
+    return float(abs(achieved[-1] - desired[-1])) if len(achieved) % POINT_SIZE else 0.0
 
 
 def _final_distances(observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:

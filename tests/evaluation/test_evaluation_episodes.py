@@ -134,3 +134,32 @@ def test_real_episodes_are_reproducible_one_by_one():
     np.testing.assert_allclose(alone.final_distances[0], together.final_distances[3], atol=1e-6)
     assert together.summary()["env"] == "JacoPush-v0"
     assert together.constraint_met_rate is None
+
+
+def test_deviation_from_the_required_value_is_of_the_episode_alone():
+    """In the toy it is 0 until the last step, whose goal is 99 away."""
+    outcomes = run_episodes(predict, FakeVecEnv(2), env_id="Fake", episodes=3, seed=0)
+    lengths = np.array([2, 3, 4])
+    np.testing.assert_allclose(outcomes.deviations[:, 0], 99.0 / lengths)
+    np.testing.assert_allclose(outcomes.deviations[:, 1], 99.0)
+    summary = outcomes.summary()
+    assert summary["deviation_worst"] == 99.0
+    assert math.isclose(summary["deviation_mean"], float((99.0 / lengths).mean()))
+
+
+def test_a_task_without_a_constraint_has_no_deviation():
+    still = evaluate_policy(
+        lambda observation: np.zeros((len(observation["observation"]), 6)),
+        "DualJacoPush-v0",
+        episodes=2,
+        env_kwargs={"horizon": 3},
+    )
+    assert still.deviations is None
+    assert "deviation_mean" not in still.summary()
+    kept = evaluate_policy(
+        lambda observation: np.zeros((len(observation["observation"]), 8)),
+        "DualJacoDistance-v0",
+        episodes=2,
+        env_kwargs={"horizon": 3},
+    )
+    assert 0 < kept.deviations[:, 1].max() <= 0.0151, "nobody has touched the cubes"
