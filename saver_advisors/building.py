@@ -22,6 +22,7 @@ from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 
 if TYPE_CHECKING:
     from saver_advisors.advising import Advisor
+    from saver_advisors.variable_reward import StageControl
 
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
     "ddpg": GoalDDPG,
@@ -60,6 +61,8 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
             arguments["replay_buffer_class"] = DemonstrationReplayBuffer
             replay_arguments["demonstration_size"] = demonstration_steps(config, horizon)
             replay_arguments["demonstration_share"] = config.advice.demonstration_share
+    if config.constraint_relabelling is not None:
+        _relabel_constraint(config, arguments, replay_arguments)
     model = build(
         "MultiInputPolicy",
         env,
@@ -72,7 +75,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         train_freq=(horizon, "step"),
         gradient_steps=config.gradient_steps,
         replay_buffer_kwargs=replay_arguments,
-        policy_kwargs=_policy_arguments(config, goal_parts),
+        policy_kwargs=_policy_arguments(config, goal_parts, env),
         exploration_noise=config.exploration_noise,
         random_action_probability=config.random_action_probability,
         seed=config.seed,
@@ -96,13 +99,51 @@ def _td3_arguments(config: RunConfig) -> dict[str, Any]:
     return {name: getattr(config, name) for name in names}
 
 
-def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> dict[str, Any]:
+def _relabel_constraint(
+    config: RunConfig, arguments: dict[str, Any], replay_arguments: dict[str, Any]
+) -> None:
+    """Ask for the replay that relabels a constraint in its own way."""
+    from saver_advisors.variable_reward import ConstraintReplayBuffer
+
+    if "replay_buffer_class" in arguments:
+        raise ValueError(
+            f"constraint_relabelling={config.constraint_relabelling!r} with "
+            "advice.demonstration_steps above 0: there is no replay for both"
+        )
+    arguments["replay_buffer_class"] = ConstraintReplayBuffer
+    replay_arguments["constraint_relabelling"] = config.constraint_relabelling
+
+
+def build_stages(config: RunConfig, model: OffPolicyAlgorithm) -> StageControl | None:
+    """The stages of a run, the first of them in force.
+
+    :param config: of the run
+    :param model: its learner
+    :return: None where the run has no stages
+    :raises ValueError: for stages that cannot be, or that do not fit environment and advice
+    """
+    if config.stages is None:
+        return None
+    from saver_advisors.variable_reward import Stage, StageControl, SwitchRule
+
+    stages = [
+        # check_stages refuses names that are none of a stage's.
+        Stage(one.stage, None if one.until is None else SwitchRule.parse(one.until))  # type: ignore[arg-type]
+        for one in config.stages
+    ]
+    return StageControl(model, stages, constraint_value_weight=config.constraint_value_weight)
+
+
+def _policy_arguments(
+    config: RunConfig, goal_parts: tuple[int, ...] | None, env: VecEnv
+) -> dict[str, Any]:
     arguments: dict[str, Any] = {
         "net_arch": list(config.net_arch),
         "layer_norm": config.layer_norm,
     }
-    if config.q_min is not None:
-        arguments["q_min"] = config.q_min
+    arguments["q_min"] = (
+        _least_reward(env) / (1.0 - config.gamma) if config.q_min is None else config.q_min
+    )
     if config.algorithm in ("ddpg", "td3"):
         arguments["action_penalty"] = config.action_penalty
     if config.algorithm == "td3":
@@ -179,6 +220,15 @@ def build_advisor(
             "teacher; leave advice.arms out"
         )
     return advisor
+
+
+def _least_reward(env: VecEnv) -> float:
+    """Of a step, where the environment's task says that it is less than -1."""
+    try:
+        task = env.get_attr("episodes", indices=[0])[0].task
+    except AttributeError:
+        return -1.0
+    return float(getattr(task, "least_reward", -1.0))
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:

@@ -36,7 +36,13 @@ from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
-from saver_advisors.building import ALGORITHMS, build_advisor, build_model, demonstration_steps
+from saver_advisors.building import (
+    ALGORITHMS,
+    build_advisor,
+    build_model,
+    build_stages,
+    demonstration_steps,
+)
 from saver_advisors.curves import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.learner.algorithms import GoalLearnerMixin, episode_horizon
 from saver_advisors.learner.checkpoint import (
@@ -195,6 +201,7 @@ class _Run:
         self.env = env
         self.evaluate = evaluate
         self.model = build_model(config, env)
+        self.stages = build_stages(config, self.model)
         horizon = episode_horizon(env)
         self.block = horizon * config.n_envs
         self.demonstration_steps = demonstration_steps(config, horizon)
@@ -218,6 +225,8 @@ class _Run:
             self.wall_clock_s = extra["wall_clock_s"]
             if extra["advisor"] is not None:
                 self._advisor().load_state_dict(extra["advisor"])
+            if self.stages is not None:
+                self.stages.load_state_dict(extra["stages"], self.model)
             self.curve = [
                 line for line in read_curve(self.output_dir) if line["steps"] <= self.steps
             ]
@@ -243,9 +252,13 @@ class _Run:
                     self._train_block(callback)
                 bar.update(self.steps - before)
                 done = self.steps >= total
-                if done or self._is_due(self.config.eval_every, before):
+                evaluated = done or self._is_due(self.config.eval_every, before)
+                if evaluated:
                     self._evaluate()
                     bar.set_postfix(success=f"{self.curve[-1]['success_rate']:.2f}")
+                if self.stages is not None:
+                    rate = self.curve[-1]["success_rate"] if evaluated else None
+                    self.stages.update(self.model, success_rate=rate)
                 if done or self._is_due(self.config.checkpoint_every, before):
                     self._checkpoint()
                     saved_at = self.steps
@@ -301,7 +314,7 @@ class _Run:
         best_before = self.best_success_rate
         success_rate = float(np.mean(result.success))
         logged = self.model.logger.name_to_value
-        line = {
+        line: dict[str, Any] = {
             "steps": self.steps,
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
@@ -311,7 +324,10 @@ class _Run:
             "advice_spent": 0 if self.config.advice is None else int(self._advisor().spent),
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
+            **_rates(result),
         }
+        if self.stages is not None:
+            line["stage"] = self.stages.stage.name
         append_point(self.output_dir, line)
         self.curve.append(line)
         if self.config.advice is not None:
@@ -330,6 +346,7 @@ class _Run:
             "config": self.config.to_mapping(),
             "wall_clock_s": self.wall_clock_s,
             "advisor": None if self.config.advice is None else self._advisor().state_dict(),
+            "stages": None if self.stages is None else self.stages.state_dict(),
         }
         save_checkpoint(self.output_dir / "latest", self.model, extra)
         self._restart_environments()
@@ -465,6 +482,15 @@ def _stop_requests() -> Iterator[threading.Event]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def _rates(result: EvaluationResult) -> dict[str, float]:
+    """GSR and CMR, where the environment tells them apart from success."""
+    names = ("goal_success_rate", "constraint_met_rate")
+    rates = {name: getattr(result, name, None) for name in names}
+    if rates["constraint_met_rate"] is None:
+        return {}  # an unconstrained task: the goal's rate is the success rate
+    return {name: float(rate) for name, rate in rates.items() if rate is not None}
 
 
 def _number(value: Any) -> float | None:

@@ -110,6 +110,7 @@ class Advisor:
         self.compare: Compare = compare
         self.twin_minimum = twin_minimum
         self._advisable = _arm_mask(arms, mapping.n_arms)
+        self.enabled = True
         self._check_teachers()
         if isinstance(strategy, PlansAhead):
             strategy.begin(run or RunPlan(), budget)
@@ -145,8 +146,10 @@ class Advisor:
 
     @property
     def active(self) -> bool:
-        """Whether any advice can still be given."""
-        return self.budget.remaining > 0 and self.strategy.name != "none"
+        """Whether any advice can still be given; never while ``enabled`` is false, as it is in
+        stages of a run that have no teacher.
+        """
+        return self.enabled and self.budget.remaining > 0 and self.strategy.name != "none"
 
     @property
     def advisable(self) -> Mask:

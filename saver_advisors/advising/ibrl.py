@@ -76,7 +76,7 @@ class TeacherProposals:
         :return: (batch, n_arms, action_size) scaled to [-1, 1], or None once the budget is spent
         """
         advisor = self._advisor
-        if advisor.budget.remaining == 0:
+        if not advisor.enabled or advisor.budget.remaining == 0:
             return None
         arrays = {key: value.cpu().numpy() for key, value in observations.items()}
         actions = advisor.teacher_actions(arrays)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,7 +25,7 @@ ADVISOR_FIELDS = (
     "arms",
 )
 
-Config = TypeVar("Config", "RunConfig", "AdviceConfig")
+Config = TypeVar("Config", "RunConfig", "AdviceConfig", "StageConfig")
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,21 @@ class AdviceConfig:
 
 
 @dataclass(frozen=True)
+class StageConfig:
+    """A stage of a run with a variable reward; see ``saver_advisors.variable_reward``.
+
+    :param stage: ``teaching``, ``stretching`` or ``exploring``
+    :param until: ``budget``, ``steps N`` (of the stage) or ``success S``; None for the last stage
+    """
+
+    stage: str
+    until: str | None = None
+
+    def __post_init__(self) -> None:
+        _check_types(self, "stages.")
+
+
+@dataclass(frozen=True)
 class RunConfig:
     """All that decides a run's outcome.
 
@@ -137,6 +152,11 @@ class RunConfig:
         critic finds better (TD3)
     :param arms_apart: give each arm's part of the goal a hindsight goal, a reward and a value of
         its own; the actor maximises the values' mean (TD3)
+    :param stages: of a variable reward, in their order, or None; for tasks with a constraint
+    :param constraint_relabelling: what becomes of the required value of a relabelled transition:
+        ``next``, ``future`` or ``keep``; as every other part of the goal where None
+    :param constraint_value_weight: of the constraint's own value in what the actor maximises, each
+        arm's weighing 1; for ``arms_apart`` with stages
     :param advice: a teacher's advice, or None
     :param eval_every: steps between evaluations
     :param eval_episodes: episodes of an evaluation, without noise and advice
@@ -172,6 +192,9 @@ class RunConfig:
     imitation_weight: float = 0.0
     imitation_filter_from: int = 0
     arms_apart: bool = False
+    stages: tuple[StageConfig, ...] | None = None
+    constraint_relabelling: str | None = None
+    constraint_value_weight: float = 1.0
     advice: AdviceConfig | None = None
     eval_every: int = 20_000
     eval_episodes: int = 100
@@ -202,7 +225,19 @@ class RunConfig:
             "checkpoint_every",
         ):
             _require(getattr(self, name) > 0, name, getattr(self, name), "positive")
-        for name in ("seed", "learning_starts", "exploration_noise", "action_penalty", "eval_seed"):
+        if self.constraint_relabelling is not None:
+            ways = ("next", "future", "keep")
+            known = self.constraint_relabelling in ways
+            wanted = f"one of {', '.join(ways)}, or null"
+            _require(known, "constraint_relabelling", self.constraint_relabelling, wanted)
+        for name in (
+            "seed",
+            "learning_starts",
+            "exploration_noise",
+            "action_penalty",
+            "constraint_value_weight",
+            "eval_seed",
+        ):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
         for name in ("random_action_probability", "relabel_probability", "tau"):
             _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "in [0, 1]")
@@ -232,6 +267,11 @@ class RunConfig:
                 if isinstance(advice.get(name), list):
                     advice[name] = tuple(advice[name])
             values["advice"] = _build(AdviceConfig, advice, "advice.")
+        if isinstance(values.get("stages"), (list, tuple)):
+            values["stages"] = tuple(
+                one if isinstance(one, StageConfig) else _build(StageConfig, one, "stages.")
+                for one in values["stages"]
+            )
         if isinstance(values.get("net_arch"), list):
             values["net_arch"] = tuple(values["net_arch"])
         return _build(cls, values, "")
@@ -270,7 +310,10 @@ class RunConfig:
         """
         :return: plain values, for ``from_mapping``, JSON and YAML
         """
-        return {**asdict(self), "net_arch": list(self.net_arch)}
+        values = {**asdict(self), "net_arch": list(self.net_arch)}
+        if self.stages is not None:
+            values["stages"] = list(values["stages"])
+        return values
 
     def to_file(self, path: str | Path) -> None:
         """Write the configuration for ``from_file``.
@@ -315,12 +358,12 @@ def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
     except TypeError as error:
         if "missing" not in str(error):
             raise
-        required = ("strategy", "teacher", "budget") if cls is AdviceConfig else ("env_id",)
+        required = [f.name for f in fields(cls) if f.default is f.default_factory is MISSING]
         missing = [prefix + name for name in required if name not in values]
         raise ValueError(f"{', '.join(missing)} must be given") from error
 
 
-def _check_types(config: RunConfig | AdviceConfig, prefix: str) -> None:
+def _check_types(config: RunConfig | AdviceConfig | StageConfig, prefix: str) -> None:
     """Whole numbers, numbers, names: each where its hint says so."""
     for f in fields(config):
         value = getattr(config, f.name)
@@ -343,6 +386,7 @@ _EXPECTED: dict[str, tuple[tuple[type, ...], str]] = {
     "tuple[int, ...]": ((tuple,), "a list of whole numbers"),
     "tuple[int, ...] | None": ((tuple, type(None)), "a list of whole numbers or null"),
     "str | tuple[str, ...]": ((str, tuple), "a text or a list of texts"),
+    "tuple[StageConfig, ...] | None": ((tuple, type(None)), "a list of stages or null"),
     "AdviceConfig | None": ((AdviceConfig, type(None)), "a mapping of advice settings or null"),
 }
 

@@ -42,6 +42,9 @@ class ImitatingTD3(TD3):
     proposals: Proposals | None
     """Actions for the critics' target to choose from beside the actor's, or None; not saved."""
 
+    value_weights: tuple[float, ...] | None
+    """How much the actor minds each part's value, the mean of all where None."""
+
     def __init__(
         self,
         *arguments: Any,
@@ -54,6 +57,7 @@ class ImitatingTD3(TD3):
         if not imitation_filter_from >= 0:
             raise ValueError(f"imitation_filter_from={imitation_filter_from} must be 0 or more")
         self.proposals = None
+        self.value_weights = None
         self.imitation_weight = imitation_weight
         self.imitation_filter_from = imitation_filter_from
         super().__init__(*arguments, **named)
@@ -126,6 +130,13 @@ class ImitatingTD3(TD3):
         mixed = np.where(chosen[..., np.newaxis], proposed, by_arm)
         return th.as_tensor(mixed.reshape(len(own), -1), device=self.device)
 
+    def _weighed(self, values: th.Tensor) -> th.Tensor:
+        """The parts' values (batch, parts) as one (batch,)."""
+        if self.value_weights is None:
+            return values.mean(dim=1)
+        weights = th.as_tensor(self.value_weights, dtype=values.dtype)
+        return values @ weights / weights.sum()
+
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "proposals"]
 
@@ -137,14 +148,14 @@ class ImitatingTD3(TD3):
         # The goal critic takes a dict of observations, of which SB3's hint does not know.
         critic: Any = self.critic
         values = critic.q1_forward(batch.observations, actions)
-        loss = -values.mean()
+        loss = -self._weighed(values).mean()
         imitation = th.zeros(())
         if self.imitation_weight > 0 and advised.any():
             followed = advised
             if self.num_timesteps >= self.imitation_filter_from:
                 with th.no_grad():
                     shown = critic.q1_forward(batch.observations, batch.actions)
-                followed = advised & (shown.mean(dim=1) > values.mean(dim=1))
+                followed = advised & (self._weighed(shown) > self._weighed(values))
             difference = (actions - batch.actions).square().mean(dim=1)
             imitation = (difference * followed).sum() / advised.sum()
         total = loss + self.imitation_weight * imitation

@@ -151,7 +151,7 @@ class GoalReplayBuffer(ReplayBuffer):
         self.relabel_probability = relabel_probability
         self.reward_function = reward_function
         self.store_advised = store_advised
-        self._part_columns = _columns_of(goal_parts, observation_space)
+        self.part_columns = _columns_of(goal_parts, observation_space)
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
         self._allocate()
@@ -389,12 +389,12 @@ class GoalReplayBuffer(ReplayBuffer):
 
         :return: (batch, parts) the steps at which they were achieved, -1 where a part is kept
         """
-        shape = (len(slot), len(self._part_columns))
+        shape = (len(slot), len(self.part_columns))
         later = self._random.random(shape) * (self.length[slot] - step)[:, None]
         goal_step = step[:, None] + 1 + later.astype(np.int64)
         relabelled = self._random.random(shape) < share
         row = slot[:, None] * (self.horizon + 1) + goal_step
-        for part, columns in enumerate(self._part_columns):
+        for part, columns in enumerate(self.part_columns):
             chosen = relabelled[:, part]
             desired[chosen, columns] = achieved[row[chosen, part], columns]
         return np.where(relabelled, goal_step, -1)
@@ -416,10 +416,10 @@ class GoalReplayBuffer(ReplayBuffer):
 
     def _rewards(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
         """Rewards (batch, rewards): the whole goal's, or each part's as if the others were met."""
-        if len(self._part_columns) == 1:
+        if len(self.part_columns) == 1:
             return self._reward(achieved, desired)[:, None]
         rewards = []
-        for columns in self._part_columns:
+        for columns in self.part_columns:
             asked = achieved.copy()
             asked[:, columns] = desired[:, columns]
             rewards.append(self._reward(achieved, asked))

@@ -14,6 +14,7 @@ PAGES = (
     "docs/quick-start.md",
     "docs/advising.md",
     "docs/your-own-strategy.md",
+    "docs/variable-reward.md",
 )
 #: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
 #: counts.

@@ -10,7 +10,7 @@ from conftest import GridFile, tiny_grid
 
 from saver_advisors.experiments import ExperimentRun, read_grid
 
-ADVISING = Path(__file__).resolve().parents[2] / "zoo_configs" / "advising.yml"
+CONFIGS = Path(__file__).resolve().parents[2] / "zoo_configs"
 
 
 def test_first_seeds_of_all_rows_come_first(grid_file: GridFile) -> None:
@@ -104,7 +104,7 @@ def test_only_some(grid_file: GridFile) -> None:
 
 
 def test_the_shipped_grid_has_the_rows_of_the_table() -> None:
-    grid = read_grid(ADVISING)
+    grid = read_grid(CONFIGS / "advising.yml")
     strategies = {
         (run.row, None if run.config.advice is None else run.config.advice.strategy)
         for run in grid.runs
@@ -122,3 +122,18 @@ def test_the_shipped_grid_has_the_rows_of_the_table() -> None:
                 values = run.config.to_mapping()
                 rest.add(str({k: v for k, v in values.items() if k not in ("advice", "seed")}))
         assert len(rest) == 1, group
+
+
+def test_the_shipped_grid_of_stages_has_method_ablations_and_baselines() -> None:
+    grid = read_grid(CONFIGS / "constraints.yml")
+    by_row = {run.row: run.config for run in grid.runs}
+    stages = {row: [one.stage for one in config.stages or ()] for row, config in by_row.items()}
+    assert stages["min"] == ["teaching", "stretching", "exploring"]
+    assert stages["own value, no stretching"] == ["teaching", "exploring"]
+    assert stages["advising without the third stage"] == ["teaching", "stretching"]
+    assert stages["hindsight alone"] == ["exploring"]
+    assert by_row["hindsight alone"].advice is None
+    assert by_row["min"].constraint_relabelling == "next"
+    assert by_row["own value"].constraint_relabelling == "keep"
+    assert by_row["own value"].arms_apart
+    assert by_row["min, eight layers"].net_arch == (512, 512, *(256,) * 6)

@@ -1,0 +1,182 @@
+"""Teaching, stretching, exploring: the stages of a run, and when each gives way to the next.
+
+In teaching and in stretching the reward is that of the goal alone, f_g; in exploring it is the
+constrained one, by the dissertation min(f_c, f_g). A teacher advises in teaching only
+(dissertation, chapter 6).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final, Literal, get_args
+
+StageName = Literal["teaching", "stretching", "exploring"]
+STAGES: Final[tuple[str, ...]] = get_args(StageName)
+
+RuleKind = Literal["budget", "steps", "success"]
+
+
+@dataclass(frozen=True)
+class SwitchRule:
+    """When a stage ends.
+
+    :param kind: ``budget``: with the advice budget; ``steps``: after so many environment steps of
+        the stage; ``success``: once an evaluation shows that success rate
+    :param value: the steps or the rate, None for ``budget``
+    """
+
+    kind: RuleKind
+    value: float | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> SwitchRule:
+        """Read ``budget``, ``steps 250000`` or ``success 0.5``.
+
+        :param text: as configurations have it
+        :raises ValueError: for anything else
+        """
+        words = text.split()
+        if words == ["budget"]:
+            return cls("budget")
+        wanted = "'budget', 'steps N' with N above 0, or 'success S' with S above 0 and at most 1"
+        try:
+            kind, value = words[0], float(words[1].replace("_", ""))
+        except (IndexError, ValueError):
+            raise ValueError(f"until={text!r} must be {wanted}") from None
+        whole = kind == "steps" and math.isfinite(value) and value > 0 and value == int(value)
+        rate = kind == "success" and 0 < value <= 1
+        if len(words) != 2 or not (whole or rate):
+            raise ValueError(f"until={text!r} must be {wanted}")
+        return cls("steps" if whole else "success", value)
+
+    def is_met(self, stage_steps: int, advice_left: int, success_rate: float | None) -> bool:
+        """Whether the stage is over.
+
+        :param stage_steps: environment steps since it began
+        :param advice_left: environment steps that may still be advised
+        :param success_rate: of the latest evaluation, None where there is no new one
+        """
+        if self.kind == "budget":
+            return advice_left <= 0
+        assert self.value is not None
+        if self.kind == "steps":
+            return stage_steps >= self.value
+        return success_rate is not None and success_rate >= self.value
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a run.
+
+    :param name: ``teaching``, ``stretching`` or ``exploring``
+    :param until: when it ends; None for the last
+    """
+
+    name: StageName
+    until: SwitchRule | None = None
+
+    @property
+    def advised(self) -> bool:
+        """Whether a teacher advises."""
+        return self.name == "teaching"
+
+    @property
+    def constrained(self) -> bool:
+        """Whether the reward is the constrained one."""
+        return self.name == "exploring"
+
+
+def check_stages(stages: Sequence[Stage]) -> None:
+    """Refuse an order of stages that cannot be.
+
+    :param stages: in their order; some may be left out, as ablations do
+    :raises ValueError: for none, a wrong order, one twice, a stage but the last without an end, an
+        end of the last, or the budget's end anywhere but in teaching
+    """
+    names = [stage.name for stage in stages]
+    unknown = [name for name in names if name not in STAGES]
+    if unknown or not names:
+        raise ValueError(f"stages={names} must be one or more of {', '.join(STAGES)}")
+    places = [STAGES.index(name) for name in names]
+    if any(first >= second for first, second in pairwise(places)):
+        raise ValueError(f"stages={names}: their order is {', '.join(STAGES)}, each at most once")
+    for stage in stages[:-1]:
+        if stage.until is None:
+            raise ValueError(
+                f"stage {stage.name!r} is followed by another: say until when it lasts"
+            )
+    if stages[-1].until is not None:
+        raise ValueError(f"stage {stages[-1].name!r} is the last: it lasts until the run ends")
+    for stage in stages:
+        if stage.until is not None and stage.until.kind == "budget" and not stage.advised:
+            raise ValueError(
+                f"stage {stage.name!r} cannot last until the budget is spent: only in teaching is "
+                "it spent"
+            )
+
+
+class StageClock:
+    """Which stage a run is in.
+
+    :param stages: in their order
+    :raises ValueError: for an order that cannot be
+    """
+
+    def __init__(self, stages: Sequence[Stage]) -> None:
+        check_stages(stages)
+        self.stages = tuple(stages)
+        self._index = 0
+        self._switched_at: list[int] = []
+
+    @property
+    def stage(self) -> Stage:
+        """The stage in force."""
+        return self.stages[self._index]
+
+    @property
+    def switched_at(self) -> dict[str, int]:
+        """Environment steps at which each stage but the first began."""
+        names = [stage.name for stage in self.stages[1:]]
+        return dict(zip(names, self._switched_at, strict=False))
+
+    def update(
+        self, steps: int, *, advice_left: int = 0, success_rate: float | None = None
+    ) -> bool:
+        """Go on to the next stage where the one in force is over; at most one stage at a time.
+
+        :param steps: environment steps of the run
+        :param advice_left: environment steps that may still be advised
+        :param success_rate: of an evaluation that is new, else None
+        :return: whether another stage is in force now
+        """
+        began = self._switched_at[-1] if self._switched_at else 0
+        until = self.stage.until
+        if until is None or not until.is_met(steps - began, advice_left, success_rate):
+            return False
+        self._index += 1
+        self._switched_at.append(steps)
+        return True
+
+    def state_dict(self) -> dict[str, Any]:
+        """:return: JSON-able state"""
+        return {
+            "stages": [stage.name for stage in self.stages],
+            "stage": self.stage.name,
+            "switched_at": list(self._switched_at),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on where a run stopped.
+
+        :param state: what ``state_dict`` returned
+        :raises ValueError: where it is of other stages
+        """
+        names = [stage.name for stage in self.stages]
+        switched = [int(steps) for steps in state["switched_at"]]
+        if list(state["stages"]) != names or len(switched) >= len(names):
+            raise ValueError(f"the state is of stages {state['stages']}, this run has {names}")
+        self._index = len(switched)
+        self._switched_at = switched
