@@ -139,6 +139,11 @@ def _side_by_side(teacher: str, sizes: Sizes) -> Predict:
         "desired_goal": loaded.goal_size,
     }
     needed = {name: size * sizes.arms for name, size in per_arm.items()}
+    # What a task appends to its goal, such as a required distance, is no arm's: teachers are blind
+    # to it as they are to one another.
+    appended = sizes.entries["desired_goal"] - needed["desired_goal"]
+    if 0 < appended < loaded.goal_size:
+        needed["desired_goal"] += appended
     _require_fit(f"{SIDE_BY_SIDE}:{teacher}", needed, loaded.action_size * sizes.arms, sizes)
     return _deterministic(side_by_side(loaded, sizes.arms))
 

@@ -73,6 +73,7 @@ def test_evaluate_a_shipped_policy(saver: Saver, tmp_path: Path) -> None:
     [
         ("JacoPush-v0", "random"),
         ("DualJacoPush-v0", f"side-by-side:{NAME}"),
+        ("DualJacoDistance-v0", "side-by-side:jaco-pick-and-place"),
         ("JacoPush-v0", "expert"),
         ("DualJacoPush-v0", "expert-uncoordinated"),
         ("DualJacoPush-v0", "frozen-arm:1"),
