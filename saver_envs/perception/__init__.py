@@ -1,0 +1,1 @@
+"""Seeing people: camera, skeleton, fields, network, parsing, data and training."""
