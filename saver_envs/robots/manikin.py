@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.robots.description import COLLISION_GROUP
-from saver_envs.robots.manikin_surface import Appearance, BodyShape, add_skins, body_shape
+from saver_envs.robots.manikin_surface import (
+    AVERAGE_MAN,
+    Appearance,
+    BodyShape,
+    add_skins,
+    body_shape,
+)
 
 #: Mass of a person of 1.75 m and average build (kg); it grows with the square of the stature.
 MASS: Final = 70.0
@@ -133,7 +139,7 @@ def total_mass(appearance: Appearance) -> float:
 
 def add_manikin(
     spec: mujoco.MjSpec,
-    appearance: Appearance = Appearance(),
+    appearance: Appearance = AVERAGE_MAN,
     position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
     prefix: str = "",

@@ -75,6 +75,9 @@ class Appearance:
                 raise ValueError(f"{name}={value!r}: must be between {least} and {most}")
 
 
+AVERAGE_MAN: Final = Appearance()
+
+
 @dataclass(frozen=True)
 class BodyShape:
     """A body on its back, in the manikin's frame (see :mod:`saver_envs.robots.manikin`), metres.

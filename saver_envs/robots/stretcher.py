@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.robots.description import VISUAL_GROUP
-from saver_envs.robots.manikin_surface import Appearance, body_shape
+from saver_envs.robots.manikin_surface import AVERAGE_MAN, Appearance, body_shape
 
 POLE_RADIUS: Final = 0.016  # m
 CANVAS_THICKNESS: Final = 0.012  # m
@@ -35,7 +35,7 @@ class Stretcher:
 def add_stretcher(
     spec: mujoco.MjSpec,
     stretcher: Stretcher = Stretcher(),
-    appearance: Appearance = Appearance(),
+    appearance: Appearance = AVERAGE_MAN,
     position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
     prefix: str = "",
