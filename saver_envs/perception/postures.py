@@ -21,11 +21,23 @@ TEST_PATTERN: Final[Pattern] = "mottled"
 _TRAIN_PATTERNS: Final[tuple[Pattern, ...]] = ("plain", "plain", "stripes", "checks")
 
 _SKINS: Final = np.array(
-    [(0.93, 0.76, 0.66), (0.85, 0.66, 0.54), (0.72, 0.52, 0.40), (0.55, 0.37, 0.26), (0.34, 0.22, 0.16)]
-)  # fmt: skip
+    [
+        (0.93, 0.76, 0.66),
+        (0.85, 0.66, 0.54),
+        (0.72, 0.52, 0.40),
+        (0.55, 0.37, 0.26),
+        (0.34, 0.22, 0.16),
+    ]
+)
 _HAIRS: Final = np.array(
-    [(0.08, 0.06, 0.05), (0.20, 0.13, 0.08), (0.38, 0.25, 0.13), (0.70, 0.57, 0.35), (0.62, 0.61, 0.60)]
-)  # fmt: skip
+    [
+        (0.08, 0.06, 0.05),
+        (0.20, 0.13, 0.08),
+        (0.38, 0.25, 0.13),
+        (0.70, 0.57, 0.35),
+        (0.62, 0.61, 0.60),
+    ]
+)
 
 
 def random_appearance(random: np.random.Generator, split: str = "train") -> Appearance:

@@ -169,8 +169,8 @@ class Stage:
             position = turned.position + random.uniform(-0.06, 0.06, 3)
             return CameraPose(position, tilt.reshape(3, 3) @ turned.rotation)
         target = joints[:, :].mean(axis=0) + random.uniform(-0.2, 0.2, 3)
-        azimuth, elevation = random.uniform(0, 2 * math.pi), math.radians(random.uniform(28, 90))
-        distance = random.uniform(1.35, 2.7)
+        azimuth, elevation = random.uniform(0, 2 * math.pi), math.radians(random.uniform(40, 90))
+        distance = random.uniform(1.35, 2.3)
         away = np.array(
             [
                 math.cos(elevation) * math.cos(azimuth),
