@@ -124,6 +124,31 @@ class Camera:
         )
 
 
+def camera_of(model: mujoco.MjModel, name: str, width: int, height: int) -> Camera:
+    """Return the intrinsics with which MuJoCo draws a camera of a model.
+
+    :param model: that has the camera.
+    :param name: of the camera.
+    :param width: of the pictures, pixels.
+    :param height: of the pictures, pixels.
+    :raises ValueError: for an unknown name; the message lists the model's cameras.
+    """
+    names = [model.camera(index).name for index in range(model.ncam)]
+    if name not in names:
+        raise ValueError(f"camera={name!r}: the model has the cameras {', '.join(names)}")
+    index = names.index(name)
+    sensor = model.cam_sensorsize[index]
+    if sensor.all():
+        x, y, centre_x, centre_y = model.cam_intrinsic[index]
+        per_x, per_y = width / sensor[0], height / sensor[1]
+        focal = (float(x * per_x), float(y * per_y))
+        middle = (width / 2 + float(centre_x * per_x), height / 2 + float(centre_y * per_y))
+        return Camera(width, height, focal, middle)
+    # Square pixels: the vertical field of view is all there is.
+    length = height / 2 / math.tan(math.radians(float(model.cam_fovy[index])) / 2)
+    return Camera(width, height, (length, length), (width / 2, height / 2))
+
+
 #: Depth camera of the Kinect v2: 512 x 424 pixels, 70.6 x 60 degrees (SPEC 5.4). Colour is taken to
 #: be registered to it, as the maker's library does.
 KINECT_V2: Final = Camera(
@@ -137,6 +162,13 @@ BENCH_POSE: Final = CameraPose(
     np.array([0.06, 0.03, 1.20]),
     np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
 )
+
+
+def pose_of(data: mujoco.MjData, name: str) -> CameraPose:
+    """Return where a camera is in the present state."""
+    camera = data.camera(name)
+    rotation = camera.xmat.reshape(3, 3) @ _OPTICAL_TO_MUJOCO
+    return CameraPose(camera.xpos.copy(), rotation)
 
 
 @dataclass(frozen=True)
@@ -175,9 +207,7 @@ class RgbdCamera:
 
     def pose(self, data: mujoco.MjData) -> CameraPose:
         """Return where the camera is in the present state."""
-        camera = data.camera(self._name)
-        rotation = camera.xmat.reshape(3, 3) @ _OPTICAL_TO_MUJOCO
-        return CameraPose(camera.xpos.copy(), rotation)
+        return pose_of(data, self._name)
 
     def capture(
         self,

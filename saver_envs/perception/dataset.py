@@ -237,7 +237,8 @@ def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict
     :param count: of the first so many; all of them where ``None``.
     :return: JSON-able; ``file_name`` is the picture's number with six digits and ``.png``.
     """
-    images, annotations = [], []
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for index in range(len(dataset) if count is None else min(count, len(dataset))):
         example, visibility = dataset[index], dataset.visibility(index)
         height, width = example.image.shape[:2]

@@ -14,7 +14,7 @@ from torch import Tensor
 from saver_envs.perception.backbones import DEVIATION, MEAN
 from saver_envs.perception.fields import STRIDE
 from saver_envs.perception.network import PoseNetwork
-from saver_envs.perception.parsing import ParsingOptions, Poses, parse
+from saver_envs.perception.parsing import DEFAULT_PARSING, ParsingOptions, Poses, parse
 from saver_envs.perception.weights import SHIPPED, load_network
 
 #: Height and width that pictures are fitted into before the network looks at them.
@@ -40,7 +40,7 @@ class PoseEstimator:
         network: PoseNetwork,
         size: tuple[int, int] = NETWORK_SIZE,
         turn: int = 0,
-        options: ParsingOptions = ParsingOptions(),
+        options: ParsingOptions = DEFAULT_PARSING,
         run: Run | None = None,
     ) -> None:
         if size[0] % STRIDE or size[1] % STRIDE or min(size) <= 0:
@@ -103,7 +103,8 @@ class PoseEstimator:
         """
         poses = parse(fields, self.limbs, self.options)
         joints = _turned_back((poses.joints - offset) / scale, self.turn, shape)
-        inside = (joints >= 0).all(axis=-1) & (joints <= shape[::-1]).all(axis=-1)
+        within = (joints >= 0) & (joints <= shape[::-1])
+        inside = within[..., 0] & within[..., 1]
         # What lies in the margin beside the picture is not a joint of it.
         joints = np.where(inside[..., None], joints, np.nan)
         scores = np.where(inside, poses.scores, 0.0)

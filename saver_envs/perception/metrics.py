@@ -67,10 +67,10 @@ def joint_errors(
         estimate[rows[useful]] = columns[useful]
     errors = np.tile(torso[:, None], (1, len(JOINTS)))
     found = np.zeros_like(seen)
-    for person, match in enumerate(estimate):
+    for row, match in enumerate(estimate):
         if match >= 0:
-            found[person] = ~missed[person, match]
-            errors[person] = np.where(found[person], apart[person, match], torso[person])
+            found[row] = ~missed[row, match]
+            errors[row] = np.where(found[row], apart[row, match], torso[row])
     person, joint = np.nonzero(seen)
     return Errors(joint, errors[seen], torso[person], found[seen], person, estimate)
 

@@ -42,6 +42,9 @@ class ParsingOptions:
     most_peaks: int = 30
 
 
+DEFAULT_PARSING: Final = ParsingOptions()
+
+
 @dataclass(frozen=True)
 class Poses:
     """People in a picture, the most certain first.
@@ -91,7 +94,7 @@ class _Pairs:
 def parse(
     fields: NDArray[Any],
     limbs: Sequence[int],
-    options: ParsingOptions = ParsingOptions(),
+    options: ParsingOptions = DEFAULT_PARSING,
     stride: int = STRIDE,
 ) -> Poses:
     """Find the people in fields, however many.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import mujoco
@@ -157,9 +158,18 @@ def random_posture(
         _random_leg(random, side, sign, put)
 
 
+#: Writes a ball joint's quaternion, or a hinge's share of its range, by the joint's name.
+_Put = Callable[[str, NDArray[np.float64] | float], None]
+
+
 def _random_arm(
-    random: np.random.Generator, model: mujoco.MjModel, prefix: str, side: str, sign: float, put
-) -> None:  # type: ignore[no-untyped-def]
+    random: np.random.Generator,
+    model: mujoco.MjModel,
+    prefix: str,
+    side: str,
+    sign: float,
+    put: _Put,
+) -> None:
     offset = model.body(f"{prefix}{side}_forearm").pos
     along = offset / np.linalg.norm(offset)
     at_rest = math.degrees(math.atan2(abs(along[1]), along[0]))
@@ -180,7 +190,7 @@ def _random_arm(
     put(f"{side}_hand", float(np.clip(random.normal(0.5, 0.15), 0, 1)))
 
 
-def _random_leg(random: np.random.Generator, side: str, sign: float, put) -> None:  # type: ignore[no-untyped-def]
+def _random_leg(random: np.random.Generator, side: str, sign: float, put: _Put) -> None:
     spread = sign * math.radians(random.uniform(-14, 16))
     outwards = sign * math.radians(random.uniform(-10, 45))
     bent, knee = random.uniform(0, 6), random.uniform(0, 0.10)

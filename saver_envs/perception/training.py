@@ -103,7 +103,8 @@ class Trainer:
         _check_options(folder, options)
         torch.manual_seed(options.seed)
         self.network = PoseNetwork(ARCHITECTURES[options.architecture], options.limbs)
-        self.network = self.network.to(memory_format=torch.channels_last)
+        # Channels last is the faster order on processors.
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay
         )

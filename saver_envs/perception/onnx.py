@@ -1,0 +1,77 @@
+"""A pose network in ONNX, and run by onnxruntime."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from saver_envs.perception.estimator import NETWORK_SIZE
+from saver_envs.perception.network import PoseNetwork
+
+
+class _LastStage(nn.Module):
+    def __init__(self, network: PoseNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        fields: Tensor = self.network(pictures)[1]
+        return fields
+
+
+def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWORK_SIZE) -> None:
+    """Write a network as ONNX.
+
+    ``pictures`` (1, 3, h, w) go in, ``fields`` (1, limbs, 3, h/8, w/8) come out.
+
+    :param network: with trained weights.
+    :param path: ending in ``.onnx``.
+    :param size: height and width of the pictures, which ONNX fixes.
+    """
+    import onnx
+
+    example = torch.zeros(1, 3, *size)
+    torch.onnx.export(
+        _LastStage(network).eval(),
+        (example,),
+        path,
+        input_names=["pictures"],
+        output_names=["fields"],
+        external_data=False,
+        dynamo=True,
+        verbose=False,
+    )
+    content = onnx.load(path)
+    entry = content.metadata_props.add()
+    entry.key, entry.value = "limbs", json.dumps(network.limbs)
+    onnx.save(content, path)
+
+
+class OnnxNetwork:
+    """Runs an exported network; hand it to :class:`~.estimator.PoseEstimator` as ``run``.
+
+    :param path: of a file from :func:`export_onnx`.
+    :param threads: of the processor.
+    """
+
+    def __init__(self, path: Path, threads: int = 1) -> None:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        self._session: Any = onnxruntime.InferenceSession(
+            str(path), options, providers=["CPUExecutionProvider"]
+        )
+        self.limbs = tuple(json.loads(self._session.get_modelmeta().custom_metadata_map["limbs"]))
+
+    def __call__(self, pictures: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the last stage's fields (1, limbs, 3, h/8, w/8) of a picture (1, 3, h, w)."""
+        fields: NDArray[np.float32] = self._session.run(None, {"pictures": pictures})[0]
+        return fields

@@ -1,0 +1,283 @@
+"""Adds estimated human joints to the observation, of a single environment or of a vector."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from saver_envs.core import ACTION_DURATION
+from saver_envs.perception.camera import KINECT_V2, Camera, camera_of, measured_depth, pose_of
+from saver_envs.perception.lifting import lift
+from saver_envs.perception.parsing import Poses
+from saver_envs.perception.skeleton import N_JOINTS, limb_indices
+from saver_envs.rendering import SceneRenderer
+from saver_envs.wrappers.pose_stream import PoseReading, PoseStream
+
+Estimator = Callable[[NDArray[np.uint8]], Poses]
+#: What is added to the observation.
+KEYS: Final = ("pose_2d", "pose_3d", "pose_scores", "pose_scores_3d", "pose_age")
+#: "Age" before the first result (s).
+NEVER: Final = 1e3
+
+
+class PoseObservation(gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any]):
+    """Adds the joints of the person that is seen most surely.
+
+    The observation gains ``pose_2d`` (14, 2) in pixels, ``pose_3d`` (14, 3) in metres in the world
+    frame, ``pose_scores`` (14,) and ``pose_scores_3d`` (14,), confidences in [0, 1], and
+    ``pose_age`` (1,), the time since the picture was taken, in seconds. A joint that was not found,
+    or that has no depth, reads zero with confidence zero.
+
+    :param env: an environment of this package, with dictionary observations.
+    :param camera: name of one of its cameras.
+    :param limbs: which limbs the network looks for, all 13 where ``None``.
+    :param estimator: from a picture (height, width, 3) to people; the shipped network where
+        ``None``, which imports torch.
+    :param rate: pictures per second.
+    :param latency: seconds from a picture to its result: a slow network gives stale poses.
+    :param turn: quarter turns after which heads are about at the top of the picture.
+    :param depth_noise: whether depth has the sensor's noise.
+    :param width: of the pictures, pixels.
+    :param height: of the pictures, pixels.
+    :raises TypeError: for observations that are no dictionary.
+    :raises ValueError: for an unknown camera or limb, or a rate or latency that cannot be.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        camera: str,
+        limbs: Sequence[str] | None = None,
+        estimator: Estimator | None = None,
+        rate: float = 25.0,
+        latency: float = 0.0,
+        turn: int = 0,
+        depth_noise: bool = True,
+        width: int = KINECT_V2.width,
+        height: int = KINECT_V2.height,
+    ) -> None:
+        super().__init__(env)
+        self.observation_space = _extended(env.observation_space, width, height)
+        self._eye = _Eye(env, camera, limbs, estimator, turn, depth_noise, width, height)
+        _check_timing(rate, latency)
+        self._stream = PoseStream(rate, latency)
+        self._time = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start an episode; the first picture is taken at once."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._eye.seed(0, seed)
+        self._stream.reset()
+        self._time = 0.0
+        return self._with_pose(observation), info
+
+    def step(self, action: Any) -> tuple[dict[str, Any], Any, bool, bool, dict[str, Any]]:
+        """Apply an action."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._time += ACTION_DURATION
+        return self._with_pose(observation), reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Free the graphics context as well."""
+        self._eye.close()
+        super().close()
+
+    def _with_pose(self, observation: dict[str, Any]) -> dict[str, Any]:
+        reading = self._stream.read(self._time, lambda now: self._eye.look(0, now))
+        return {**observation, **_entries(reading, self._time)}
+
+
+class VectorPoseObservation(VectorWrapper):
+    """Does what :class:`PoseObservation` does for every environment of a vector.
+
+    :param env: a vector of this package that resets at the next step, or leaves it to the caller.
+    :param camera: name of one of its cameras.
+    :param limbs: see :class:`PoseObservation`.
+    :param estimator: see there.
+    :param rate: see there.
+    :param latency: see there.
+    :param turn: see there.
+    :param depth_noise: see there.
+    :param width: see there.
+    :param height: see there.
+    :raises ValueError: for a vector that resets in the step that ends an episode: the last picture
+        of an episode could not be taken any more.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        camera: str,
+        limbs: Sequence[str] | None = None,
+        estimator: Estimator | None = None,
+        rate: float = 25.0,
+        latency: float = 0.0,
+        turn: int = 0,
+        depth_noise: bool = True,
+        width: int = KINECT_V2.width,
+        height: int = KINECT_V2.height,
+    ) -> None:
+        super().__init__(env)
+        self._mode = env.metadata.get("autoreset_mode")
+        if self._mode is AutoresetMode.SAME_STEP:
+            raise ValueError("autoreset_mode='SameStep': must be 'NextStep' or 'Disabled'")
+        self.single_observation_space = _extended(env.single_observation_space, width, height)
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+        self._eye = _Eye(env, camera, limbs, estimator, turn, depth_noise, width, height)
+        _check_timing(rate, latency)
+        self._streams = [PoseStream(rate, latency) for _ in range(env.num_envs)]
+        self._times = np.zeros(env.num_envs)
+        self._over = np.zeros(env.num_envs, dtype=bool)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start episodes, all or those of ``options["reset_mask"]``."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        mask = np.ones(self.num_envs, dtype=bool)
+        if options and "reset_mask" in options:
+            mask = options["reset_mask"]
+        for row in np.flatnonzero(mask):
+            if isinstance(seed, int | np.integer):
+                self._eye.seed(int(row), int(seed) + int(row))
+            else:
+                self._eye.seed(int(row), seed[row] if seed is not None else None)
+        self._begin(mask)
+        return self._with_poses(observation), info
+
+    def step(
+        self, actions: Any
+    ) -> tuple[dict[str, Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Apply one action to every environment."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        self._times += ACTION_DURATION
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._begin(self._over)
+        self._over = np.asarray(terminated) | np.asarray(truncated)
+        return self._with_poses(observation), reward, terminated, truncated, info
+
+    def close(self, **kwargs: Any) -> None:
+        """Free the graphics context as well."""
+        self._eye.close()
+        super().close(**kwargs)
+
+    def _begin(self, mask: NDArray[np.bool_]) -> None:
+        for row in np.flatnonzero(mask):
+            self._streams[row].reset()
+        self._times[mask] = 0.0
+        self._over[mask] = False
+
+    def _with_poses(self, observation: dict[str, Any]) -> dict[str, Any]:
+        rows = []
+        for row, (stream, time) in enumerate(zip(self._streams, self._times, strict=True)):
+            reading = stream.read(float(time), lambda now, row=row: self._eye.look(row, now))
+            rows.append(_entries(reading, float(time)))
+        return {**observation, **{key: np.stack([one[key] for one in rows]) for key in KEYS}}
+
+
+class _Eye:
+    """Camera and estimator, looking at the episodes of an environment."""
+
+    def __init__(
+        self,
+        env: Any,
+        camera: str,
+        limbs: Sequence[str] | None,
+        estimator: Estimator | None,
+        turn: int,
+        depth_noise: bool,
+        width: int,
+        height: int,
+    ) -> None:
+        limb_indices(limbs)  # an unknown name is found out here
+        self._episodes = env.unwrapped.episodes
+        self._name, self._noise = camera, depth_noise
+        scene = self._episodes.scene
+        self._camera: Camera = camera_of(scene.model, camera, width, height)
+        self._renderer = SceneRenderer(scene, width, height, camera)
+        self._random = [np.random.default_rng(row) for row in range(self._episodes.n)]
+        if estimator is None:
+            from saver_envs.perception.estimator import PoseEstimator
+
+            estimator = PoseEstimator.shipped(list(limbs) if limbs else None, turn=turn)
+        self._estimator = estimator
+
+    def seed(self, row: int, seed: int | None) -> None:
+        """Set the source of an episode's noise; ``None`` leaves it."""
+        if seed is not None:
+            self._random[row] = np.random.default_rng([seed, 0x905E])
+
+    def look(self, row: int, now: float) -> PoseReading:
+        """Take a picture of an episode and find the person in it."""
+        simulation = self._episodes.simulation
+        target = simulation.to_world(self._episodes.target)[row]
+        self._renderer.update(simulation, row, target)
+        poses = self._estimator(self._renderer.rgb())
+        if len(poses) == 0:
+            return PoseReading.nothing(now)
+        exact = self._renderer.depth().astype(np.float64)
+        depth = measured_depth(exact, self._camera, self._random[row] if self._noise else None)
+        _, data = self._renderer.model_and_data
+        space = lift(poses, depth, self._camera, pose_of(data, self._name))
+        return PoseReading(
+            np.nan_to_num(poses.joints[0]).astype(np.float32),
+            np.nan_to_num(space.positions[0]).astype(np.float32),
+            poses.scores[0].astype(np.float32),
+            space.scores[0].astype(np.float32),
+            now,
+        )
+
+    def close(self) -> None:
+        """Free the graphics context."""
+        self._renderer.close()
+
+
+def _check_timing(rate: float, latency: float) -> None:
+    if not 0 < rate < math.inf:
+        raise ValueError(f"rate={rate!r}: must be more than 0 pictures per second")
+    if not 0 <= latency < math.inf:
+        raise ValueError(f"latency={latency!r}: must be 0 seconds or more")
+
+
+def _extended(space: Any, width: int, height: int) -> spaces.Dict:
+    if not isinstance(space, spaces.Dict):
+        raise TypeError(f"observation space {space}: must be a dictionary")
+
+    def box(low: Any, high: Any, *shape: int) -> spaces.Box:
+        return spaces.Box(low, high, shape, np.float32)
+
+    size = np.array([width, height], dtype=np.float32)
+    added = {
+        "pose_2d": spaces.Box(
+            np.zeros((N_JOINTS, 2), np.float32), np.tile(size, (N_JOINTS, 1)), dtype=np.float32
+        ),
+        "pose_3d": box(-np.inf, np.inf, N_JOINTS, 3),
+        "pose_scores": box(0.0, 1.0, N_JOINTS),
+        "pose_scores_3d": box(0.0, 1.0, N_JOINTS),
+        "pose_age": box(0.0, NEVER, 1),
+    }
+    return spaces.Dict({**space.spaces, **added})
+
+
+def _entries(reading: PoseReading, time: float) -> dict[str, NDArray[np.float32]]:
+    age = min(time - reading.taken, NEVER)
+    return {
+        "pose_2d": reading.joints_2d.copy(),
+        "pose_3d": reading.joints_3d.copy(),
+        "pose_scores": reading.scores_2d.copy(),
+        "pose_scores_3d": reading.scores_3d.copy(),
+        "pose_age": np.array([age], dtype=np.float32),
+    }
