@@ -24,6 +24,8 @@ COMMANDS: Final = {
     "curves": "draw the learning curves of training runs",
     "experiments": "work a grid of training runs off, on this machine or a cluster",
     "benchmark": "measure speed on this machine, and methods beside one another",
+    "pose": "find the people in a picture or a video",
+    "train-pose": "train a network that finds people",
     "demo": "play the shipped policies, learn for two minutes, write a page about it",
     "docs": "write the documentation pages that come from the code",
 }
@@ -70,7 +72,7 @@ def build_parser(command: str | None = None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if command in (None, name):
-            module = importlib.import_module(f"saver_advisors.cli.{name}")
+            module = importlib.import_module(f"saver_advisors.cli.{name.replace('-', '_')}")
             sub = commands.add_parser(
                 name,
                 help=summary,

@@ -16,6 +16,7 @@ KINDS: Final = {
     "run": ("saver_advisors.benchmarks.protocol_run", "an algorithm of yours, by our protocol"),
     "compare": ("saver_advisors.benchmarks.compare", "results of yours beside the baselines"),
     "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),
+    "pose": ("saver_advisors.benchmarks.pose", "people found in pictures, beside BlazePose"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
 command has, and a line of help. One row a benchmark, and nothing else to edit here.

