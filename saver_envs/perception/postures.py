@@ -149,7 +149,7 @@ def random_posture(
     def wide(spread: float) -> float:
         return math.radians(random.normal(0, spread))
 
-    put("torso", _then(_about((0, 0, 1), wide(5)), _about((1, 0, 0), wide(3))))
+    put("torso", float(np.clip(random.normal(0.5, 0.1), 0, 1)))
     turn = random.uniform(-50, 50) if random.random() < 0.5 else random.normal(0, 12)
     put("head", _then(_about((0, 1, 0), wide(6)), _about((1, 0, 0), math.radians(turn))))
     for side in SIDES:

@@ -40,7 +40,7 @@ MASS_SHARE: Final = {
     "upper_arm": 0.0263,
     "forearm": 0.0150,
     "hand": 0.0058,
-    "thigh": 0.1447,
+    "thigh": 0.1439,  # less 0.0008, so that the shares add up to 1
     "shank": 0.0457,
     "foot": 0.0133,
 }
@@ -77,7 +77,7 @@ ROOT: Final = "manikin"
 #: Sliding friction between trunk and stretcher: pushing the trunk takes this times its weight.
 TRUNK_FRICTION: Final = 0.5
 #: Of the limbs with what they touch: sliding, torsional (m), rolling (m).
-LIMB_FRICTION: Final = (0.5, 0.01, 0.001)
+LIMB_FRICTION: Final = (0.4, 0.01, 0.001)
 #: Collision bits as in :mod:`saver_envs.scenes`: a person meets arms and table as an object does.
 _TABLE_BIT, _OBJECT_BIT = 1, 2
 
@@ -87,7 +87,7 @@ class _Joint:
     """A joint between a body and its parent.
 
     :param kind: ``ball``, or the name of a hinge's axis: ``flexion`` lifts an arm's or leg's end
-        off the stretcher, ``extension`` lowers it, ``pitch`` turns about y.
+        off the stretcher, ``extension`` lowers it, ``pitch`` turns about y, ``sideways`` about z.
     :param range: degrees; of an elbow or knee counted from a straight limb, of a ball the
         greatest turn from the pose of the mesh.
     :param damping: N m s/rad.
@@ -111,7 +111,7 @@ _PARENT: Final = {
     "foot": "shank",
 }
 _JOINTS: Final = {
-    "torso": _Joint("ball", (0, 25), 10.0, 5.0),
+    "torso": _Joint("sideways", (-25, 25), 10.0, 5.0),
     "head": _Joint("ball", (0, 60), 1.0, 1.0),
     "upper_arm": _Joint("ball", (0, 150), 1.5, 0.8),
     "forearm": _Joint("flexion", (0, 145), 0.6, 0.4),
@@ -146,7 +146,8 @@ def add_manikin(
 ) -> None:
     """Add a person to a specification.
 
-    The trunk slides and turns on its support against friction; it neither sinks in nor is lifted.
+    The trunk slides, turns and bends sideways on its support against friction; it neither sinks in
+    nor is lifted.
     All other bodies lie, fall and can be pushed about.
 
     :param spec: gets bodies, sites, skins and materials.
@@ -212,6 +213,8 @@ def _add_joint(
     kind, axis = mujoco.mjtJoint.mjJNT_BALL, np.array([0.0, 1.0, 0.0])
     if joint.kind != "ball":
         kind = mujoco.mjtJoint.mjJNT_HINGE
+    if joint.kind == "sideways":
+        axis = np.array([0.0, 0.0, 1.0])
     if joint.kind in ("flexion", "extension"):
         axis, bent = _elbow(name, shape, 1.0 if joint.kind == "flexion" else -1.0)
         lower, upper = lower - bent, upper - bent
