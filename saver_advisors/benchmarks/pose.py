@@ -20,6 +20,7 @@ examples:
 
 FRAMES: Final = 500
 HARD_FRAMES: Final = 100
+THREADS: Final = (1, 2)
 PARTS: Final = ("accuracy", "speed")
 
 
@@ -153,13 +154,12 @@ def _speed(args: argparse.Namespace) -> dict[str, Any]:
     from saver_envs.perception.network import ARCHITECTURES
 
     before = load()
-    threads = (1, 2)
     rows = []
-    total = len(ARCHITECTURES) * len(SIZES) * len(threads) * len(LIMB_SETS)
+    total = len(ARCHITECTURES) * len(SIZES) * len(THREADS) * len(LIMB_SETS)
     with progress("speed", total) as advance:
         for architecture in ARCHITECTURES:
             rounds = args.rounds if architecture == "light" else max(1, args.rounds // 3)
-            rows += speed_rows(architecture, rounds, threads, advance)
+            rows += speed_rows(architecture, rounds, THREADS, advance)
     return {
         "speed": rows,
         "parsing": parsing_rows(args.rounds),

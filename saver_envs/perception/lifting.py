@@ -13,16 +13,16 @@ from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import JOINTS
 
 #: How far behind the visible surface a joint's centre lies along the view (m): medians over
-#: rendered training frames, rounded to millimetres (``saver benchmark pose`` prints them).
+#: rendered pictures of other people than the test's (``saver benchmark pose`` measures them anew).
 _DEPTH_TO_CENTRE: Final = {
-    "neck": 0.065,
-    "head": 0.0,
-    "shoulder": 0.055,
-    "elbow": 0.040,
-    "wrist": 0.028,
-    "hip": 0.100,
-    "knee": 0.060,
-    "ankle": 0.045,
+    "neck": 0.097,
+    "head": 0.005,
+    "shoulder": 0.069,
+    "elbow": 0.044,
+    "wrist": 0.024,
+    "hip": 0.116,
+    "knee": 0.057,
+    "ankle": 0.044,
 }
 DEPTH_TO_CENTRE: Final = np.array(
     [_DEPTH_TO_CENTRE[name.removeprefix("left_").removeprefix("right_")] for name in JOINTS]
@@ -75,7 +75,7 @@ def depth_at(depth: NDArray[np.floating], pixels: NDArray[np.float64]) -> NDArra
     step = np.arange(-_WINDOW, _WINDOW + 1)
     rows = np.clip(row[..., None, None] + step[:, None], 0, height - 1)
     columns = np.clip(column[..., None, None] + step, 0, width - 1)
-    window = depth[rows, columns].reshape(*row.shape, -1).astype(np.float64)
+    window = depth[rows, columns].reshape(*row.shape, len(step) ** 2).astype(np.float64)
     measured = np.where(window > 0, window, np.nan)
     some = inside & np.isfinite(measured).any(axis=-1)
     measured[~some] = 0.0

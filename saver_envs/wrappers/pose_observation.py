@@ -10,6 +10,7 @@ from typing import Any, Final
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -29,7 +30,9 @@ KEYS: Final = ("pose_2d", "pose_3d", "pose_scores", "pose_scores_3d", "pose_age"
 NEVER: Final = 1e3
 
 
-class PoseObservation(gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any]):
+class PoseObservation(
+    gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any], RecordConstructorArgs
+):
     """Adds the joints of the person that is seen most surely.
 
     The observation gains ``pose_2d`` (14, 2) in pixels, ``pose_3d`` (14, 3) in metres in the world
@@ -65,7 +68,20 @@ class PoseObservation(gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any
         width: int = KINECT_V2.width,
         height: int = KINECT_V2.height,
     ) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(
+            self,
+            _disable_deepcopy=True,
+            camera=camera,
+            limbs=limbs,
+            estimator=estimator,
+            rate=rate,
+            latency=latency,
+            turn=turn,
+            depth_noise=depth_noise,
+            width=width,
+            height=height,
+        )
+        gymnasium.Wrapper.__init__(self, env)
         self.observation_space = _extended(env.observation_space, width, height)
         self._eye = _Eye(env, camera, limbs, estimator, turn, depth_noise, width, height)
         _check_timing(rate, latency)

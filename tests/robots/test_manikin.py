@@ -15,11 +15,11 @@ from saver_envs.robots.manikin import (
     segment,
     total_mass,
 )
-from saver_envs.robots.manikin_surface import ASSET, Appearance, body_shape
+from saver_envs.robots.manikin_surface import ASSET, AVERAGE_MAN, Appearance, body_shape
 from saver_envs.robots.stretcher import add_stretcher
 
 
-def lying(appearance: Appearance = Appearance(), steps: int = 0, prefix: str = ""):
+def lying(appearance: Appearance = AVERAGE_MAN, steps: int = 0, prefix: str = ""):
     """A person on a plane, after so many steps of 2 ms."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -59,9 +59,7 @@ def test_size_and_mass(appearance: Appearance) -> None:
 def test_the_average_man_weighs_seventy_kilograms_in_the_published_shares() -> None:
     assert total_mass(Appearance()) == pytest.approx(70.0)
     both = {"pelvis", "torso", "head"}
-    assert sum(v * (1 if k in both else 2) for k, v in MASS_SHARE.items()) == pytest.approx(
-        1.0
-    )
+    assert sum(v * (1 if k in both else 2) for k, v in MASS_SHARE.items()) == pytest.approx(1.0)
 
 
 def test_joints_are_those_of_the_skeleton_and_on_the_right_side() -> None:
