@@ -12,6 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.benchmarks.pose_page import pose_page
 from saver_advisors.cli import evaluate, runs
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, entry, sparse_ids
 from saver_advisors.cli.tables import markdown
@@ -56,6 +57,9 @@ def all_pages(output: Path) -> dict[str, str]:
     pages["environments/index.md"] = environments_page(entries)
     pages["weights.md"] = weights_page()
     pages["results.md"] = results_page(results)
+    pose = output / "results" / "pose.json"
+    if pose.is_file():
+        pages["perception-results.md"] = pose_page(json.loads(pose.read_text(encoding="utf-8")))
     return pages
 
 

@@ -13,6 +13,7 @@ import torch
 from PIL import Image
 
 from saver_advisors.benchmarks.blazepose_worker import MAPS
+from saver_advisors.benchmarks.pose_page import pose_page
 from saver_advisors.cli import main
 from saver_envs.perception.network import LIGHT, PoseNetwork
 from saver_envs.perception.skeleton import JOINTS
@@ -138,6 +139,9 @@ def test_the_benchmark(weights: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     assert {one["people"] for one in content["parsing"]} == {1, 2, 5, 10}
     assert content["parsing"][0]["found"] == 1
     assert "provenance" in content
+    page = pose_page(content)
+    assert f"{row['pck_0.2']:.3f}" in page
+    assert f"{parts['network']:.1f}" in page
 
 
 def test_the_detectors_anchors_are_as_many_as_its_boxes() -> None:

@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
 from saver_envs.core import ACTION_DURATION
 from saver_envs.perception.parsing import Poses
@@ -143,9 +142,7 @@ def test_bad_arguments_are_named() -> None:
         PoseObservation(env, "front", ["tail"], Counting())
     with pytest.raises(TypeError, match="must be a dictionary"):
         PoseObservation(gymnasium.wrappers.FlattenObservation(env), "front", estimator=Counting())
-    vector = gymnasium.make_vec(
-        ENV, num_envs=2, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
-    )
+    vector = gymnasium.make_vec(ENV, num_envs=2, autoreset_mode="SameStep")
     with pytest.raises(ValueError, match="must be 'NextStep' or 'Disabled'"):
         VectorPoseObservation(vector, "front", estimator=Counting())
     vector.close()
