@@ -79,6 +79,7 @@ def _speed(rows: list[dict[str, Any]]) -> str:
         spent = row["milliseconds"]
         sequential = spent["stage1_sequential"] + spent["stage2_sequential"]
         placed = spent.get("network_branches_in_threads")
+        exported = spent.get("network_onnxruntime")
         lines.append(
             [
                 row["architecture"],
@@ -92,10 +93,12 @@ def _speed(rows: list[dict[str, Any]]) -> str:
                 f"{sequential:.1f}",
                 "" if placed is None else f"{placed:.1f}",
                 f"{spent['network']:.1f}",
+                "" if exported is None else f"{exported:.1f}",
             ]
         )
     columns = ["Network", "Picture", "Threads", "Limbs", "Backbone", "Stage 1", "Stage 2"]
     columns += ["Branches as one", "In sequence", "Whole, branches in threads", "Whole"]
+    columns += ["Whole, onnxruntime"]
     return _table(columns, lines)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
@@ -66,6 +69,9 @@ def _row(
                 "stage2_sequential": lambda: network.stage2.one_by_one(joined, channels),
                 "network": lambda: network(pictures),
             }
+            exported = _exported(network, size, threads)
+            if exported is not None:
+                work["network_onnxruntime"] = partial(exported, pictures.numpy())
             placed = None
             if threads > 1 and len(limbs) >= threads:
                 torch.set_num_threads(1)
@@ -89,6 +95,22 @@ def _row(
         # The first round warms up.
         "milliseconds": {name: 1e3 * median(times[1:]) for name, times in spent.items()},
     }
+
+
+def _exported(
+    network: PoseNetwork, size: tuple[int, int], threads: int
+) -> Callable[..., object] | None:
+    """Return a light network of all limbs run by onnxruntime, where that is installed."""
+    if network.architecture.backbone != "light" or len(network.limbs) < len(LIMB_NAMES):
+        return None
+    if not all(find_spec(name) for name in ("onnx", "onnxruntime", "onnxscript")):
+        return None
+    from saver_envs.perception.onnx import OnnxNetwork, export_onnx
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "network.onnx"
+        export_onnx(network, path, size)
+        return OnnxNetwork(path, threads)
 
 
 def parsing_rows(rounds: int) -> list[dict[str, Any]]:

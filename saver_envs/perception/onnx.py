@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWOR
     """
     import onnx
 
+    # The exporter warns of every optional package that it does not find.
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.zeros(1, 3, *size)
     torch.onnx.export(
         _LastStage(network).eval(),
