@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 import subprocess
 import tarfile
@@ -11,12 +9,13 @@ import tempfile
 import zipfile
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.benchmarks.peers import Peer, PeerError, install
+from saver_advisors.benchmarks.peer_process import PeerError, PeerProcess
+from saver_advisors.benchmarks.peers import Peer, install
 
 WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
 VARIANTS: Final = ("lite", "full", "heavy")
@@ -80,7 +79,7 @@ def _unpack_detector(packed: Path, target: Path) -> None:
         shutil.copyfile(packed, target)
 
 
-class BlazePose:
+class BlazePose(PeerProcess):
     """A running variant; a context manager.
 
     :param variant: ``lite``, ``full`` or ``heavy``
@@ -90,18 +89,9 @@ class BlazePose:
 
     def __init__(self, variant: str, cache: Path) -> None:
         python, models = install_blazepose(cache)
-        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        self._log = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115  (closed at exit)
-        self._process = subprocess.Popen(
-            [str(python), "-W", "ignore", str(WORKER), str(models), variant],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            env={**os.environ, **single},
-        )
+        super().__init__("BlazePose", python, WORKER, str(models), variant)
         self._folder = tempfile.TemporaryDirectory()
-        self._read()
+        self.read()
 
     def __call__(self, pictures: NDArray[np.uint8]) -> tuple[NDArray[np.float64], float]:
         """Find one person in each picture.
@@ -112,26 +102,11 @@ class BlazePose:
         """
         source, target = (Path(self._folder.name) / name for name in ("in.npy", "out.npy"))
         np.save(source, pictures)
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{source} {target}\n")
-        self._process.stdin.flush()
-        seconds = float(self._read()["seconds"])
+        seconds = float(self.ask(f"{source} {target}")["seconds"])
         found = np.load(target, allow_pickle=False).astype(np.float64)
         joints = found[:, _LANDMARKS]
         joints[:, 0] = found[:, _SHOULDERS].mean(axis=1)
         return joints, seconds
-
-    def _read(self) -> Any:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            self._log.seek(0)
-            last = self._log.read().strip().splitlines()[-1:]
-            raise PeerError(f"BlazePose does not run: {' '.join(last)}")
-        return json.loads(line)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(
         self,
@@ -139,7 +114,5 @@ class BlazePose:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._log.close()
+        super().__exit__(kind, error, trace)
         self._folder.cleanup()

@@ -6,19 +6,15 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Final
+
+from saver_advisors.benchmarks.peer_process import PeerError, PeerProcess
 
 WORKER: Final = Path(__file__).with_name("peer_worker.py")
 #: Written into a virtual environment when everything is installed.
 COMPLETE: Final = "saver-complete.json"
-
-
-class PeerError(Exception):
-    """A peer that cannot be installed or does not run; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +75,8 @@ def install(peer: Peer, cache: Path) -> Path:
     return python
 
 
-class RunningPeer:
-    """A peer's process, idle until it is asked to run for a while; a context manager.
-
-    It inherits the processor cores of the caller.
+class RunningPeer(PeerProcess):
+    """A suite's process, idle until it is asked to run for a while; a context manager.
 
     :param peer: the suite
     :param python: of its virtual environment
@@ -90,18 +84,9 @@ class RunningPeer:
     """
 
     def __init__(self, peer: Peer, python: Path) -> None:
+        super().__init__(peer.env, python, WORKER, peer.env, str(peer.n_envs))
         self.peer = peer
-        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        self._log = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115  (closed at exit)
-        self._process = subprocess.Popen(
-            [str(python), "-W", "ignore", str(WORKER), peer.env, str(peer.n_envs)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            text=True,
-            env={**os.environ, **single},
-        )
-        ready = self._read()
+        ready = self.read()
         self.modes: list[str] = ready["modes"]
         self.versions: dict[str, str] = ready["versions"]
 
@@ -112,29 +97,4 @@ class RunningPeer:
         :param seconds: at least so long, and at least one piece of work
         :return: ``steps``, ``seconds`` and ``cpu_seconds``
         """
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{mode} {seconds}\n")
-        self._process.stdin.flush()
-        return self._read()
-
-    def _read(self) -> Any:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            self._log.seek(0)
-            last = self._log.read().strip().splitlines()[-1:]
-            raise PeerError(f"{self.peer.env} does not run: {' '.join(last)}")
-        return json.loads(line)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._log.close()
+        return dict(self.ask(f"{mode} {seconds}"))

@@ -9,7 +9,8 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.benchmarks.peers import PeerError, default_cache
+from saver_advisors.benchmarks.peer_process import PeerError
+from saver_advisors.benchmarks.peers import default_cache
 
 EXAMPLES: Final = """\
 examples:

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import load, progress
-from saver_advisors.benchmarks.peers import PEERS, PeerError, default_cache
+from saver_advisors.benchmarks.peer_process import PeerError
+from saver_advisors.benchmarks.peers import PEERS, default_cache
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
