@@ -46,7 +46,8 @@ class AdvisedMixin(OffPolicyAlgorithm):
     resumed run calls `advisor.load_state_dict(model.advice_state)`.
 
     :param advisor: the advisor, or the arguments of `make_advisor` as a mapping (for configuration
-        files), or None for the plain algorithm
+        files; a model loaded with such a mapping goes on with the budget that it has spent), or
+        None for the plain algorithm
     """
 
     advisor: Advisor | Mapping[str, Any] | None
@@ -106,6 +107,9 @@ class AdvisedMixin(OffPolicyAlgorithm):
                 observation_space=self.observation_space,
                 action_space=self.action_space,
             )
+            if self.advice_state is not None:
+                # A configuration file cannot make the call itself that goes on with the budget.
+                self.advisor.load_state_dict(self.advice_state)
         elif self.advisor is not None:
             self.advisor.check_spaces(self.observation_space, self.action_space)
         return self.advisor
@@ -347,6 +351,7 @@ class AdvisingCallback(BaseCallback):
 
     def _on_training_end(self) -> None:
         model: Any = self.model
-        if not _unhook(model):
+        # RL Zoo calls this twice: the second time a stock model has no advisor any more.
+        if not _unhook(model) and isinstance(model, AdvisedMixin):
             model.advice_state = self.advisor.state_dict()
             model.advisor = None

@@ -33,6 +33,7 @@ policies:
   NAME                    a shipped one, such as jaco-push
   FILE.safetensors        a weight file
   RUN_DIR                 the best policy of a training run; RUN_DIR/latest for its latest
+  ZOO_DIR, FILE.zip       the best model of a run under RL Zoo, or one of its models
   random                  uniform actions
   side-by-side:TEACHER    a policy of one arm drives every arm, each blind to the others
   expert                  the scripted expert of the task

@@ -71,8 +71,8 @@ def sizes_of(env_id: str, env_kwargs: Mapping[str, Any]) -> Sizes:
 def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> Policy:
     """The policy that a word means, checked against the environment that it shall act in.
 
-    :param word: a shipped policy's name, a weight file, a run's folder, ``random``, ``expert``,
-        ``expert-uncoordinated``, ``frozen-arm`` or ``side-by-side:TEACHER``
+    :param word: a shipped policy's name, a weight file, a run's folder (of ours or of RL Zoo),
+        ``random``, ``expert``, ``expert-uncoordinated``, ``frozen-arm`` or ``side-by-side:TEACHER``
     :param env_id: where it shall act
     :param env_kwargs: keyword arguments of that environment
     :param seed: of a random policy
@@ -91,6 +91,8 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
         return Policy(word, _one_free_arm(rest, sizes, env_kwargs))
     if (folder := _run_folder(Path(word))) is not None:
         return Policy(word, _trained(*folder, sizes))
+    if Path(word).suffix == ".zip" or Path(word).is_dir():
+        return Policy(word, _trained_by_zoo(word, sizes))
     return Policy(word, _weights(word, sizes))
 
 
@@ -162,10 +164,26 @@ def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
 
     with user_mistakes("argument --policy"):
         model = load_trained(folder, which)
-    spaces = model.observation_space.spaces  # type: ignore[attr-defined]  # a Dict always
-    needed = {name: space.shape[0] for name, space in spaces.items()}
-    action_size = int(np.prod(model.action_space.shape or ()))
-    _require_fit(str(folder), needed, action_size, sizes)
+    return _of_sb3(model, str(folder), sizes)
+
+
+def _trained_by_zoo(word: str, sizes: Sizes) -> Predict:
+    """The policy of a run under RL Zoo: its folder, or a zip file in it."""
+    from saver_advisors.zoo.runs import find_run, load_run
+
+    files = find_run(Path(word))
+    if files is None:
+        raise UsageError(
+            f"argument --policy: {word!r} is neither a run's folder of `saver train` nor of RL Zoo"
+        )
+    with user_mistakes("argument --policy"):
+        return _of_sb3(load_run(files), word, sizes)
+
+
+def _of_sb3(model: Any, name: str, sizes: Sizes) -> Predict:
+    """A model or a policy of SB3's, where it fits."""
+    needed = {key: space.shape[0] for key, space in model.observation_space.spaces.items()}
+    _require_fit(name, needed, int(np.prod(model.action_space.shape or ())), sizes)
     return _deterministic(model)
 
 

@@ -18,6 +18,7 @@ from saver_advisors.cli.arguments import (
     add_env_kwargs,
     add_json,
     at_least,
+    checked_env_kwargs,
     env_id,
     positive_seconds,
     settings,
@@ -35,7 +36,9 @@ examples:
   saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
       --budget 100000 --threshold 0.1
   saver train --env MicoPush-v0 --output runs/mico --algorithm sac --set learning_rate=5e-4
-  saver train --env JacoPush-v0 --print-config > mine.yml            then --config mine.yml"""
+  saver train --env JacoPush-v0 --print-config > mine.yml            then --config mine.yml
+  saver train --zoo sac --env DualJacoPush-v0 --output logs          under RL Zoo, with advice
+  saver train --zoo td3 --env JacoPush-v0 --output logs -- --save-freq 100000 --progress"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,6 +81,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
     )
     advice.add_argument("--threshold", type=float, metavar="T", help="of a correcting strategy")
+    zoo = parser.add_argument_group("RL Zoo")
+    zoo.add_argument(
+        "--zoo",
+        metavar="ALGO",
+        help="run under RL Zoo: ddpg, td3, sac, tqc, or a goal learner such as goal_td3",
+    )
+    zoo.add_argument(
+        "zoo_arguments", nargs="*", metavar="ARG", help="RL Zoo's own arguments, after --"
+    )
     add_json(parser)
     parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
 
@@ -86,6 +98,10 @@ def run(args: argparse.Namespace) -> int:
     """Train until the steps are done, the time is over, or somebody presses Ctrl-C."""
     from saver_advisors.learner.configuration import RunConfig
 
+    if args.zoo is not None:
+        return _run_zoo(args)
+    if args.zoo_arguments:
+        raise UsageError(f"argument {args.zoo_arguments[0]}: only --zoo takes further arguments")
     values = configuration(args)
     with user_mistakes():
         config = RunConfig.from_mapping(values)
@@ -100,6 +116,57 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
     # A time limit that was asked for is an end like any other; Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
+
+
+def _run_zoo(args: argparse.Namespace) -> int:
+    """Train under RL Zoo, from the same arguments as far as they mean something there."""
+    from saver_advisors.zoo.command import (
+        ZooRun,
+        algorithm_name,
+        check_advice,
+        check_arguments,
+        latest_model,
+        read_settings,
+        settings_path,
+        start,
+    )
+
+    for name in ("algorithm", "time_limit", "json", "print_config"):
+        if getattr(args, name):
+            raise UsageError(f"argument --{name.replace('_', '-')}: RL Zoo knows no such thing")
+    for name in ("env", "output"):
+        if getattr(args, name) is None:
+            raise UsageError(f"argument --{name}: --zoo needs it")
+    algorithm_name(args.zoo, advised=False)  # is there one of that name?
+    check_arguments(args.zoo_arguments)
+    config = args.config or settings_path(args.zoo)
+    entry, advice = read_settings(config, args.env)
+    values: dict[str, Any] = {"advice": advice}
+    _apply_advice(values, args)
+    chosen = dict(entry)
+    _apply_set(chosen, args)
+    env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
+    if values["advice"] is not None:
+        with user_mistakes("advice"):
+            check_advice(values["advice"], args.env, env_kwargs)
+    algorithm = algorithm_name(args.zoo, advised=values["advice"] is not None)
+    trained = latest_model(args.output, algorithm, args.env) if args.resume else None
+    start(
+        ZooRun(
+            algorithm,
+            args.env,
+            config,
+            args.output,
+            advice=values["advice"],
+            steps=args.steps,
+            seed=args.seed or 0,
+            overrides={k: v for k, v in chosen.items() if k not in entry or v != entry[k]},
+            env_kwargs=env_kwargs,
+            trained=trained,
+            more=args.zoo_arguments,
+        )
+    )
+    return 0
 
 
 def configuration(args: argparse.Namespace) -> dict[str, Any]:
@@ -119,6 +186,12 @@ def configuration(args: argparse.Namespace) -> dict[str, Any]:
     env_kwargs = settings(args.env_kwargs, "--env-kwargs")
     values["env_kwargs"] = {**values.get("env_kwargs", {}), **env_kwargs}
     _apply_advice(values, args)
+    _apply_set(values, args)
+    return values
+
+
+def _apply_set(values: dict[str, Any], args: argparse.Namespace) -> None:
+    """What ``--set`` says; ``outer.inner=value`` sets a part of a setting."""
     for name, value in settings(args.set, "--set").items():
         outer, _, inner = name.partition(".")
         if not inner:
@@ -127,7 +200,6 @@ def configuration(args: argparse.Namespace) -> dict[str, Any]:
             values[outer] = {**(values.get(outer) or {}), inner: value}
         else:
             raise UsageError(f"argument --set: {name!r}: {outer!r} has no parts")
-    return values
 
 
 def _starting_point(args: argparse.Namespace) -> dict[str, Any]:

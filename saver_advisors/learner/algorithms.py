@@ -14,6 +14,8 @@ outer mixin returns from ``_sample_action`` is what the environment gets and the
 
 from __future__ import annotations
 
+import io
+import pathlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,11 +74,11 @@ def episode_horizon(env: VecEnv) -> int:
 
 
 def _attribute(env: VecEnv, name: str) -> Any:
-    """An attribute of the vector env's first environment, or None."""
-    try:
-        return env.get_attr(name, indices=[0])[0]
-    except AttributeError:
-        return None
+    """An attribute of the vector env's first environment, or None.
+
+    Asked for first: a worker process would end with the error that a missing one raises.
+    """
+    return env.get_attr(name, indices=[0])[0] if env.has_attr(name) else None
 
 
 class GoalLearnerMixin(_Algorithm):
@@ -209,6 +211,32 @@ class GoalLearnerMixin(_Algorithm):
         if buffer is not None and buffer.size() > 0:
             super().train(gradient_steps, batch_size)
 
+    def save_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase) -> None:
+        """Write the replay buffer as ``GoalReplayBuffer.save_npz`` does: SB3 would pickle it.
+
+        :param path: of the file
+        :raises TypeError: for an open file in place of a path
+        """
+        self._goal_buffer().save_npz(_file_path(path))
+
+    def load_replay_buffer(
+        self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True
+    ) -> None:
+        """Take over what ``save_replay_buffer`` wrote.
+
+        :param path: of the file
+        :param truncate_last_traj: cut running episodes short, since the environments are reset
+        :raises TypeError: for an open file in place of a path
+        :raises ValueError: for a file that is damaged, foreign or of another shape
+        """
+        self._goal_buffer().load_npz(_file_path(path))
+        if truncate_last_traj:
+            self._goal_buffer().end_running_episodes()
+
+    def _goal_buffer(self) -> GoalReplayBuffer:
+        assert isinstance(self.replay_buffer, GoalReplayBuffer), "_setup_model sees to it"
+        return self.replay_buffer
+
     def student_value(
         self, observation: dict[str, npt.NDArray[Any]], action: npt.NDArray[Any]
     ) -> npt.NDArray[Any]:
@@ -225,6 +253,12 @@ class GoalLearnerMixin(_Algorithm):
         )
         with th.no_grad():
             return np.asarray(self.policy.student_value(tensors, scaled).cpu())
+
+
+def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Path:
+    if not isinstance(path, (str, pathlib.Path)):
+        raise TypeError(f"path={path!r} must be the path of a file, which is written as a whole")
+    return path
 
 
 def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:

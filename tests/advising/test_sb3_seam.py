@@ -371,6 +371,29 @@ def test_an_advisor_may_come_from_a_configuration_file():
     assert model.learn(40).advisor.spent == 10
 
 
+def test_an_advisor_from_a_configuration_file_goes_on_with_its_budget(tmp_path):
+    """As RL Zoo resumes: it hands the file's words to `load`, and cannot call anything else."""
+    config = {"strategy": "early", "teacher": make_teacher(), "budget": 50}
+    make_model(AdvisedTD3, make_vec_env(2), advisor=config).learn(40).save(tmp_path / "model.zip")
+    resumed = AdvisedTD3.load(tmp_path / "model.zip", env=make_vec_env(2), advisor=config)
+    assert resumed.advisor.spent == 40
+    resumed.learn(40)
+    assert resumed.advisor.spent == 50
+    smaller = {**config, "budget": 30}
+    with pytest.raises(ValueError, match="spent=40 exceeds this budget's total of 30"):
+        AdvisedTD3.load(tmp_path / "model.zip", env=make_vec_env(2), advisor=smaller)
+
+
+def test_ending_twice_leaves_a_stock_model_a_stock_model():
+    """RL Zoo ends the first callback once more than SB3 does."""
+    callback = AdvisingCallback(make_advisor("early", make_teacher(), 30, n_arms=2))
+    model = make_model(TD3, make_vec_env(2)).learn(20, callback=callback)
+    callback.on_training_end()
+    assert type(model) is TD3
+    assert "advisor" not in vars(model)
+    assert model.advice_state["budget"]["spent"] == 20
+
+
 def test_ready_made_and_built_classes_are_one():
     assert build_advised(TD3) is AdvisedTD3
     assert build_advised(AdvisedTD3) is AdvisedTD3

@@ -1,0 +1,125 @@
+"""The policy of a run that RL Zoo left behind, read without unpickling anything.
+
+RL Zoo and Stable-Baselines3 unpickle parts of these files when they load a model. A policy alone
+needs none of those: its settings are YAML, its weights are tensors that torch reads as such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.save_util import load_from_zip_file
+from stable_baselines3.common.utils import ConstantSchedule
+
+
+@dataclass(frozen=True)
+class ZooFolder:
+    """Where a run's files are.
+
+    :param model: the zip file with the weights
+    :param settings: the folder of ``config.yml`` and ``args.yml``
+    """
+
+    model: Path
+    settings: Path
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values, and the ordered mapping in which RL Zoo wraps them."""
+
+
+def _ordered(loader: _Loader, node: yaml.nodes.SequenceNode) -> dict[str, Any]:
+    (pairs,) = loader.construct_sequence(node, deep=True)
+    return dict(pairs)
+
+
+def _tuple(loader: _Loader, node: yaml.nodes.SequenceNode) -> tuple[Any, ...]:
+    return tuple(loader.construct_sequence(node, deep=True))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:python/object/apply:collections.OrderedDict", _ordered)
+_Loader.add_constructor("tag:yaml.org,2002:python/tuple", _tuple)
+
+
+def find_run(path: Path) -> ZooFolder | None:
+    """The files of a run.
+
+    :param path: RL Zoo's folder of the run, whose best model is meant, or the last where none was
+        kept; or one of the zip files in it
+    :return: None where it is no such thing
+    """
+    folder = path.parent if path.suffix == ".zip" else path
+    settings = [one.parent for one in folder.glob("*/config.yml")]
+    if len(settings) != 1:
+        return None
+    best, last = folder / "best_model.zip", folder / f"{settings[0].name}.zip"
+    model = path if path.suffix == ".zip" else best if best.is_file() else last
+    return ZooFolder(model, settings[0]) if model.is_file() else None
+
+
+def load_run(files: ZooFolder) -> BasePolicy:
+    """The policy of a run, for prediction.
+
+    :param files: from `find_run`
+    :raises ValueError: for files that are damaged, of an unknown algorithm, with settings that are
+        code, or of a run whose observations were normalised outside the policy
+    """
+    from rl_zoo3 import ALGOS
+
+    from saver_advisors.zoo.algorithms import register_algorithms
+    from saver_envs.envs.spaces import action_space, observation_space
+    from saver_envs.registration import make_episodes
+
+    register_algorithms()
+    arguments, config = _read(files.settings / "args.yml"), _read(files.settings / "config.yml")
+    algorithm = arguments.get("algo")
+    if algorithm not in ALGOS:
+        raise ValueError(f"{files.settings / 'args.yml'}: algo={algorithm!r} is unknown")
+    if config.get("normalize"):
+        raise ValueError(
+            f"{files.settings}: normalize is on, and RL Zoo pickles what it normalises with: "
+            "play this model with `python -m saver_advisors.zoo enjoy`"
+        )
+    policy_arguments = config.get("policy_kwargs", {})
+    if not isinstance(policy_arguments, dict):
+        raise ValueError(
+            f"{files.settings / 'config.yml'}: policy_kwargs={policy_arguments!r} is code: write "
+            "it as names and values"
+        )
+    policies = ALGOS[algorithm].policy_aliases
+    if config.get("policy") not in policies:
+        raise ValueError(
+            f"{files.settings / 'config.yml'}: policy={config.get('policy')!r} must be one of "
+            f"{', '.join(policies)}"
+        )
+    env_kwargs = arguments.get("env_kwargs") or config.get("env_kwargs") or {}
+    episodes = make_episodes(files.settings.name, **env_kwargs)
+    build: Any = policies[config["policy"]]
+    policy: BasePolicy = build(
+        observation_space(episodes),
+        action_space(episodes),
+        ConstantSchedule(0.0),
+        **policy_arguments,
+    )
+    parameters: Any = load_from_zip_file(files.model, load_data=False, device="cpu")[1]
+    try:
+        policy.load_state_dict(parameters["policy"])
+    except (KeyError, RuntimeError) as error:
+        raise ValueError(f"{files.model} does not hold this policy's weights: {error}") from error
+    policy.set_training_mode(False)
+    return policy
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Names and values of one of RL Zoo's files."""
+    try:
+        values = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except (OSError, yaml.YAMLError) as error:
+        raise ValueError(f"{path} cannot be read as plain values: {error}") from error
+    if not isinstance(values, dict):
+        raise ValueError(f"{path} holds no names and values")
+    return values

@@ -1,0 +1,132 @@
+"""The settings files: every id, in RL Zoo's format, accepted by the classes that they are for."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rl_zoo3 import ALGOS
+from stable_baselines3 import HerReplayBuffer
+from zoo_runs import CONFIGS
+
+from saver_advisors.advising import make_advisor
+from saver_advisors.defaults import default_settings
+from saver_advisors.learner import GoalReplayBuffer
+from saver_advisors.learner.configuration import RunConfig
+from saver_advisors.zoo import ALGORITHMS, register_algorithms
+from saver_advisors.zoo.command import read_settings, settings_path
+from saver_advisors.zoo.manager import SaverExperimentManager
+from saver_advisors.zoo.vec_env import BatchedVecEnv
+from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.registration import make_episodes
+
+IDS = (
+    "JacoPush-v0",
+    "JacoPickAndPlace-v0",
+    "DualJacoPush-v0",
+    "DualJacoPickAndPlace-v0",
+    "DualJacoDistance-v0",
+)
+STOCK = ("ddpg", "td3", "sac", "tqc")
+
+
+def build(algorithm: str, env_id: str, folder: Path) -> Any:
+    """The model that RL Zoo makes of a file, before any step."""
+    register_algorithms()
+
+    class Manager(SaverExperimentManager):
+        default_vec_env_cls = BatchedVecEnv
+
+    manager = Manager(
+        argparse.Namespace(),
+        algorithm,
+        env_id,
+        str(folder),
+        config=str(settings_path(algorithm)),
+        eval_freq=-1,
+        device="cpu",
+        verbose=0,
+    )
+    model, _ = manager.setup_experiment() or (None, None)
+    return model
+
+
+BUILT = [(name, env_id) for name in (*STOCK, "goal_td3") for env_id in IDS]
+# The others have their settings from the same files: one of them each.
+BUILT += [(name, "DualJacoPickAndPlace-v0") for name in ALGORITHMS if name != "goal_td3"]
+
+
+@pytest.mark.parametrize(("algorithm", "env_id"), BUILT)
+def test_rl_zoo_builds_every_algorithm_for_every_id(
+    algorithm: str, env_id: str, tmp_path: Path
+) -> None:
+    model = build(algorithm, env_id, tmp_path)
+    stock = algorithm in STOCK
+    assert type(model) is (ALGOS[algorithm] if stock else ALGORITHMS[algorithm])
+    expected = GoalReplayBuffer if algorithm.startswith("goal") else HerReplayBuffer
+    assert type(model.replay_buffer) is expected
+    assert model.n_envs == 16
+    assert model.gamma in (0.95, 0.98)
+    # A transition's later goals are known only when its episode is over.
+    if stock:
+        assert model.learning_starts > 50 * model.n_envs
+    model.env.close()
+
+
+@pytest.mark.parametrize("name", [*STOCK, "goal", "goal_td3"])
+def test_advice_is_names_and_numbers_and_fits_the_arms(name: str) -> None:
+    content = yaml.safe_load((CONFIGS / f"{name}.yml").read_text())
+    for env_id, advice in content["advice"].items():
+        assert {type(value) for value in advice.values()} <= {str, int, float}
+        episodes = make_episodes(env_id)
+        make_advisor(
+            **advice,
+            observation_space=observation_space(episodes),
+            action_space=action_space(episodes),
+        )
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
+    """One learner, one set of numbers, in two formats."""
+    entry, advice = read_settings(settings_path("goal_td3"), env_id)
+    config = RunConfig.from_mapping(default_settings(env_id))
+    same = [
+        "n_envs",
+        "gradient_steps",
+        "learning_starts",
+        "buffer_size",
+        "batch_size",
+        "learning_rate",
+        "gamma",
+        "tau",
+        "policy_delay",
+        "target_policy_noise",
+        "target_noise_clip",
+        "exploration_noise",
+        "random_action_probability",
+    ]
+    assert {name: entry[name] for name in same} == {name: getattr(config, name) for name in same}
+    assert entry["n_timesteps"] == config.total_steps
+    policy = entry["policy_kwargs"]
+    assert tuple(policy["net_arch"]) == config.net_arch
+    assert (policy["layer_norm"], policy["action_penalty"]) == (
+        config.layer_norm,
+        config.action_penalty,
+    )
+    replay = entry["replay_buffer_kwargs"]
+    assert replay["relabel_probability"] == config.relabel_probability
+    assert ("goal_parts" in replay) == config.arms_apart
+    assert policy.get("n_values", 1) == len(replay.get("goal_parts", [1]))
+    assert sum(replay.get("goal_parts", [])) in (0, make_episodes(env_id).goal_size)
+    contested = {"contested_share": 0.4}  # the default, which saver.yml says once more
+    assert {**contested, **entry.get("env_kwargs", {})} == {**contested, **config.train_env_kwargs}
+    if config.advice is None:
+        assert advice is None
+    else:
+        wanted = (config.advice.strategy, config.advice.teacher, config.advice.budget)
+        assert advice is not None
+        assert (advice["strategy"], advice["teacher"], advice["budget"]) == wanted

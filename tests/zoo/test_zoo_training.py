@@ -1,0 +1,315 @@
+"""Runs under RL Zoo: what is executed is what is stored, and what is saved goes on."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import rl_zoo3.train
+import yaml
+from rl_zoo3 import ALGOS
+from stable_baselines3 import SAC, TD3
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+from zoo_runs import CONFIGS, TINY, tiny
+
+from saver_advisors.advising import AdvisedMixin
+from saver_advisors.cli import main
+from saver_advisors.zoo.__main__ import main as zoo_program
+from saver_advisors.zoo.manager import SuccessEvalCallback
+from saver_advisors.zoo.vec_env import BatchedVecEnv
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
+
+STOCK = ("ddpg", "td3", "sac", "tqc")
+DUAL = "DualJacoPush-v0"
+SOME = ("--advice", "mc-act", "--threshold", "1.2", "--budget", "120")
+"""Advice to some of the arms at some of the steps."""
+
+
+def record(monkeypatch: pytest.MonkeyPatch, vec_env: type[Any]) -> list[Any]:
+    """What a vector env is told to do, step by step: for workers too, it is what they are sent."""
+    told: list[Any] = []
+    step_async = vec_env.step_async
+
+    def keep(self: Any, actions: Any) -> None:
+        told.append(np.array(actions))
+        step_async(self, actions)
+
+    monkeypatch.setattr(vec_env, "step_async", keep)
+    return told
+
+
+def check_advised_blocks(model: Any, told: Any, rows: dict[str, Any]) -> None:
+    """As many environment steps have a teacher's block as the advisor has counted."""
+    advisor = model.advisor
+    flat = {key: values.reshape(-1, values.shape[-1]) for key, values in rows.items()}
+    teacher = advisor.teachers.act(
+        advisor.mapping.split_observation(flat["observation"]),
+        advisor.mapping.split_goal(flat["desired_goal"]),
+    )
+    executed = advisor.mapping.split_action(told.reshape(-1, told.shape[-1]))
+    advised = (np.abs(teacher - executed) < 1e-5).all(axis=-1)
+    assert 0 < advisor.spent < len(executed)
+    assert int(advised.any(axis=1).sum()) == advisor.spent
+    np.testing.assert_array_equal(advised.sum(axis=0), advisor.advised_per_arm)
+
+
+@pytest.mark.parametrize("vec_env", ["batched", "dummy"])
+@pytest.mark.parametrize("algorithm", STOCK)
+def test_executed_is_stored(
+    algorithm: str,
+    vec_env: str,
+    models: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """Through warm-up, noise (DDPG, TD3: the file's; SAC, TQC: their own), advice and HER."""
+    told = record(monkeypatch, SaverVecEnv if vec_env == "batched" else DummyVecEnv)
+    more = () if vec_env == "batched" else ("--", "--vec-env", "dummy")
+    assert main(tiny(algorithm, DUAL, tmp_path, *SOME, *more)) == 0
+    (model,) = models
+    assert isinstance(model, AdvisedMixin)
+    assert type(model) is ALGOS[f"advised_{algorithm}"]
+    if algorithm in ("ddpg", "td3"):
+        assert model.action_noise is not None
+    assert model._n_updates > 0
+    buffer, executed = model.replay_buffer, np.stack(told)
+    # But for rounding: SB3 stores actions scaled to [-1, 1], which is this box.
+    np.testing.assert_allclose(executed, buffer.actions[: buffer.pos], atol=1e-6)
+    rows = {key: values[: buffer.pos] for key, values in buffer.observations.items()}
+    check_advised_blocks(model, executed, rows)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["td3", "goal_td3"])
+def test_executed_is_stored_with_workers(
+    algorithm: str, models: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    told = record(monkeypatch, SubprocVecEnv)
+    more = ("--", "--vec-env", "subproc")
+    assert main(tiny(algorithm, DUAL, tmp_path, *SOME, *more, steps=80)) == 0
+    (model,) = models
+    executed = np.stack(told)
+    if algorithm == "td3":
+        buffer = model.replay_buffer
+        stored = buffer.actions[: buffer.pos]
+    else:
+        stored = goal_actions(model, len(executed))
+    np.testing.assert_allclose(executed, stored, atol=1e-6)
+
+
+@pytest.mark.parametrize("algorithm", ["goal_ddpg", "goal_td3", "goal_sac", "goal_tqc"])
+def test_the_goal_learners_store_what_is_executed(
+    algorithm: str, models: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    told = record(monkeypatch, SaverVecEnv)
+    assert main(tiny(algorithm, DUAL, tmp_path, *SOME)) == 0
+    (model,) = models
+    executed = np.stack(told)
+    np.testing.assert_allclose(executed, goal_actions(model, len(executed)), atol=1e-6)
+    assert int(model.replay_buffer.advised.sum()) == model.advisor.spent > 0
+
+
+def goal_actions(model: Any, steps: int) -> Any:
+    """(steps, n_envs, size) from the slots of whole episodes, in the order in which they began."""
+    buffer = model.replay_buffer
+    episodes = steps // buffer.horizon
+    slots = buffer.action[: episodes * buffer.n_envs]
+    by_step = slots.reshape(episodes, buffer.n_envs, buffer.horizon, -1).swapaxes(1, 2)
+    return by_step.reshape(steps, buffer.n_envs, -1)
+
+
+def run_folder(output: Path, algorithm: str, number: int = 1) -> Path:
+    """RL Zoo's folder of a run."""
+    return output / algorithm / f"{DUAL}_{number}"
+
+
+def test_what_is_saved_is_readable_and_loads_everywhere(tmp_path: Path) -> None:
+    assert main(tiny("td3", DUAL, tmp_path, *SOME)) == 0
+    folder = run_folder(tmp_path, "advised_td3")
+    text = (folder / DUAL / "config.yml").read_text()
+    for line in ("strategy: mc-act", "teacher: jaco-push", "budget: 120", "threshold: 1.2"):
+        assert line in text
+    assert "python/object:" not in text
+    env = BatchedVecEnv([lambda: _make(DUAL)])  # SB3's hindsight asks it for rewards
+    plain = TD3.load(folder / f"{DUAL}.zip", env=env)
+    assert type(plain) is TD3
+    assert plain.advice_state["teachers"] == ["jaco-push"] * 2  # type: ignore[attr-defined]
+    words = ["evaluate", "--env", DUAL, "--episodes", "2", "--env-kwargs", "horizon=10"]
+    assert main([*words, "--policy", str(folder)]) == 0
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "goal_td3"])
+def test_our_loader_and_theirs_agree(algorithm: str, models: list[Any], tmp_path: Path) -> None:
+    from saver_advisors.zoo.runs import find_run, load_run
+
+    assert main(tiny(algorithm, DUAL, tmp_path)) == 0
+    name = f"advised_{algorithm}" if algorithm == "sac" else algorithm
+    files = find_run(run_folder(tmp_path, name))
+    assert files is not None
+    policy = load_run(files)
+    env = SaverVecEnv(DUAL, 3, seed=1)
+    observation = env.reset()
+    expected, _ = models[0].predict(observation, deterministic=True)
+    np.testing.assert_allclose(
+        policy.predict(observation, deterministic=True)[0], expected, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "goal_td3"])
+def test_a_resumed_run_goes_on_with_the_spent_budget(
+    algorithm: str, models: list[Any], tmp_path: Path
+) -> None:
+    early = ("--advice", "early", "--budget", "200")
+    keep = ("--", "--save-replay-buffer")
+    assert main(tiny(algorithm, DUAL, tmp_path, *early, *keep)) == 0
+    assert models[0].advisor.spent == 160
+    assert main(tiny(algorithm, DUAL, tmp_path, *early, "--resume")) == 0
+    assert models[1].advisor.spent == 200
+    if algorithm == "goal_td3":
+        # Its replay buffer came back as well, without pickle.
+        assert int(models[1].replay_buffer.advised.sum()) == 200
+        assert models[1].replay_buffer.size() == 320
+
+
+def test_resume_needs_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(tiny("sac", DUAL, tmp_path, "--resume")) == 2
+    assert "argument --resume: there is no" in capsys.readouterr().err
+
+
+def plain(algorithm: str, env: str, output: Path) -> list[str]:
+    """The words of a plain run, with the settings made tiny."""
+    values = {"policy_kwargs": {"net_arch": [8]}} | {
+        name: yaml.safe_load(value)
+        for name, value in (pair.split("=") for pair in TINY if "." not in pair)
+    }
+    return [
+        *("--gym-packages", "saver_envs", "--conf-file", str(CONFIGS / f"{algorithm}.yml")),
+        *("--algo", algorithm, "--env", env, "-f", str(output), "-n", "80", "--seed", "3"),
+        *("--env-kwargs", "horizon:10", "--eval-freq", "20", "--log-interval", "1000"),
+        "--hyperparams",
+        *(f"{name}:{value!r}" for name, value in values.items()),
+    ]
+
+
+@pytest.mark.parametrize("algorithm", STOCK)
+def test_plain_rl_zoo_takes_the_same_files(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["rl_zoo3", *plain(algorithm, "JacoPush-v0", tmp_path)])
+    rl_zoo3.train.train()
+    (folder,) = (tmp_path / algorithm).iterdir()
+    assert (folder / "JacoPush-v0.zip").is_file()
+    assert (folder / "best_model.zip").is_file()
+    header = (folder / "0.monitor.csv").read_text().splitlines()[1]
+    assert "is_success" in header
+
+
+class Asked(Exception):
+    """An environment was about to be made."""
+
+
+def kwargs_by_purpose(monkeypatch: pytest.MonkeyPatch, run: Any) -> dict[bool, dict[str, Any]]:
+    """What RL Zoo gives to training environments (False) and evaluation ones (True)."""
+    found: dict[bool, dict[str, Any]] = {}
+    create = rl_zoo3.train.ExperimentManager.create_envs
+
+    def look(self: Any, n_envs: int, eval_env: bool = False, no_log: bool = False) -> Any:
+        found[eval_env] = dict(self.eval_env_kwargs if eval_env else self.env_kwargs)
+        if not eval_env:
+            raise Asked
+        return create(self, n_envs, eval_env, no_log)
+
+    monkeypatch.setattr(rl_zoo3.exp_manager.ExperimentManager, "create_envs", look)
+    with pytest.raises(Asked):
+        run()
+    return found
+
+
+def test_easier_starts_are_kept_from_evaluations(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In plain RL Zoo 2.9 by what its manager leaves out, here by what it is told."""
+    env = "JacoPickAndPlace-v0"
+    with monkeypatch.context() as patch:
+        words = tiny("sac", env, tmp_path, "--", "--eval-freq", "20")
+        found = kwargs_by_purpose(patch, lambda: main(words))
+    assert found[False] == {"horizon": 10, "in_hand_share": 0.4}
+    assert found[True] == {"horizon": 10, "in_hand_share": 0.0}
+    words = [
+        *("--conf-file", str(CONFIGS / "sac.yml"), "--algo", "sac", "--env", env),
+        *("-f", str(tmp_path), "--seed", "1"),
+    ]
+    monkeypatch.setattr(sys, "argv", ["rl_zoo3", *words])
+    found = kwargs_by_purpose(monkeypatch, rl_zoo3.train.train)
+    assert found[False] == {"in_hand_share": 0.4}
+    assert found[True] == {}
+
+
+def test_the_best_model_is_the_one_that_succeeds_most_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of these three evaluations the first has the highest reward, the second most successes."""
+    evaluations = deque([(-5.0, [1, 0, 0, 0]), (-9.0, [1, 1, 0, 0]), (-8.0, [0, 0, 0, 0])])
+    env = BatchedVecEnv([lambda: _make("JacoPush-v0")] * 2)
+    model = SAC("MultiInputPolicy", env, policy_kwargs={"net_arch": [8]}, buffer_size=100)
+    model.learning_starts = 10**6
+    best: list[int] = []
+    monkeypatch.setattr(model, "save", lambda path: best.append(model.num_timesteps))
+
+    def evaluate(*_: Any, callback: Any, **__: Any) -> tuple[list[float], list[int]]:
+        reward, successes = evaluations.popleft()
+        for success in successes:
+            callback({"info": {"is_success": bool(success)}, "done": True}, {})
+        return [reward] * 4, [50] * 4
+
+    monkeypatch.setattr("stable_baselines3.common.callbacks.evaluate_policy", evaluate)
+    callback = SuccessEvalCallback(
+        env, eval_freq=1, best_model_save_path=str(tmp_path), n_eval_episodes=4, verbose=0
+    )
+    model.learn(6, callback=callback)
+    assert best == [2, 4]
+    assert callback.best_success_rate == 0.5
+
+
+def _make(env_id: str) -> Any:
+    return Monitor(gymnasium.make(f"saver_envs:{env_id}", horizon=10))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--zoo", "ppo"], "algorithm 'ppo' is unknown"),
+        (["--zoo", "sac", "--algorithm", "td3"], "--algorithm: RL Zoo knows no such thing"),
+        (["--zoo", "sac", "--", "--algo", "td3"], "--algo: before the -- it is --zoo"),
+        (["--zoo", "sac", "--", "-n=3"], "-n: before the -- it is --steps"),
+        (["--zoo", "sac", "--teacher", "jaco-pick-and-place"], "does not fit|do not divide"),
+        (["--zoo", "sac", "--config", "README.md"], "one entry an environment|no YAML"),
+        (["--", "--save-freq", "3"], "--save-freq: only --zoo takes further arguments"),
+    ],
+)
+def test_mistakes_are_named_before_anything_is_made(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "logs"
+    words = ["train", "--env", DUAL, "--output", str(output), *words]
+    assert main(words) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert not output.exists()
+
+
+def test_rl_zoo_is_left_as_it_was(tmp_path: Path) -> None:
+    before = rl_zoo3.train.ExperimentManager, sys.argv
+    zoo_program(["train", *plain("sac", "JacoPush-v0", tmp_path)])
+    assert (rl_zoo3.train.ExperimentManager, sys.argv) == before
+    assert before[0].default_vec_env_cls is None
+    words = ["enjoy", "--algo", "sac", "--env", "JacoPush-v0", "--no-render", "-n", "20", "-f"]
+    zoo_program([*words, str(tmp_path)])
+    with pytest.raises(SystemExit, match="usage"):
+        zoo_program(["play"])
