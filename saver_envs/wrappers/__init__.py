@@ -1,1 +1,1 @@
-"""Wrappers that join perception and modelling to environments."""
+"""Wrappers round environments: sensors with errors, and readings of another robot's hand."""

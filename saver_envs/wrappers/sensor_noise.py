@@ -1,0 +1,282 @@
+"""Observations as sensors would give them: with noise at every step and an error that stays.
+
+One set of figures, :class:`SensorNoise`, and three ways to it: :class:`NoisySensors` round a single
+environment, :class:`NoisyVectorSensors` round a vector of Gymnasium's, and
+:class:`saver_envs.wrappers.sb3_sensor_noise.NoisyVecSensors` round one of Stable-Baselines3's. An
+episode from the same seed has the same errors in all of them.
+
+Only ``observation`` is disturbed. The achieved goal stays exact, because rewards come from it:
+relabelling would otherwise find other rewards than the environment gave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from numpy.typing import NDArray
+
+from saver_envs.core import Episodes
+from saver_envs.robots.description import Fingers
+from saver_envs.simulation import multiply_quaternions
+from saver_envs.tasks.observation import (
+    ANGULAR_VELOCITY_SCALE,
+    FINGER_VELOCITY_SCALE,
+    LINEAR_VELOCITY_SCALE,
+    SIZE_PER_ARM,
+)
+
+Observation = dict[str, NDArray[np.float32]]
+
+#: Sets the errors' randomness apart from that of the episode with the same seed.
+STREAM = 0x5E2503
+#: Where each part of an arm's block begins, in the order of
+#: :data:`saver_envs.tasks.observation.PARTS`.
+_TOOL, _TOOL_VELOCITY, _FINGERS, _FINGER_VELOCITY = 0, 3, 6, 9
+_OBJECT, _RELATIVE, _QUATERNION, _OBJECT_VELOCITY, _OBJECT_SPIN = 12, 15, 18, 22, 25
+_DRAWS = 8  # errors of three numbers each that a step draws for an arm
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of Gaussian errors, in SI units, alike for the three axes.
+
+    Where they come from: arm and fingers have encoders, so their errors are small and those of
+    velocities are what differences of encoder readings leave after a short filter. Objects are seen
+    by a depth camera 1.2 m above the table (Table 8.1), where such cameras are off by some
+    millimetres; an error of its calibration to the arm's base stays the same for an episode. Object
+    velocities are differences of camera positions over a few frames. The figures are ours: the
+    dissertation gives none.
+
+    :param tool_position: m.
+    :param tool_velocity: m/s.
+    :param finger_position: rad; locked fingers are no measurement and stay exact.
+    :param finger_velocity: rad/s.
+    :param object_position: m, anew at every step.
+    :param object_offset: m, drawn once an episode.
+    :param object_orientation: rad, of a small turn about a random axis.
+    :param object_velocity: m/s.
+    :param object_angular_velocity: rad/s.
+    :raises ValueError: for one that is negative or not finite.
+    """
+
+    tool_position: float = 0.001
+    tool_velocity: float = 0.01
+    finger_position: float = 0.01
+    finger_velocity: float = 0.05
+    object_position: float = 0.003
+    object_offset: float = 0.005
+    object_orientation: float = 0.03
+    object_velocity: float = 0.03
+    object_angular_velocity: float = 0.3
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0 <= value < np.inf:
+                raise ValueError(f"{field.name}={value!r}: must be finite and at least 0")
+
+    def scaled(self, factor: float) -> SensorNoise:
+        """Return the same with every deviation multiplied by ``factor``."""
+        return SensorNoise(**{one.name: factor * getattr(self, one.name) for one in fields(self)})
+
+
+class SensorErrors:
+    """The errors of n episodes, each with a source of randomness of its own.
+
+    :param noise: how large they are.
+    :param n: number of episodes.
+    :param n_arms: blocks of an observation.
+    :param moving_fingers: whether the fingers are measured.
+    """
+
+    def __init__(self, noise: SensorNoise, n: int, n_arms: int, moving_fingers: bool) -> None:
+        self.noise = noise
+        self._arms = n_arms
+        self._generators = [np.random.default_rng() for _ in range(n)]
+        self._offset = np.zeros((n, n_arms, 3))
+        fingers = (noise.finger_position, noise.finger_velocity) if moving_fingers else (0.0, 0.0)
+        # In the units of the observation, in the order in which they are drawn.
+        self._deviation = np.array(
+            [
+                noise.tool_position,
+                noise.tool_velocity * LINEAR_VELOCITY_SCALE,
+                fingers[0],
+                fingers[1] * FINGER_VELOCITY_SCALE,
+                noise.object_position,
+                noise.object_orientation,
+                noise.object_velocity * LINEAR_VELOCITY_SCALE,
+                noise.object_angular_velocity * ANGULAR_VELOCITY_SCALE,
+            ]
+        )[:, None]
+
+    @classmethod
+    def of(cls, noise: SensorNoise, episodes: Episodes) -> SensorErrors:
+        """Return the errors for these episodes."""
+        task = episodes.task
+        return cls(noise, episodes.n, task.n_arms, task.fingers is Fingers.ACTUATED)
+
+    def seed(self, index: int, seed: int | None) -> None:
+        """Give episode ``index`` its source of randomness, for the episodes to come as well."""
+        entropy = None if seed is None else [seed, STREAM]
+        self._generators[index] = np.random.default_rng(entropy)
+
+    def begin(self, rows: Iterable[int]) -> None:
+        """Draw what stays the same for an episode, for episodes that have just begun."""
+        for row in rows:
+            drawn = self._generators[row].standard_normal((self._arms, 3))
+            self._offset[row] = self.noise.object_offset * drawn
+
+    def disturb(
+        self, observation: NDArray[np.floating], rows: Sequence[int] | None = None
+    ) -> NDArray[np.float32]:
+        """Return what the sensors say.
+
+        :param observation: (k, 28 * arms), exact; not modified.
+        :param rows: (k,) whose it is; all n in order by default.
+        :return: (k, 28 * arms). The object relative to the gripper is the difference of the two
+            positions as they were measured.
+        """
+        chosen = list(range(len(self._generators))) if rows is None else list(rows)
+        shape = (self._arms, _DRAWS, 3)
+        drawn = np.stack([self._generators[row].standard_normal(shape) for row in chosen])
+        error = (drawn * self._deviation).swapaxes(1, 2).swapaxes(0, 1)
+        tool, tool_velocity, finger, finger_velocity, position, turn, velocity, spin = error
+        blocks = np.array(observation, np.float64).reshape(len(chosen), self._arms, SIZE_PER_ARM)
+        position = position + self._offset[chosen]
+        for start, part in (
+            (_TOOL, tool),
+            (_TOOL_VELOCITY, tool_velocity),
+            (_FINGERS, finger),
+            (_FINGER_VELOCITY, finger_velocity),
+            (_OBJECT, position),
+            (_RELATIVE, position - tool),
+            (_OBJECT_VELOCITY, velocity),
+            (_OBJECT_SPIN, spin),
+        ):
+            blocks[..., start : start + 3] += part
+        quaternion = blocks[..., _QUATERNION : _QUATERNION + 4]
+        blocks[..., _QUATERNION : _QUATERNION + 4] = _turned(quaternion, turn)
+        return blocks.reshape(len(chosen), -1).astype(np.float32)
+
+
+def _turned(quaternion: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn (..., 4) unit quaternions with w >= 0 by (..., 3) rotation vectors, radians."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    half = angle / 2
+    # sin(a/2)/a without a division by zero; NumPy's sinc has a factor pi.
+    small = np.concatenate([np.cos(half), rotation * np.sinc(half / np.pi) / 2], axis=-1)
+    turned = multiply_quaternions(small, quaternion)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    return np.where(turned[..., :1] < 0, -turned, turned)
+
+
+def episodes_of(env: Any) -> Episodes:
+    """Return the episodes of an environment of ours.
+
+    :raises TypeError: for another environment.
+    """
+    episodes = getattr(env.unwrapped, "episodes", None)
+    if not isinstance(episodes, Episodes):
+        raise TypeError(f"env={env!r}: sensor noise knows the observations of saver_envs alone")
+    return episodes
+
+
+class NoisySensors(
+    gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]],
+    gymnasium.utils.RecordConstructorArgs,
+):
+    """A single environment as sensors see it.
+
+    :param env: an environment of ours, in wrappers or not.
+    :param noise: how large the errors are.
+    :raises TypeError: for another environment.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], noise: SensorNoise | None = None) -> None:
+        gymnasium.utils.RecordConstructorArgs.__init__(self, noise=noise)
+        gymnasium.Wrapper.__init__(self, env)
+        self.noise = noise or SensorNoise()
+        self._errors = SensorErrors.of(self.noise, episodes_of(env))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; ``seed`` makes its errors reproducible too."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._errors.seed(0, seed)
+        self._errors.begin([0])
+        return self._seen(observation), info
+
+    def step(self, action: NDArray[Any]) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
+        """Apply one action."""
+        observation, *rest = self.env.step(action)
+        return self._seen(observation), *rest  # type: ignore[return-value]
+
+    def _seen(self, observation: Observation) -> Observation:
+        return {
+            **observation,
+            "observation": self._errors.disturb(observation["observation"][None])[0],
+        }
+
+
+class NoisyVectorSensors(VectorWrapper[Observation, NDArray[Any], NDArray[Any]]):
+    """A vector of Gymnasium's as sensors see it, in every automatic reset mode.
+
+    :param env: a vector of ours.
+    :param noise: how large the errors are.
+    :raises TypeError: for another environment.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], noise: SensorNoise | None = None) -> None:
+        super().__init__(env)
+        self.noise = noise or SensorNoise()
+        self._errors = SensorErrors.of(self.noise, episodes_of(env))
+        self._mode = env.metadata["autoreset_mode"]
+        self._over = np.zeros(env.num_envs, dtype=bool)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start episodes; ``seed`` makes their errors reproducible too."""
+        # A seed for each: Gymnasium's own vectors take them, its hints forget it.
+        given_seed: Any = seed
+        observation, infos = self.env.reset(seed=given_seed, options=options)
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
+        rows = np.flatnonzero(mask)
+        for row in rows.tolist():
+            if seed is not None:
+                given = seed + row if isinstance(seed, int | np.integer) else seed[row]
+                if given is not None:
+                    self._errors.seed(row, int(given))
+        self._errors.begin(rows)
+        self._over[rows] = False
+        return self._seen(observation), infos
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Apply one action to every episode."""
+        observation, reward, terminated, truncated, infos = self.env.step(actions)
+        over = np.asarray(terminated) | np.asarray(truncated)
+        if self._mode is AutoresetMode.SAME_STEP:
+            for row in np.flatnonzero(over).tolist():
+                last = infos["final_obs"][row]
+                seen = self._errors.disturb(last["observation"][None], [row])[0]
+                infos["final_obs"][row] = {**last, "observation": seen}
+            self._errors.begin(np.flatnonzero(over))
+        elif self._mode is AutoresetMode.NEXT_STEP:
+            self._errors.begin(np.flatnonzero(self._over))
+        self._over = over
+        return self._seen(observation), reward, terminated, truncated, infos
+
+    def _seen(self, observation: Any) -> Observation:
+        return {**observation, "observation": self._errors.disturb(observation["observation"])}
