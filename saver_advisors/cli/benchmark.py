@@ -17,6 +17,7 @@ KINDS: Final = {
     "compare": ("saver_advisors.benchmarks.compare", "results of yours beside the baselines"),
     "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),
     "pose": ("saver_advisors.benchmarks.pose", "people found in pictures, beside BlazePose"),
+    "transfer": ("saver_advisors.benchmarks.transfer", "policies of the Jaco on other arms"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
 command has, and a line of help. One row a benchmark, and nothing else to edit here.
