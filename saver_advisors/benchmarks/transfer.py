@@ -107,7 +107,8 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.provenance import provenance, write_json_atomic
 
     if args.from_json is None:
-        figures = {**measure(args), "provenance": provenance()}
+        origin = provenance()  # before videos lie in the checkout and make it differ
+        figures = {**measure(args), "provenance": origin}
     else:
         figures = _read(args.from_json)
     clips = _relative(args.video_dir, args.table)
