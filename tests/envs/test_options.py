@@ -29,7 +29,9 @@ def test_objects() -> None:
         np.testing.assert_allclose(geom.size, 0.045)
         assert geom.friction[0] == 0.61
         assert model.body(f"object{arm}").mass == pytest.approx(0.35)
-        np.testing.assert_allclose(model.joint(f"object{arm}_joint").damping[:3], 0.2)
+        damping = model.joint(f"object{arm}_joint").damping
+        np.testing.assert_allclose(damping[:3], 0.2)
+        np.testing.assert_allclose(damping[3:], 0.2 * 0.09**2 / 6)
     episodes.reset()
     np.testing.assert_allclose(episodes.simulation.object_state().position[..., 2], 0.045)
 
