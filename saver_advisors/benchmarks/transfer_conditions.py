@@ -14,7 +14,9 @@ FRICTION: Final = 0.35
 MASS: Final = 0.4
 """Kilograms, twice that of training: a filled box instead of an empty one."""
 DAMPING: Final = 1.0
-"""N s/m: at the hand's top speed of 0.5 m/s as much as a third of the friction; 0 in training."""
+"""N s/m; 0 in training. At the hand's top speed of 0.5 m/s it drags half as much as the friction of
+a cube of the training, a third as much as that of one with the two figures above.
+"""
 
 TRAINED_ON: Final = "jaco"
 """The robot whose hand the policies know."""

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from saver_advisors.evaluation.trajectories import Trajectory
     from saver_envs.core import Episodes
 
-SIZE: Final = (480, 360)
-"""Pixels of a frame, width and height."""
+SIZE: Final = (960, 720)
+"""Pixels of a picture of the whole bench, width and height."""
+ROWS: Final = slice(210, 610)
+"""Of a picture, what a video shows: where hands and cubes are."""
+COLUMNS: Final = slice(270, 810)
+"""The same across."""
 STRIDE: Final = 2
 """Steps from frame to frame of a clip."""
 
@@ -69,7 +73,7 @@ def _draw(
         if not pictures:
             pictures.append(Pictures(episodes, "rgb_array", *SIZE))
         for number in numbers:
-            frames[number].append(pictures[0].draw(number))
+            frames[number].append(pictures[0].draw(number)[ROWS, COLUMNS].copy())
 
     try:
         attempt.play(trials, seed, look)

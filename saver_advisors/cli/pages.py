@@ -404,6 +404,8 @@ def results_page(results: list[dict[str, Any]]) -> str:
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
             lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
+        elif one.get("kind") == "transfer":
+            lines += ["On [a page of its own](transfer.md).", ""]
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
