@@ -123,10 +123,10 @@ def _run_zoo(args: argparse.Namespace) -> int:
     from saver_advisors.zoo.command import (
         ZooRun,
         algorithm_name,
-        check_advice,
         check_arguments,
         latest_model,
         read_settings,
+        ready_advice,
         settings_path,
         start,
     )
@@ -148,7 +148,8 @@ def _run_zoo(args: argparse.Namespace) -> int:
     env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
     if values["advice"] is not None:
         with user_mistakes("advice"):
-            check_advice(values["advice"], args.env, env_kwargs)
+            steps, seed = args.steps or int(chosen["n_timesteps"]), args.seed or 0
+            values["advice"] = ready_advice(values["advice"], args.env, env_kwargs, steps, seed)
     algorithm = algorithm_name(args.zoo, advised=values["advice"] is not None)
     trained = latest_model(args.output, algorithm, args.env) if args.resume else None
     start(

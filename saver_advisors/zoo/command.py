@@ -164,12 +164,21 @@ def check_arguments(more: Sequence[str]) -> None:
             raise UsageError(f"argument {name}: before the -- it is {OURS[name]} of `saver train`")
 
 
-def check_advice(advice: Mapping[str, Any], env_id: str, env_kwargs: Mapping[str, Any]) -> None:
-    """Refuse advice that does not fit, before RL Zoo makes a folder.
+def ready_advice(
+    advice: Mapping[str, Any],
+    env_id: str,
+    env_kwargs: Mapping[str, Any],
+    total_steps: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Advice with what strategies ask about the run, refused where it does not fit.
 
     :param advice: arguments of `make_advisor`
     :param env_id: the student's environment
     :param env_kwargs: its arguments
+    :param total_steps: of the run
+    :param seed: of the run
+    :return: the arguments, with `total_steps`, `horizon` and `seed` where they were not given
     :raises ValueError: where something does not fit
     :raises TypeError: for an argument that there is not
     """
@@ -178,11 +187,14 @@ def check_advice(advice: Mapping[str, Any], env_id: str, env_kwargs: Mapping[str
     from saver_envs.registration import make_episodes
 
     episodes = make_episodes(env_id, **env_kwargs)
+    run = {"total_steps": total_steps, "horizon": episodes.settings.horizon, "seed": seed}
+    ready = {**run, **advice}
     make_advisor(
-        **advice,
+        **ready,
         observation_space=observation_space(episodes),
         action_space=action_space(episodes),
     )
+    return ready
 
 
 def latest_model(output: Path, algorithm: str, env_id: str) -> Path:

@@ -178,6 +178,20 @@ def test_a_resumed_run_goes_on_with_the_spent_budget(
         assert models[1].replay_buffer.size() == 320
 
 
+@pytest.mark.parametrize("strategy", ["random", "jump-start"])
+def test_strategies_are_told_about_the_run(
+    strategy: str, models: list[Any], tmp_path: Path
+) -> None:
+    """They ask for its length and for that of an episode, which RL Zoo does not pass on."""
+    advice = ("--advice", strategy, "--budget", "40")
+    assert main(tiny("sac", DUAL, tmp_path, *advice, "--seed", "5")) == 0
+    (model,) = models
+    assert 0 < model.advisor.spent <= 40
+    text = (run_folder(tmp_path, "advised_sac") / DUAL / "config.yml").read_text()
+    for line in ("total_steps: 160", "horizon: 10", "seed: 5", f"strategy: {strategy}"):
+        assert line in text
+
+
 def test_resume_needs_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(tiny("sac", DUAL, tmp_path, "--resume")) == 2
     assert "argument --resume: there is no" in capsys.readouterr().err
