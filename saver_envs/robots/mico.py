@@ -263,6 +263,31 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     return spec
 
 
+def build_torque_driven() -> mujoco.MjSpec:
+    """Return the arm driven by torques: its links' inertia and nothing else.
+
+    There is no armature, damping, friction or gravity compensation; actuator i drives joint i of
+    ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
+    """
+    spec = build(Fingers.LOCKED)
+    for servo in list(spec.actuators):
+        spec.delete(servo)
+    for body in spec.bodies:
+        body.gravcomp = 0
+    for index, name in enumerate(ARM_JOINTS):
+        joint, limit = spec.joint(name), JOINT_TORQUES[index]
+        joint.armature, joint.actgravcomp = 0.0, 0
+        motor = spec.add_actuator(
+            name=f"motor_{name}",
+            target=name,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            forcelimited=True,
+            forcerange=(-limit, limit),
+        )
+        motor.set_to_motor()
+    return spec
+
+
 MICO = Robot(
     name="mico",
     build=build,

@@ -1,0 +1,121 @@
+"""Inverse dynamics of a chain by the recursive Newton-Euler method, batched.
+
+Outwards the velocities and accelerations of the links, inwards the forces and moments that these
+need (Luh, Walker and Paul, 1980), all in the frame of the base. Gravity is an acceleration of the
+base. This is equation 7.2 without friction and external force.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from saver_envs.modelling.chain import Chain, FloatArray
+from saver_envs.modelling.inertia import Links
+from saver_envs.simulation import cross
+
+GRAVITY = 9.81  # m/s^2, MuJoCo's default
+#: Rows that are worked on together: few enough to stay in the cache.
+_ROWS = 4096
+
+
+def inverse_dynamics(
+    chain: Chain,
+    links: Links,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    gravity: float = GRAVITY,
+) -> FloatArray:
+    """Return the joint torques (N m; N of slides) that a motion takes.
+
+    :param chain: the arm.
+    :param links: its inertia, in the frames of ``chain``.
+    :param position: (n, dof), radians or metres.
+    :param velocity: (n, dof), per second.
+    :param acceleration: (n, dof), per second squared.
+    :param gravity: downwards, m/s^2.
+    :return: (n, dof).
+    :raises ValueError: for shapes that do not fit.
+    """
+    shape = np.shape(position)
+    for name, values in (("velocity", velocity), ("acceleration", acceleration)):
+        if np.shape(values) != shape:
+            raise ValueError(f"{name} of shape {np.shape(values)}: must have shape {shape}")
+    if len(links.mass) != chain.dof:
+        raise ValueError(f"links={len(links.mass)} of them: the chain has {chain.dof} joints")
+    parts = [
+        _part(chain, links, *(np.asarray(v)[start : start + _ROWS] for v in
+              (position, velocity, acceleration)), gravity)
+        for start in range(0, shape[0], _ROWS)
+    ]
+    return np.concatenate(parts) if parts else np.zeros(shape)
+
+
+def _part(
+    chain: Chain,
+    links: Links,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    gravity: float,
+) -> FloatArray:
+    frames = chain.frames(position)
+    n, dof = position.shape
+    centre = frames.link_position + np.einsum("dnij,dj->dni", frames.link_rotation, links.centre)
+    force, moment = np.empty((dof, n, 3)), np.empty((dof, n, 3))
+    spin, spin_rate = np.zeros((n, 3)), np.zeros((n, 3))
+    origin, origin_acceleration = np.zeros((n, 3)), np.tile((0.0, 0.0, gravity), (n, 1))
+    for index in range(dof):
+        axis, anchor = frames.axis[index], frames.anchor[index]
+        if chain.prismatic[index]:
+            # The link's point that is now at the anchor slides on the link before.
+            slide = axis * velocity[:, index, None]
+            linear = _carried(origin_acceleration, spin, spin_rate, anchor - origin)
+            linear += axis * acceleration[:, index, None] + 2 * cross(spin, slide)
+        else:
+            linear = _carried(origin_acceleration, spin, spin_rate, anchor - origin)
+            turn = axis * velocity[:, index, None]
+            spin_rate = spin_rate + axis * acceleration[:, index, None] + cross(spin, turn)
+            spin = spin + turn
+        origin, origin_acceleration = anchor, linear
+        arm = centre[index] - origin
+        force[index] = links.mass[index] * _carried(origin_acceleration, spin, spin_rate, arm)
+        rotation = frames.link_rotation[index]
+        momentum = _in_frame(rotation, links.inertia[index], spin)
+        moment[index] = _in_frame(rotation, links.inertia[index], spin_rate) + cross(spin, momentum)
+    return _inwards(chain, frames.axis, frames.anchor, centre, force, moment)
+
+
+def _inwards(
+    chain: Chain,
+    axis: FloatArray,
+    anchor: FloatArray,
+    centre: FloatArray,
+    force: FloatArray,
+    moment: FloatArray,
+) -> FloatArray:
+    """Sum what the links need, from the last to the first, and project it on the joints' axes."""
+    dof, n, _ = axis.shape
+    torque = np.empty((n, dof))
+    total_force, total_moment = np.zeros((n, 3)), np.zeros((n, 3))
+    for index in reversed(range(dof)):
+        if index < dof - 1:
+            total_moment += cross(anchor[index + 1] - anchor[index], total_force)
+        total_moment += moment[index] + cross(centre[index] - anchor[index], force[index])
+        total_force += force[index]
+        along = total_force if chain.prismatic[index] else total_moment
+        torque[:, index] = np.einsum("ni,ni->n", along, axis[index])
+    return torque
+
+
+def _carried(
+    acceleration: FloatArray, spin: FloatArray, spin_rate: FloatArray, arm: FloatArray
+) -> FloatArray:
+    """Acceleration of a point of a turning body, at ``arm`` from one with ``acceleration``."""
+    return acceleration + cross(spin_rate, arm) + cross(spin, cross(spin, arm))
+
+
+def _in_frame(rotation: FloatArray, matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """R M R^T v for rotations (n, 3, 3), one matrix (3, 3) and vectors (n, 3)."""
+    local = np.einsum("nji,nj->ni", rotation, vector)
+    return np.einsum("nij,nj->ni", rotation, local @ matrix.T)
