@@ -49,7 +49,11 @@ def inverse_kinematics(
         lean = np.arctan2(x, height)
         lean -= np.arctan2(forearm * np.sin(elbow), _UPPER_ARM + forearm * np.cos(elbow))
         angles = np.stack(
-            [(turn + math.pi) % _TURN - math.pi, (math.pi - lean) % _TURN, (elbow + math.pi) % _TURN],
+            [
+                (turn + math.pi) % _TURN - math.pi,
+                (math.pi - lean) % _TURN,
+                (elbow + math.pi) % _TURN,
+            ],
             axis=-1,
         )
         inside = (angles >= JOINT_LOWER[:3]) & (angles <= JOINT_UPPER[:3])

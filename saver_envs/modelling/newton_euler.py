@@ -44,8 +44,12 @@ def inverse_dynamics(
     if len(links.mass) != chain.dof:
         raise ValueError(f"links={len(links.mass)} of them: the chain has {chain.dof} joints")
     parts = [
-        _part(chain, links, *(np.asarray(v)[start : start + _ROWS] for v in
-              (position, velocity, acceleration)), gravity)
+        _part(
+            chain,
+            links,
+            *(np.asarray(v)[start : start + _ROWS] for v in (position, velocity, acceleration)),
+            gravity,
+        )
         for start in range(0, shape[0], _ROWS)
     ]
     return np.concatenate(parts) if parts else np.zeros(shape)

@@ -82,7 +82,10 @@ def _draw(
     lower, upper = arm.lower, arm.upper
     if previous is not None:
         farthest = np.asarray(arm.robot.joint_speed_limits) * interval / _PEAK
-        lower, upper = np.maximum(lower, previous - farthest), np.minimum(upper, previous + farthest)
+        lower, upper = (
+            np.maximum(lower, previous - farthest),
+            np.minimum(upper, previous + farthest),
+        )
     for _ in range(_MOST_DRAWS):
         point = generator.uniform(lower, upper)
         if previous is None:
@@ -124,5 +127,3 @@ def _collides(way: FloatArray) -> bool:
         if data.ncon:
             return True
     return False
-
-

@@ -1,0 +1,118 @@
+"""Inverse models, one file each, and the table that names them (needs the extra ``modelling``)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError, safe_open
+
+from saver_envs.modelling.models.analytic import Analytic
+from saver_envs.modelling.models.base import (
+    FORMAT,
+    History,
+    InverseModel,
+    NetworkModel,
+    Task,
+    Training,
+)
+from saver_envs.modelling.models.bigan import Bigan
+from saver_envs.modelling.models.cgan import Cgan
+from saver_envs.modelling.models.conditional import Conditional
+from saver_envs.modelling.models.dualgan import Dualgan
+from saver_envs.modelling.models.flow import Flow
+from saver_envs.modelling.models.identified import Identified
+from saver_envs.modelling.models.lsgan import Lsgan
+from saver_envs.modelling.models.mlp import Mlp
+
+MODELS: Mapping[str, type[InverseModel]] = {
+    model.name: model
+    for model in (Mlp, Cgan, Lsgan, Bigan, Dualgan, Analytic, Conditional, Flow, Identified)
+}
+#: The networks of chapter 7.
+PAPER_MODELS = ("mlp", "cgan", "lsgan", "bigan", "dualgan")
+ADVERSARIAL = ("cgan", "lsgan", "bigan", "dualgan")
+
+
+def new_model(name: str, robot: str, task: Task, **options: Any) -> InverseModel:
+    """Return a fresh model.
+
+    :param name: of ``MODELS``.
+    :param robot: the arm's name.
+    :param task: ``ik`` or ``id``.
+    :param options: the model's own, such as ``architecture``.
+    :raises ValueError: for an unknown name, or a task that the model is not for.
+    """
+    if name not in MODELS:
+        raise ValueError(f"model={name!r}: must be one of {', '.join(MODELS)}")
+    return MODELS[name](robot, task, **options)
+
+
+def load_model(path: Path, robot: str | None = None, task: Task | None = None) -> InverseModel:
+    """Read a weight file; nothing is unpickled.
+
+    :param path: the file.
+    :param robot: the arm that it must be of, or None for any.
+    :param task: the task that it must be for, or None for any.
+    :raises ValueError: for a file that is cut short or not ours, that contradicts itself, or that
+        is of another arm or task; the message says which.
+    """
+    path = Path(path)
+    header, tensors = _read(path)
+    for name, wanted in (("robot", robot), ("task", task)):
+        if wanted is not None and header.get(name) != wanted:
+            raise ValueError(f"{path} is of {name} {header.get(name)!r}, not {wanted!r}")
+    try:
+        model = MODELS[header["model"]]
+        settings = json.loads(header["settings"])
+        return model._from_state(header["robot"], _task(header["task"]), tensors, settings)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} contradicts itself: {error}") from error
+
+
+def read_card(path: Path) -> dict[str, Any]:
+    """Return the card of a weight file: where the model comes from.
+
+    :raises ValueError: for a file that is cut short or not ours.
+    """
+    return dict(json.loads(_read(Path(path))[0]["card"]))
+
+
+def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{path} is no complete safetensors file: {error}") from error
+    if header.get("format") != FORMAT:
+        raise ValueError(f"{path} is no inverse model: its header does not say {FORMAT!r}")
+    for name, value in tensors.items():
+        if not value.isfinite().all():
+            raise ValueError(f"{path}: {name} holds values that are not finite")
+    return header, tensors
+
+
+def _task(value: str) -> Task:
+    if value == "ik":
+        return "ik"
+    if value == "id":
+        return "id"
+    raise ValueError(f"task={value!r}: must be 'ik' or 'id'")
+
+
+__all__ = [
+    "ADVERSARIAL",
+    "MODELS",
+    "PAPER_MODELS",
+    "History",
+    "InverseModel",
+    "NetworkModel",
+    "Task",
+    "Training",
+    "load_model",
+    "new_model",
+    "read_card",
+]

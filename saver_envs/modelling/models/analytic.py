@@ -1,0 +1,63 @@
+"""What needs no learning: kinematics in closed form or solved, Newton-Euler with Appendix A."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from torch import Tensor
+
+from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Task, Training
+from saver_envs.modelling.newton_euler import inverse_dynamics
+from saver_envs.modelling.solvers import reach
+
+
+class Analytic(InverseModel):
+    """The forward model's own inverse, and the drawing's dynamics.
+
+    Inverse kinematics is damped least squares, iterated from the arm's home posture, or from the
+    present joints where they are given; inverse dynamics is recursive Newton-Euler with the
+    inertia of Appendix A.
+
+    :raises ValueError: for the dynamics of an arm that Appendix A does not have.
+    """
+
+    name: ClassVar[str] = "analytic"
+
+    def __init__(self, robot: str, task: Task) -> None:
+        super().__init__(robot, task)
+        links = self.arm.appendix_links
+        if task == "id" and links is None:
+            raise ValueError(f"robot={robot!r}: Appendix A has no inertia of it")
+        self._links = links() if links is not None and task == "id" else None
+
+    def fit(
+        self,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        training: Training | None = None,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> History:
+        """Check the samples; there is nothing to learn."""
+        inputs, outputs = self._samples(inputs, outputs)
+        few = slice(0, len(inputs), max(1, len(inputs) // 2000))
+        error = self.predict(inputs[few]) - outputs[few]
+        return History([float(np.sqrt(np.mean(np.square(error))))], 0)
+
+    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
+        """Return joints or torques; see :class:`InverseModel`."""
+        inputs = self._checked(inputs, self.input_size, "inputs")
+        if self._links is not None:
+            parts = np.split(inputs, 3, axis=1)
+            return inverse_dynamics(self.arm.chain, self._links, *parts)
+        return reach(self.arm, inputs, present).joints
+
+    def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        return {}, {}
+
+    @classmethod
+    def _from_state(
+        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
+    ) -> InverseModel:
+        return cls(robot, task)

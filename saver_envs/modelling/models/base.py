@@ -1,0 +1,368 @@
+"""What every inverse model can do: fit, predict, save; and what the networks among them share."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from saver_envs.modelling.arms import Arm, arm_named
+from saver_envs.modelling.networks import Architecture, FrozenNetwork, build_network
+
+FloatArray = NDArray[np.float64]
+Task = Literal["ik", "id"]
+#: A forward pass over standardised values (n, inputs).
+Frozen = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+TASKS: Final[tuple[Task, ...]] = ("ik", "id")
+FORMAT: Final = "saver-inverse-model-1"
+#: Hidden layers that the paper chose for each task (Table 7.3).
+PAPER_LAYERS: Final[Mapping[Task, int]] = {"ik": 3, "id": 5}
+#: Standard deviations below this mark a channel that does not vary.
+_CONSTANT = 1e-9
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a model is trained; the defaults are the paper's where it names them.
+
+    :param epochs: passes over the training share.
+    :param batch_size: samples of an update. The paper names none.
+    :param learning_rate: of Adam.
+    :param decay: the learning rate of the last epoch as a share of the first, on a cosine.
+    :param validation_share: of the samples, drawn at random, that train nothing.
+    :param sigma: standard deviation of the fake inputs round the real ones, in the standardised
+        units of the channels (0, 0.2, 0.4 or 0.6 in the paper); adversarial models alone.
+    :param supervised_weight: of the squared error that is added to the generator's loss; 0 in the
+        paper's equations; adversarial models alone.
+    :param seed: of weights, split, order and noise.
+    :raises ValueError: for a value out of range.
+    """
+
+    epochs: int = 100
+    batch_size: int = 512
+    learning_rate: float = 1e-3
+    decay: float = 0.05
+    validation_share: float = 0.2
+    sigma: float = 0.0
+    supervised_weight: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        checks = {
+            "epochs": (self.epochs >= 1, "at least 1"),
+            "batch_size": (self.batch_size >= 1, "at least 1"),
+            "learning_rate": (0 < self.learning_rate < 1, "between 0 and 1"),
+            "decay": (0 < self.decay <= 1, "above 0 and at most 1"),
+            "validation_share": (0 < self.validation_share < 1, "between 0 and 1"),
+            "sigma": (0 <= self.sigma < np.inf, "at least 0"),
+            "supervised_weight": (0 <= self.supervised_weight < np.inf, "at least 0"),
+        }
+        for name, (holds, valid) in checks.items():
+            if not holds:
+                raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+
+
+@dataclass
+class History:
+    """What a training run was like.
+
+    :param validation_rmse: after every epoch, in original units.
+    :param best_epoch: from 0, that of the weights which are kept.
+    """
+
+    validation_rmse: list[float] = field(default_factory=list)
+    best_epoch: int = 0
+
+
+class Standardiser:
+    """Mean and standard deviation of every channel (Section 7.3.4).
+
+    :param mean: (channels,).
+    :param std: (channels,), above 0.
+    """
+
+    def __init__(self, mean: FloatArray, std: FloatArray) -> None:
+        self.mean, self.std = np.asarray(mean, np.float64), np.asarray(std, np.float64)
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Standardiser:
+        """Return the one that gives values (n, channels) mean 0 and variance 1."""
+        std = values.std(axis=0)
+        return cls(values.mean(axis=0), np.where(std < _CONSTANT, 1.0, std))
+
+    def forward(self, values: FloatArray) -> NDArray[np.float32]:
+        """Return standardised values."""
+        return ((values - self.mean) / self.std).astype(np.float32)
+
+    def backward(self, values: NDArray[np.floating]) -> FloatArray:
+        """Return values in original units."""
+        return values * self.std + self.mean
+
+
+class InverseModel(ABC):
+    """Maps targets to joints (inverse kinematics) or motions to torques (inverse dynamics).
+
+    :param robot: the arm's name.
+    :param task: ``ik`` or ``id``.
+    :raises ValueError: for an unknown arm or task.
+    """
+
+    name: ClassVar[str]
+    #: Whether `predict` needs the present joints.
+    needs_present: ClassVar[bool] = False
+
+    def __init__(self, robot: str, task: Task) -> None:
+        self.arm: Arm = arm_named(robot)
+        if task not in TASKS:
+            raise ValueError(f"task={task!r}: must be one of {', '.join(TASKS)}")
+        self.robot, self.task = robot, task
+
+    @property
+    def input_size(self) -> int:
+        """Numbers of an input: a target's, or three times the joints'."""
+        return self.arm.target_size if self.task == "ik" else 3 * self.arm.dof
+
+    @property
+    def output_size(self) -> int:
+        """Numbers of an output: one a joint."""
+        return self.arm.dof
+
+    @abstractmethod
+    def fit(
+        self,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        training: Training | None = None,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> History:
+        """Learn from samples in the order of time.
+
+        :param inputs: (n, input_size), original units.
+        :param outputs: (n, output_size).
+        :param training: how; the defaults if None.
+        :param progress: is told each epoch and its validation RMSE.
+        :raises ValueError: for shapes that do not fit, or values that are not finite.
+        """
+
+    @abstractmethod
+    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
+        """Return outputs (n, output_size) in original units.
+
+        :param inputs: (n, input_size).
+        :param present: (n, dof) the joints now; inverse kinematics alone, and only where
+            ``needs_present`` says so must it be given.
+        :raises ValueError: for shapes that do not fit, or a model that is not fitted.
+        """
+
+    @abstractmethod
+    def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        """Tensors and settings that make the model."""
+
+    @classmethod
+    @abstractmethod
+    def _from_state(
+        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
+    ) -> InverseModel:
+        """Make the model again."""
+
+    def save(self, path: Path, card: Mapping[str, Any] | None = None) -> None:
+        """Write a weight file.
+
+        :param path: must end in ``.safetensors``.
+        :param card: where the model comes from; JSON-able.
+        :raises ValueError: for another ending, or weights that are not finite.
+        """
+        path = Path(path)
+        if path.suffix != ".safetensors":
+            raise ValueError(f"path={str(path)!r} must end in '.safetensors'")
+        tensors, settings = self._state()
+        for name, value in tensors.items():
+            if not torch.isfinite(value).all():
+                raise ValueError(f"{name} holds values that are not finite")
+        header = {
+            "format": FORMAT,
+            "model": self.name,
+            "robot": self.robot,
+            "task": self.task,
+            "settings": json.dumps(settings),
+            "card": json.dumps(dict(card or {})),
+        }
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # A file without any tensor would be refused as cut short.
+        content = tensors or {"nothing": torch.zeros(1)}
+        save_file({name: one.contiguous() for name, one in content.items()}, path, metadata=header)
+        path.chmod(0o644)
+
+    def _checked(self, values: FloatArray, size: int, name: str) -> FloatArray:
+        values = np.asarray(values, dtype=np.float64)
+        if values.ndim != 2 or values.shape[1] != size:
+            raise ValueError(
+                f"{name} of shape {values.shape}: {self.robot} {self.task} needs (n, {size})"
+            )
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name}: every value must be finite")
+        return values
+
+    def _samples(self, inputs: FloatArray, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        inputs = self._checked(inputs, self.input_size, "inputs")
+        outputs = self._checked(outputs, self.output_size, "outputs")
+        if len(inputs) != len(outputs) or len(inputs) < 2:
+            raise ValueError(
+                f"{len(inputs)} inputs and {len(outputs)} outputs: must be as many, at least 2"
+            )
+        return inputs, outputs
+
+
+class NetworkModel(InverseModel):
+    """A model whose prediction is one network's; subclasses say how it learns.
+
+    :param robot: the arm's name.
+    :param task: ``ik`` or ``id``.
+    :param architecture: of every network of the model; the paper's by default.
+    """
+
+    def __init__(self, robot: str, task: Task, architecture: Architecture | None = None) -> None:
+        super().__init__(robot, task)
+        self.architecture = architecture or Architecture(layers=PAPER_LAYERS[task])
+        self._input_scale = self._output_scale = Standardiser(np.zeros(1), np.ones(1))
+        self._weights: dict[str, Tensor] | None = None
+        self._frozen: Frozen | None = None
+
+    # What subclasses add -------------------------------------------------------------------------
+
+    @abstractmethod
+    def _prepare(self, training: Training) -> nn.Module:
+        """Build networks and optimisers; return the network that predicts."""
+
+    @abstractmethod
+    def _update(self, inputs: Tensor, outputs: Tensor) -> None:
+        """Learn from one batch of standardised samples."""
+
+    def _optimisers(self) -> list[torch.optim.Optimizer]:
+        """The optimisers, for their learning rates to be lowered."""
+        return []
+
+    def _network_inputs(
+        self, inputs: FloatArray, outputs: FloatArray, generator: np.random.Generator
+    ) -> FloatArray:
+        """What the network sees while it learns: the inputs, unless a subclass adds to them."""
+        return inputs
+
+    # ---------------------------------------------------------------------------------------------
+
+    def fit(
+        self,
+        inputs: FloatArray,
+        outputs: FloatArray,
+        training: Training | None = None,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> History:
+        """Learn; the weights of the epoch with the least validation RMSE are kept."""
+        training = training or Training()
+        inputs, outputs = self._samples(inputs, outputs)
+        generator = np.random.default_rng(training.seed)
+        inputs = self._network_inputs(inputs, outputs, generator)
+        self._input_scale, self._output_scale = Standardiser.of(inputs), Standardiser.of(outputs)
+        order = generator.permutation(len(inputs))
+        held_out = max(1, round(training.validation_share * len(inputs)))
+        held, used = order[:held_out], order[held_out:]
+        torch.manual_seed(training.seed)
+        x = torch.from_numpy(self._input_scale.forward(inputs[used]))
+        y = torch.from_numpy(self._output_scale.forward(outputs[used]))
+        network = self._prepare(training)
+        schedules = [_cosine(one, training) for one in self._optimisers()]
+        history, best = History(), np.inf
+        for epoch in range(training.epochs):
+            shuffled = torch.randperm(len(x))
+            for batch in shuffled.split(training.batch_size):
+                self._update(x[batch], y[batch])
+            for schedule in schedules:
+                schedule.step()
+            self._frozen = self._frozen_of(network.state_dict())
+            error = self._forward(inputs[held]) - outputs[held]
+            rmse = float(np.sqrt(np.mean(np.square(error))))
+            history.validation_rmse.append(rmse)
+            if rmse < best:
+                best, history.best_epoch = rmse, epoch
+                kept = {name: one.detach().clone() for name, one in network.state_dict().items()}
+            if progress is not None:
+                progress(epoch, rmse)
+        if not np.isfinite(best):
+            raise FloatingPointError(f"{self.name} diverged: no epoch has a finite error")
+        self._weights, self._frozen = kept, self._frozen_of(kept)
+        return history
+
+    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
+        """Return outputs; see :class:`InverseModel`."""
+        return self._forward(self._checked(inputs, self.input_size, "inputs"))
+
+    def _frozen_of(self, weights: Mapping[str, Tensor]) -> Frozen:
+        return FrozenNetwork(weights, self.architecture)
+
+    def _forward(self, inputs: FloatArray) -> FloatArray:
+        if self._frozen is None:
+            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        return self._output_scale.backward(self._frozen(self._input_scale.forward(inputs)))
+
+    @property
+    def network_input_size(self) -> int:
+        """Numbers that the network reads."""
+        return self.input_size
+
+    def _new_network(self, inputs: int, outputs: int) -> nn.Sequential:
+        return build_network(inputs, outputs, self.architecture)
+
+    def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        if self._weights is None:
+            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        scales = {
+            "input_mean": self._input_scale.mean,
+            "input_std": self._input_scale.std,
+            "output_mean": self._output_scale.mean,
+            "output_std": self._output_scale.std,
+        }
+        tensors = {name: torch.from_numpy(one) for name, one in scales.items()}
+        tensors |= {f"network.{name}": one for name, one in self._weights.items()}
+        return tensors, {"architecture": asdict(self.architecture)}
+
+    @classmethod
+    def _from_state(
+        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
+    ) -> InverseModel:
+        model = cls(robot, task, Architecture(**settings["architecture"]))
+        scales = {
+            name: tensors[name].numpy() for name in tensors if not name.startswith("network.")
+        }
+        model._input_scale = Standardiser(scales["input_mean"], scales["input_std"])
+        model._output_scale = Standardiser(scales["output_mean"], scales["output_std"])
+        network = model._network_to_load()
+        weights = {
+            name.removeprefix("network."): one
+            for name, one in tensors.items()
+            if name.startswith("network.")
+        }
+        network.load_state_dict(weights, strict=True)
+        model._weights = dict(network.state_dict())
+        model._frozen = model._frozen_of(model._weights)
+        return model
+
+    def _network_to_load(self) -> nn.Module:
+        return self._new_network(self.network_input_size, self.output_size)
+
+
+def _cosine(
+    optimiser: torch.optim.Optimizer, training: Training
+) -> torch.optim.lr_scheduler.LRScheduler:
+    return torch.optim.lr_scheduler.CosineAnnealingLR(
+        optimiser, training.epochs, eta_min=training.learning_rate * training.decay
+    )

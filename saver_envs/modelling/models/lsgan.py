@@ -1,0 +1,25 @@
+"""The least-squares GAN of equation 7.9."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from saver_envs.modelling.models.cgan import Cgan
+
+#: Labels: fake and real as the discriminator learns them, and what the generator wants to hear.
+FAKE, REAL, WANTED = 0.0, 1.0, 1.0
+
+
+class Lsgan(Cgan):
+    """min_D (D(O|I) - 1)^2 / 2 + D(G(I*)|I*)^2 / 2, and min_G (D(G(I*)|I*) - 1)^2 / 2."""
+
+    name = "lsgan"
+
+    def _discriminator_loss(self, real: Tensor, fakes: list[Tensor]) -> Tensor:
+        judge = self._discriminators[0]
+        return 0.5 * (
+            (judge(real) - REAL).square().mean() + (judge(fakes[0]) - FAKE).square().mean()
+        )
+
+    def _generator_loss(self, inputs: Tensor, outputs: Tensor, fakes: list[Tensor]) -> Tensor:
+        return 0.5 * (self._discriminators[0](fakes[0]) - WANTED).square().mean()

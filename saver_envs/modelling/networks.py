@@ -1,0 +1,96 @@
+"""The trunk that all networks share, and its forward pass in NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+Float32 = NDArray[np.float32]
+Activation = Literal["leaky_relu", "relu", "sigmoid"]
+
+#: What the paper's search chose from (Table 7.3).
+LAYERS: Final = (3, 4, 5, 6, 7, 8)
+WIDTHS: Final = (128, 256, 512, 1024)
+ACTIVATIONS: Final[tuple[Activation, ...]] = ("relu", "sigmoid", "leaky_relu")
+LEAKS: Final = (0.1, 0.3, 0.4, 0.5, 0.7, 0.9)
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """A multi-layer perceptron; the defaults are what the paper chose for inverse kinematics.
+
+    :param layers: hidden layers.
+    :param width: neurons of each.
+    :param activation: ``leaky_relu``, ``relu`` or ``sigmoid``.
+    :param leak: slope of the leaky ReLU below zero.
+    :raises ValueError: for a value out of range.
+    """
+
+    layers: int = 3
+    width: int = 256
+    activation: Activation = "leaky_relu"
+    leak: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.layers <= 16:
+            raise ValueError(f"layers={self.layers!r}: must be 1 to 16")
+        if not 1 <= self.width <= 4096:
+            raise ValueError(f"width={self.width!r}: must be 1 to 4096")
+        if self.activation not in ACTIVATIONS:
+            raise ValueError(f"activation={self.activation!r}: must be one of {ACTIVATIONS}")
+        if not 0 <= self.leak < 1:
+            raise ValueError(f"leak={self.leak!r}: must be at least 0 and below 1")
+
+
+def build_network(inputs: int, outputs: int, architecture: Architecture) -> nn.Sequential:
+    """Return a fresh network: hidden layers with activations, then a linear layer."""
+    layers: list[nn.Module] = []
+    size = inputs
+    for _ in range(architecture.layers):
+        layers += [nn.Linear(size, architecture.width), _activation(architecture)]
+        size = architecture.width
+    return nn.Sequential(*layers, nn.Linear(size, outputs))
+
+
+def _activation(architecture: Architecture) -> nn.Module:
+    if architecture.activation == "leaky_relu":
+        return nn.LeakyReLU(architecture.leak)
+    return nn.ReLU() if architecture.activation == "relu" else nn.Sigmoid()
+
+
+class FrozenNetwork:
+    """What `build_network` built, in NumPy: for one target or a few, half of torch's time.
+
+    :param weights: the state of the network, copied.
+    :param architecture: as it was built with.
+    """
+
+    def __init__(self, weights: Mapping[str, torch.Tensor], architecture: Architecture) -> None:
+        arrays = [value.detach().cpu().numpy().astype(np.float32) for value in weights.values()]
+        self._weights = [np.ascontiguousarray(weight.T) for weight in arrays[::2]]
+        self._biases = arrays[1::2]
+        self._kind = architecture.activation
+        self._leak = np.float32(architecture.leak if self._kind == "leaky_relu" else 0.0)
+
+    def __call__(self, values: Float32) -> Float32:
+        """Return outputs (n, outputs) for inputs (n, inputs)."""
+        last = len(self._weights) - 1
+        for index, (weight, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
+            values = values @ weight
+            values += bias
+            if index == last:
+                return values
+            if self._kind == "sigmoid":
+                np.negative(values, out=values)
+                np.exp(values, out=values)
+                values += np.float32(1)
+                np.reciprocal(values, out=values)
+            else:
+                np.maximum(values, values * self._leak, out=values)
+        return values
