@@ -416,8 +416,7 @@ class Episodes:
             scale = self.settings.max_speed / RATED_SPEED * ACTION_DURATION
             wanted = commanded + motion * self._joint_speed * scale
         else:
-            self._move_set_point(motion)
-            wanted = self.inverse_kinematics(self._arms, self.set_point)
+            wanted = self.inverse_kinematics(self._arms, self.moved_set_point(motion))
         if self.settings.limit_joint_speed:
             # One factor for all joints of an arm: clipped one by one they would bend the tool's way
             # and press the hand on the table.
@@ -430,7 +429,12 @@ class Episodes:
             wanted = present + bounded(wanted - present, -JOINT_LEASH, JOINT_LEASH)
         return bounded(wanted, self._joint_lower, self._joint_upper)
 
-    def _move_set_point(self, motion: NDArray[np.float64]) -> None:
+    def moved_set_point(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Move the set-points as a Cartesian action does, and return them.
+
+        :param motion: (n, arms, 3), in [-1, 1].
+        :return: (n, arms, 3) within workspace, top speed and leash, metres.
+        """
         longest = self.settings.max_speed * ACTION_DURATION
         moved = self.set_point + shortened(motion * longest, longest)
         tool = self._arms.tool_position
@@ -438,6 +442,7 @@ class Episodes:
         if self.task.held_height is not None:
             moved[..., 2] = self.task.held_height
         self.set_point = self.regions.workspace.clip(moved)
+        return self.set_point
 
     def _read(self, rows: NDArray[np.intp] | None = None) -> None:
         """Read observations and achieved goals of ``rows``, or of all.

@@ -85,7 +85,7 @@ _MICO_INERTIA = (
 _MICO_HAND_FRAME = 0.16
 
 #: Masses of torso with head, shoulder pan and lift, upper arm, elbow, forearm, wrist flex and roll
-#: (kg): Fetch's URDF, as in the MJCF of the gymnasium-robotics wheel. No gripper: Table 2 has none.
+#: (kg): Fetch's URDF, as in the gymnasium-robotics wheel. No gripper: Table 2 has none.
 FETCH_MASSES = (
     10.7796 + 2.2556 + 0.9087,
     2.5587,

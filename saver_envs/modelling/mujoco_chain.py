@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -38,7 +39,7 @@ def chain_of_model(
         tool = _transform(data.site(site).xpos, data.site(site).xmat)
     else:
         tool = _transform(data.body(body).xpos, data.body(body).xmat)
-    before = [np.linalg.inv(first) @ second for first, second in zip(ends, ends[1:], strict=False)]
+    before = [np.linalg.inv(first) @ second for first, second in pairwise(ends)]
     dof = len(joints)
     return Chain(
         np.array(before),

@@ -48,20 +48,32 @@ class Reached:
         )
 
 
-def target_error(frames: Frames, targets: FloatArray) -> FloatArray:
-    """Return what the tool lacks.
+def pose_error(position: FloatArray, rotation: FloatArray | None, targets: FloatArray) -> FloatArray:
+    """Return what a tool lacks.
 
-    :param frames: of n configurations.
+    :param position: (n, 3) of the tool, metres.
+    :param rotation: (n, 3, 3) of the tool; poses alone need it.
     :param targets: (n, 3) positions, or (n, 6) positions and rotation vectors from tool-down.
     :return: (n, 3) metres, or (n, 6) with the turn in radians, exact to first order.
     """
-    error = targets[:, :3] - frames.tool_position
-    if targets.shape[1] == 3:
+    error = targets[:, :3] - position
+    if rotation is None or targets.shape[1] == 3:
         return error
-    relative = frames.tool_rotation
     if targets[:, 3:].any():
-        relative = relative @ rotation_of(targets[:, 3:]).swapaxes(-1, -2)
-    return np.concatenate([error, orientation_error(relative)], axis=1)
+        rotation = rotation @ rotation_of(targets[:, 3:]).swapaxes(-1, -2)
+    return np.concatenate([error, orientation_error(rotation)], axis=1)
+
+
+def target_error(frames: Frames, targets: FloatArray) -> FloatArray:
+    """Return what the tools of n configurations lack; see :func:`pose_error`."""
+    return pose_error(frames.tool_position, frames.tool_rotation, targets)
+
+
+def error_at(joints: FloatArray, targets: FloatArray, chain: Chain) -> FloatArray:
+    """Return what the tool lacks at joints (n, dof); see :func:`pose_error`."""
+    if targets.shape[1] == 3:
+        return pose_error(chain.position(joints), None, targets)
+    return pose_error(*chain.tool_pose(joints), targets)
 
 
 def rotation_of(vectors: FloatArray) -> FloatArray:
@@ -91,14 +103,22 @@ def newton(
     for _ in range(steps):
         frames = chain.frames(joints)
         jacobian = chain.jacobian(frames)[:, :rows]
-        step = least_squares_step(jacobian, target_error(frames, targets), _NEWTON_DAMPING)
-        joints = bounded(joints + bounded(step, -_LONGEST_STEP, _LONGEST_STEP), lower, upper)
+        error = target_error(frames, targets)
+        moved = joints + least_squares_step(jacobian, error, _NEWTON_DAMPING)
+        beyond = (moved < lower) | (moved > upper)
+        if beyond.any():
+            # Those joints stay where they are, the others do without them.
+            few = np.flatnonzero(beyond.any(axis=1))
+            held = jacobian[few] * ~beyond[few, None]
+            moved[few] = joints[few] + least_squares_step(held, error[few], _NEWTON_DAMPING)
+        step = bounded(moved - joints, -_LONGEST_STEP, _LONGEST_STEP)
+        joints = bounded(joints + step, lower, upper)
     return joints
 
 
 def judge(targets: FloatArray, joints: FloatArray, chain: Chain) -> Reached:
     """Return where the arm is at given joints, seen from its targets."""
-    error = target_error(chain.frames(joints), targets)
+    error = error_at(joints, targets, chain)
     return Reached(
         joints,
         np.linalg.norm(error[:, :3], axis=1),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -12,6 +12,7 @@ from mujoco.batch import Batch
 from saver_envs.modelling.arms import Arm, arm_named
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.mujoco_chain import links_of_model
+from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.modelling.trajectories import Trajectory
 from saver_envs.modelling.twin_parameters import TWINS, TwinParameters
 from saver_envs.robots import fetch, mico
@@ -95,6 +96,21 @@ class Twin:
         model.actuator_forcerange[:] = np.stack([-limit, limit], axis=-1)
         model.jnt_actfrcrange[joints] = np.stack([-limit, limit], axis=-1)
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def with_gain(self, gain: float) -> Twin:
+        """Return the same plant with another feedback.
+
+        :param gain: multiple of the stiffness; the damping goes with its root.
+        """
+        given = self.parameters
+        return Twin(
+            self.arm.name,
+            replace(
+                given,
+                stiffness=tuple(gain * one for one in given.stiffness),
+                controller_damping=tuple(gain**0.5 * one for one in given.controller_damping),
+            ),
+        )
 
     def track(
         self,
@@ -218,8 +234,6 @@ class _Run:
 
 def nominal_inverse_dynamics(name: str) -> InverseDynamics:
     """Return inverse dynamics with the maker's inertia: what a low-level controller would have."""
-    from saver_envs.modelling.newton_euler import inverse_dynamics
-
     arm = arm_named(name)
     links = links_of_model(
         nominal_model(name), arm.robot.base_body, arm.robot.arm_joints, arm.chain

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
 from functools import cache
 from pathlib import Path
 
@@ -80,8 +81,8 @@ def _world() -> mujoco.MjSpec:
         '<mujoco model="fetch"><compiler angle="radian"/>'
         '<include file="shared.xml"/><worldbody><include file="robot.xml"/></worldbody></mujoco>'
     )
-    texture = b'<texture name="texture_block" file="block.png" gridsize="3 4" gridlayout=".U..LFRB.D.."></texture>'
-    shared = xml["shared.xml"].replace(texture, b"")
+    # The texture's picture is of no use without a cube to put it on.
+    shared = re.sub(rb'<texture name="texture_block"[^>]*>(</texture>)?', b"", xml["shared.xml"])
     spec = mujoco.MjSpec.from_string(
         world, include={"shared.xml": shared, "robot.xml": xml["robot.xml"]}, assets=meshes
     )

@@ -44,8 +44,6 @@ class Bigan(AdversarialModel):
         generator, encoder = self._generators
         scores = self._discriminators[0](torch.cat(fakes)).split(len(inputs))
         fooled = -sum((functional.softplus(one).mean() for one in scores), torch.zeros(()))
-        if self._sigma:
-            loop = encoder(generator(inputs))
-        else:
-            loop = encoder(fakes[0][:, inputs.shape[1] :])  # G(I) is at hand
-        return fooled + squared_distance(inputs, loop)
+        # Without noise G(I) is at hand.
+        generated = generator(inputs) if self._sigma else fakes[0][:, inputs.shape[1] :]
+        return fooled + squared_distance(inputs, encoder(generated))
