@@ -26,6 +26,7 @@ COMMANDS: Final = {
     "benchmark": "measure speed on this machine, and methods beside one another",
     "pose": "find the people in a picture or a video",
     "train-pose": "train a network that finds people",
+    "model": "model an arm: its data set, inverse models, their hyper-parameters",
     "demo": "play the shipped policies, learn for two minutes, write a page about it",
     "docs": "write the documentation pages that come from the code",
 }

@@ -18,6 +18,8 @@ KINDS: Final = {
     "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),
     "pose": ("saver_advisors.benchmarks.pose", "people found in pictures, beside BlazePose"),
     "transfer": ("saver_advisors.benchmarks.transfer", "policies of the Jaco on other arms"),
+    "ik": ("saver_advisors.benchmarks.ik", "inverse kinematics of chapter 7, beside its tables"),
+    "id": ("saver_advisors.benchmarks.id", "inverse dynamics of chapter 7, beside its tables"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
 command has, and a line of help. One row a benchmark, and nothing else to edit here.

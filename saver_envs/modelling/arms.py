@@ -27,6 +27,8 @@ from saver_envs.robots.jaco import JACO
 from saver_envs.robots.mico import MICO
 
 Pose = Literal["position", "pose"]
+#: Inverse kinematics or inverse dynamics.
+Task = Literal["ik", "id"]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from saver_envs.modelling.arms import arm_named
+from saver_envs.modelling.arms import Task, arm_named
+from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.recordings import COLUMNS, Processing, Recording, process
 from saver_envs.modelling.trajectories import random_trajectory
 from saver_envs.modelling.twin import TIME_STEP, Twin, nominal_inverse_dynamics
@@ -66,6 +67,19 @@ class DataSet:
     robot: str
     train: Recording
     test: Recording
+
+
+def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray]:
+    """Return inputs and outputs of a task (Section 7.3.1), in the order of time.
+
+    :param recording: the samples.
+    :param task: ``ik``: the end effector's position (n, 3) to joints (n, dof); ``id``: joints,
+        their velocities and accelerations (n, 3 dof) to torques (n, dof).
+    """
+    if task == "ik":
+        return recording.hand, recording.position
+    motion = (recording.position, recording.velocity, recording.acceleration)
+    return np.concatenate(motion, axis=1), recording.torque
 
 
 def default_cache() -> Path:

@@ -107,7 +107,7 @@ _FETCH_CENTRES = (
     (-0.0001, -0.0009, 0.0882),
     (-0.0002, -0.0004, 0.0095),
 )
-#: Its moments of inertia, kg m^2. The order is xx xy xz yy yz zz, not the one it prints, by which an
+#: Its moments of inertia, kg m^2. The order is xx xy xz yy yz zz, not the printed one, by which an
 #: Izz would be negative.
 _FETCH_INERTIA = (
     (0.3354, 0.0, -0.0162, 0.3354, -0.0006, 0.0954),

@@ -170,8 +170,10 @@ class LearnedInverseKinematics:
         reached = found.reached
         if self._nearest and not reached.all():
             missed = np.flatnonzero(~reached)
-            start = joints[missed] if present is None else self._nearer(
-                targets[missed], joints[missed], present[missed]
+            start = (
+                joints[missed]
+                if present is None
+                else self._nearer(targets[missed], joints[missed], present[missed])
             )
             better = nearest(self.arm, targets[missed], start, self._chain)
             joints[missed], reached[missed] = better.joints, better.reached

@@ -48,7 +48,9 @@ class Reached:
         )
 
 
-def pose_error(position: FloatArray, rotation: FloatArray | None, targets: FloatArray) -> FloatArray:
+def pose_error(
+    position: FloatArray, rotation: FloatArray | None, targets: FloatArray
+) -> FloatArray:
     """Return what a tool lacks.
 
     :param position: (n, 3) of the tool, metres.

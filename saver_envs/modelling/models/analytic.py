@@ -42,8 +42,9 @@ class Analytic(InverseModel):
         """Check the samples; there is nothing to learn."""
         inputs, outputs = self._samples(inputs, outputs)
         few = slice(0, len(inputs), max(1, len(inputs) // 2000))
-        error = self.predict(inputs[few]) - outputs[few]
-        return History([float(np.sqrt(np.mean(np.square(error))))], 0)
+        history = History()
+        history.add(self.predict(inputs[few]) - outputs[few])
+        return history
 
     def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
         """Return joints or torques; see :class:`InverseModel`."""

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import torch
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from saver_envs.modelling.arms import Arm, arm_named
+from saver_envs.modelling.arms import Arm, Task, arm_named
 from saver_envs.modelling.networks import Architecture, FrozenNetwork, build_network
 
 FloatArray = NDArray[np.float64]
-Task = Literal["ik", "id"]
 #: A forward pass over standardised values (n, inputs).
 Frozen = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -49,7 +48,7 @@ class Training:
     """
 
     epochs: int = 100
-    batch_size: int = 512
+    batch_size: int = 256
     learning_rate: float = 1e-3
     decay: float = 0.05
     validation_share: float = 0.2
@@ -78,10 +77,23 @@ class History:
 
     :param validation_rmse: after every epoch, in original units.
     :param best_epoch: from 0, that of the weights which are kept.
+    :param per_output: at that epoch, of each output.
     """
 
     validation_rmse: list[float] = field(default_factory=list)
     best_epoch: int = 0
+    per_output: list[float] = field(default_factory=list)
+
+    def add(self, error: FloatArray) -> bool:
+        """Note the errors (n, outputs) of an epoch; say whether it is the best so far."""
+        square = np.square(error).mean(axis=0)
+        rmse = float(np.sqrt(square.mean()))
+        best = np.isfinite(rmse) and rmse < min(self.validation_rmse, default=np.inf)
+        self.validation_rmse.append(rmse)
+        if best:
+            self.best_epoch = len(self.validation_rmse) - 1
+            self.per_output = np.sqrt(square).tolist()
+        return bool(best)
 
 
 class Standardiser:
@@ -281,7 +293,7 @@ class NetworkModel(InverseModel):
         y = torch.from_numpy(self._output_scale.forward(outputs[used]))
         network = self._prepare(training)
         schedules = [_cosine(one, training) for one in self._optimisers()]
-        history, best = History(), np.inf
+        history, kept = History(), None
         for epoch in range(training.epochs):
             shuffled = torch.randperm(len(x))
             for batch in shuffled.split(training.batch_size):
@@ -289,15 +301,11 @@ class NetworkModel(InverseModel):
             for schedule in schedules:
                 schedule.step()
             self._frozen = self._frozen_of(network.state_dict())
-            error = self._forward(inputs[held]) - outputs[held]
-            rmse = float(np.sqrt(np.mean(np.square(error))))
-            history.validation_rmse.append(rmse)
-            if rmse < best:
-                best, history.best_epoch = rmse, epoch
+            if history.add(self._forward(inputs[held]) - outputs[held]):
                 kept = {name: one.detach().clone() for name, one in network.state_dict().items()}
             if progress is not None:
-                progress(epoch, rmse)
-        if not np.isfinite(best):
+                progress(epoch, history.validation_rmse[-1])
+        if kept is None:
             raise FloatingPointError(f"{self.name} diverged: no epoch has a finite error")
         self._weights, self._frozen = kept, self._frozen_of(kept)
         return history

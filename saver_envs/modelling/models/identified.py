@@ -64,8 +64,9 @@ class Identified(InverseModel):
         used = used[:: max(1, len(used) // SAMPLES)]
         self._values = self._identify(inputs[used], outputs[used])
         held = order[:held_out]
-        error = self.predict(inputs[held]) - outputs[held]
-        return History([float(np.sqrt(np.mean(np.square(error))))], 0)
+        history = History()
+        history.add(self.predict(inputs[held]) - outputs[held])
+        return history
 
     def _identify(self, inputs: FloatArray, outputs: FloatArray) -> dict[str, FloatArray]:
         from mujoco import sysid

@@ -1,0 +1,212 @@
+"""What `saver benchmark ik` and `saver benchmark id` share: arguments and procedure."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.benchmarks.modelling_cells import SIGMAS, SIZES, Task
+
+ROBOTS: Final = ("mico", "fetch")
+RESULTS: Final = Path("runs/modelling")
+
+
+def declare(parser: argparse.ArgumentParser, models: Sequence[str]) -> None:
+    """Declare the arguments.
+
+    :param parser: the command's
+    :param models: that the task has
+    """
+    from saver_advisors.cli.arguments import add_json, at_least, new_file
+
+    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="which arm (default: mico)")
+    parser.add_argument(
+        "--models",
+        nargs="+",
+        choices=models,
+        default=list(models),
+        metavar="NAME",
+        help=f"which models (default: {' '.join(models)})",
+    )
+    parser.add_argument(
+        "--sizes",
+        nargs="+",
+        type=int,
+        choices=SIZES,
+        default=list(SIZES),
+        metavar="K",
+        help="the first K x 10,000 samples (default: 1 2 3 4 5 6)",
+    )
+    parser.add_argument(
+        "--sigmas",
+        nargs="+",
+        type=float,
+        choices=SIGMAS,
+        default=list(SIGMAS),
+        metavar="S",
+        help="spread of the fake inputs, adversarial models alone (default: 0 0.2 0.4 0.6)",
+    )
+    parser.add_argument(
+        "--seeds",
+        nargs="+",
+        type=at_least(0),
+        default=[0],
+        metavar="N",
+        help="of split, weights and noise (default: 0)",
+    )
+    parser.add_argument(
+        "--epochs", type=at_least(1), default=100, metavar="N", help="(default: 100, the paper's)"
+    )
+    parser.add_argument(
+        "--supervised-weight",
+        type=_weight,
+        default=0.0,
+        metavar="W",
+        help="of a squared error in the adversarial losses, which the paper's equations lack "
+        "(default: 0)",
+    )
+    parser.add_argument(
+        "--processes",
+        type=at_least(1),
+        default=1,
+        metavar="N",
+        help="cells trained at once, one core each (default: 1)",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        default=RESULTS,
+        metavar="DIR",
+        help=f"where the cells' files are kept (default: {RESULTS})",
+    )
+    parser.add_argument(
+        "--no-training",
+        action="store_true",
+        help="show the cells that there are, and train none",
+    )
+    parser.add_argument(
+        "--table",
+        type=new_file(".md"),
+        metavar="FILE",
+        help="write the figures there as a Markdown page too",
+    )
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show what an earlier --json wrote, and train nothing",
+    )
+    add_json(parser)
+
+
+def _weight(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be 0 or more")
+    return value
+
+
+def execute(args: argparse.Namespace, task: Task) -> int:
+    """Train what is missing, show, and write where asked for.
+
+    :param args: see :func:`declare`
+    :param task: "ik" or "id"
+    :return: exit status
+    """
+    from saver_advisors.benchmarks.modelling_table import render
+    from saver_advisors.cli.arguments import write_json
+
+    earlier = args.from_json
+    figures = _measure(args, task) if earlier is None else _read(earlier, task)
+    page = render(figures)
+    print(page)
+    if args.table is not None:
+        args.table.write_text(page, encoding="utf-8")
+        print(f"wrote {args.table}")
+    if args.from_json is None:
+        write_json(args.json, figures)
+    return 0
+
+
+def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
+    from saver_advisors.benchmarks.modelling_claims import claims
+    from saver_advisors.benchmarks.modelling_grid import cells_of, results_of, run_grid
+    from saver_advisors.cli.errors import UsageError
+
+    cells = cells_of(
+        args.robot,
+        task,
+        args.models,
+        args.sizes,
+        args.sigmas,
+        args.seeds,
+        args.epochs,
+        args.supervised_weight,
+    )
+    if not args.no_training:
+        prepare_data(args.robot)
+        _train(cells, args.results, args.processes, run_grid)
+    results = results_of(cells, args.results)
+    if not results:
+        raise UsageError(f"argument --results: {args.results} has none of the cells asked for")
+    return {
+        "title": f"{'Inverse kinematics' if task == 'ik' else 'Inverse dynamics'}, {args.robot}",
+        "kind": f"modelling-{task}",
+        "robot": args.robot,
+        "task": task,
+        "epochs": args.epochs,
+        "cells": results,
+        "claims": claims(args.robot, task, results),
+    }
+
+
+def prepare_data(robot: str, seed: int = 0) -> None:
+    """Make the arm's data set if it is not there, with a progress bar.
+
+    :param robot: the arm's name
+    :param seed: of the data set
+    """
+    from tqdm import tqdm
+
+    from saver_envs.modelling.datasets import simulated_steps, twin_data_set
+
+    with tqdm(
+        total=simulated_steps(robot), desc=f"{robot}: data", unit="step", delay=2.0, leave=False
+    ) as bar:
+
+        def progress(steps: int) -> None:
+            bar.update(steps)
+
+        twin_data_set(robot, seed, progress=progress)
+
+
+def _train(cells: Sequence[Any], folder: Path, processes: int, run_grid: Any) -> None:
+    from tqdm import tqdm
+
+    from saver_advisors.benchmarks.modelling_grid import read_result
+
+    done = sum(read_result(folder, cell) is not None for cell in cells)
+    with tqdm(total=len(cells), initial=done, unit="cell", dynamic_ncols=True) as progress:
+        for result in run_grid(cells, folder, processes):
+            progress.set_description(f"{result['model']}, size {result['size']}")
+            progress.update()
+
+
+def _read(path: Path, task: Task) -> dict[str, Any]:
+    """An earlier measurement."""
+    from saver_advisors.cli.errors import UsageError
+
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"argument --from: {path} cannot be read as JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != f"modelling-{task}":
+        raise UsageError(f"argument --from: {path} was not written by `saver benchmark {task}`")
+    return figures
