@@ -116,6 +116,9 @@ class Simulation:
         self._site_position = self._batch.bind("site_xpos")
         self._site_rotation = self._batch.bind("site_xmat")
         self._sensors = self._batch.bind("sensordata")
+        kinds = scene.model.jnt_type[scene.joint_id]
+        self._slides = (kinds == int(mujoco.mjtJoint.mjJNT_SLIDE))[..., None]
+        self._has_slides = bool(self._slides.any())
         # The batch gives two numbers a warning: its last argument and how often it came.
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
@@ -253,6 +256,9 @@ class Simulation:
         axes = of(self._axes, scene.joint_id)
         levers = tool[:, :, None, :] - of(self._anchors, scene.joint_id)
         linear, angular = cross(axes, levers), axes
+        if self._has_slides:  # a lift moves along its axis and turns nothing
+            linear = np.where(self._slides, axes, linear)
+            angular = np.where(self._slides, 0.0, angular)
         tool_position = tool - scene.base_position
         rotation = of(self._site_rotation, scene.tool_site).reshape(*tool.shape, 3)
         if self._bases_turned:

@@ -20,6 +20,8 @@ KINDS: Final = {
     "transfer": ("saver_advisors.benchmarks.transfer", "policies of the Jaco on other arms"),
     "ik": ("saver_advisors.benchmarks.ik", "inverse kinematics of chapter 7, beside its tables"),
     "id": ("saver_advisors.benchmarks.id", "inverse dynamics of chapter 7, beside its tables"),
+    "kinematics": ("saver_advisors.benchmarks.kinematics", "learned inverse kinematics in use"),
+    "tracking": ("saver_advisors.benchmarks.tracking", "feed-forward torques on the twins"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a
 command has, and a line of help. One row a benchmark, and nothing else to edit here.

@@ -33,7 +33,7 @@ class Robot:
     :param base_body: name of the base body.
     :param tool_site: name of the site that set-points refer to, between the fingertips; its axes
         are parallel to the base's when the hand points down at the yaw that tasks hold.
-    :param arm_joints: hinge joints from base to wrist.
+    :param arm_joints: hinge joints from base to wrist; a slide counts in metres and newtons.
     :param finger_joints: hinge joints of the fingers when actuated.
     :param arm_actuators: position servos, in the order of ``arm_joints``.
     :param finger_actuators: position servos, in the order of ``finger_joints``.

@@ -6,6 +6,7 @@ The structure is the rigid body's, plus what joints and drives add; the numbers 
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -18,14 +19,13 @@ from saver_envs.modelling.models.base import FloatArray, History, InverseModel, 
 from saver_envs.modelling.newton_euler import inverse_dynamics
 
 #: Samples that the fit sees, evenly spaced over those that are given.
-SAMPLES = 1500
-_ITERATIONS = 25
+SAMPLES = 1000
+_ITERATIONS = 15
 #: Coulomb friction changes sign over this share of a joint's usual speed.
 _SMOOTHING = 0.02
-#: Bounds of the fit: masses as shares of Appendix A's, centres of mass about them (m), friction,
-#: damping and armature as multiples of the usual torque, that per speed, and a bound (kg m^2, kg).
+#: Bounds of the fit: masses as shares of Appendix A's, centres of mass about them (m). What joints
+#: and drives add may be twice the usual torque at the usual speed or acceleration.
 _MASS_BOUND, _CENTRE_BOUND = (0.3, 3.0), 0.25
-_ARMATURE_BOUND = 60.0
 
 
 class Identified(InverseModel):
@@ -73,6 +73,7 @@ class Identified(InverseModel):
 
         dof = self.output_size
         speed = inputs[:, dof : 2 * dof].std(axis=0)
+        rate = inputs[:, 2 * dof :].std(axis=0)
         scale = outputs.std(axis=0)
         zero = np.zeros(dof)
         self._speed = _SMOOTHING * speed
@@ -85,7 +86,7 @@ class Identified(InverseModel):
             ),
             "friction": (0.1 * scale, zero, 2 * scale),
             "damping": (0.1 * scale / speed, zero, 2 * scale / speed),
-            "armature": (np.full(dof, 0.05), zero, np.full(dof, _ARMATURE_BOUND)),
+            "armature": (0.1 * scale / rate, zero, 2 * scale / rate),
         }
         parameters = sysid.ParameterDict()
         for name, (first, low, high) in bounds.items():
@@ -101,8 +102,14 @@ class Identified(InverseModel):
             result = np.stack(rows, axis=-1) / np.sqrt(outputs.size)
             return [result if x.ndim > 1 else result[:, 0]], None, None
 
+        # Its progress is printed to the given stream, whatever `verbose` says.
         _, result = sysid.optimize(
-            parameters, residual, verbose=False, max_iters=_ITERATIONS, x_scale="jac"
+            parameters,
+            residual,
+            verbose=False,
+            max_iters=_ITERATIONS,
+            x_scale="jac",
+            output=io.StringIO(),
         )
         fitted = dict(zip(bounds, np.split(np.ravel(result.x), splits), strict=True))
         return {**fitted, "speed": self._speed}
