@@ -23,7 +23,8 @@ examples:
 
 ARMS: Final = ("mico", "jaco", "fetch")
 ENVS: Final = {"jaco": "JacoPush-v0", "mico": "MicoPush-v0"}
-POLICY: Final = "jaco-push"
+POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
+"""The MICO is driven by the Jaco's policy, which it was not trained for, and by a scripted one."""
 NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
 
 _TARGETS: Final = 5000
@@ -116,11 +117,11 @@ def measure(
         cost += [_cost(robot, inverses["shipped"], n_envs) for n_envs in _N_ENVS]
         for name, model in {"damped least squares": None, **inverses}.items():
             for steps in (0, _STEPS) if model is not None else (None,):
-                success.append(_success(robot, name, model, steps, episodes))
+                for policy in POLICIES[robot]:
+                    success.append(_success(robot, policy, name, model, steps, episodes))
     return {
         "title": "Learned inverse kinematics in use",
         "kind": "kinematics",
-        "policy": POLICY,
         "samples": samples,
         "epochs": epochs,
         "accuracy": accuracy,
@@ -206,7 +207,9 @@ def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
     }
 
 
-def _success(robot: str, name: str, model: Any, steps: int | None, episodes: int) -> dict[str, Any]:
+def _success(
+    robot: str, policy: str, name: str, model: Any, steps: int | None, episodes: int
+) -> dict[str, Any]:
     from saver_advisors.cli.policies import resolve
     from saver_advisors.evaluation.episodes import evaluate_policy
     from saver_envs.modelling.kinematics import LearnedInverseKinematics
@@ -216,11 +219,12 @@ def _success(robot: str, name: str, model: Any, steps: int | None, episodes: int
     if model is not None and steps is not None:
         kwargs["inverse_kinematics"] = LearnedInverseKinematics(robot, model, steps)
     outcomes = evaluate_policy(
-        resolve(POLICY, env_id, {}).predict, env_id, episodes=episodes, env_kwargs=kwargs
+        resolve(policy, env_id, {}).predict, env_id, episodes=episodes, env_kwargs=kwargs
     )
     low, high = outcomes.confidence_interval
     return {
         "env": env_id,
+        "policy": policy,
         "inverse_kinematics": name,
         "refinement": steps,
         "episodes": episodes,
@@ -263,11 +267,12 @@ def render(figures: dict[str, Any]) -> str:
     success = [
         [
             one["env"],
+            one["policy"],
             one["inverse_kinematics"],
             "-" if one["refinement"] is None else str(one["refinement"]),
             f"{one['success']:.3f} [{one['interval'][0]:.3f}, {one['interval'][1]:.3f}]",
         ]
-        for one in figures["success"]
+        for one in sorted(figures["success"], key=lambda one: (one["env"], one["policy"]))
     ]
     counted = f" over {figures['success'][0]['episodes']} episodes" if success else ""
     parts = [
@@ -289,7 +294,9 @@ def render(figures: dict[str, Any]) -> str:
     if success:
         parts += [
             "## In use\n",
-            f"Success of `{figures['policy']}`{counted}, 95% intervals.\n",
-            markdown(["environment", "inverse kinematics", "Newton steps", "success"], success),
+            f"Success{counted}, 95% intervals.\n",
+            markdown(
+                ["environment", "policy", "inverse kinematics", "Newton steps", "success"], success
+            ),
         ]
     return "\n".join(parts)

@@ -27,11 +27,11 @@ REFINEMENT = 2
 _TURN = 2 * math.pi
 #: Squared damping of the steps with the present Jacobian, next to nothing.
 _DAMPING = 1e-6
-#: Guesses farther off than this (m, rad) are refined by `solve`; so are those of which the steps
-#: leave more than this to be done, as at a joint limit or out of reach.
-_LONGEST_CHORD, _MISSING = 0.05, 5e-4
-#: Errors below this need no further step (m, rad): the first has made them a tenth.
-_CLOSE = 5e-3
+#: Guesses farther off than this (m, rad), those that a step would change by more than this (rad,
+#: m), as out of reach, and those that meet a joint limit are left to `solve`.
+_FAR, _LONG = 0.05, 0.3
+#: Errors below this need no further step (m, rad): the first has made them about a tenth.
+_CLOSE = 0.02
 
 
 @dataclass(frozen=True)
@@ -127,21 +127,22 @@ class LearnedInverseKinematics:
         self, targets: FloatArray, present: FloatArray, jacobian: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Refine guesses by steps with one Jacobian; say for which that does not do (n,)."""
-        lower, upper = self.arm.joint_lower, self.arm.joint_upper
         joints = self._guess(targets, present)
-        far = np.zeros(len(targets), dtype=bool)
+        left = np.zeros(len(targets), dtype=bool)
+        rows: NDArray[np.intp] | slice = slice(None)
         for _ in range(self.refinement):
-            error = error_at(joints, targets, self._chain)
-            step = least_squares_step(jacobian, error, _DAMPING)
-            moved = bounded(joints + step, lower, upper)
-            missing = error - (jacobian @ (moved - joints)[..., None])[..., 0]
-            joints = moved
-            # Beyond the first order the chord errs by about the product of the two.
-            moved_by = np.abs(error).max(axis=1)
-            far = (moved_by > _LONGEST_CHORD) | (np.abs(missing).max(axis=1) > _MISSING)
-            if moved_by.max(initial=0.0) < _CLOSE:
+            error = error_at(joints[rows], targets[rows], self._chain)
+            step = least_squares_step(jacobian[rows], error, _DAMPING)
+            wanted = joints[rows] + step
+            joints[rows] = bounded(wanted, self.arm.joint_lower, self.arm.joint_upper)
+            largest = np.abs(error).max(axis=1)
+            if largest.max() > _FAR or np.abs(step).max() > _LONG or (joints[rows] != wanted).any():
+                bad = (largest > _FAR) | (np.abs(step).max(axis=1) > _LONG)
+                left[rows] |= bad | (joints[rows] != wanted).any(axis=1)
+            if largest.max() < _CLOSE:
                 break
-        return joints, far
+            rows = np.arange(len(targets))[rows][largest >= _CLOSE]
+        return joints, left
 
     def _guess(self, targets: FloatArray, present: FloatArray | None) -> FloatArray:
         """The model's joints, endless ones nearest to the present, all within the limits."""

@@ -24,6 +24,8 @@ _FIRST, _BETTER, _WORSE = 1e-4, 0.3, 4.0
 _LEAST, _MOST = 1e-9, 1e3
 #: A search is over where its steps have become this small (rad, m).
 _STILL = 1e-9
+#: And a target is met where the squared error is this small (m^2, rad^2).
+_EXACT = 1e-14
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,8 @@ def nearest(arm: Arm, targets: FloatArray, joints: FloatArray, chain: Chain) -> 
         damping = bounded(damping * np.where(better, _BETTER, _WORSE), _LEAST, _MOST)
         moved = np.abs(np.where(better[:, None], tried - joints, 0.0)).max(initial=0.0)
         joints = np.where(better[:, None], tried, joints)
-        if moved < _STILL and not (~better & (damping < _MOST)).any():
+        settled = (damping >= _MOST) | (np.square(error).sum(axis=1) < _EXACT)
+        if settled.all() or (moved < _STILL and not (~better & ~settled).any()):
             break
         frames = chain.frames(joints)
         error = target_error(frames, targets)

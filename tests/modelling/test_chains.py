@@ -111,7 +111,9 @@ def test_newton_euler_is_pinocchios(arm: tuple[str, mujoco.MjModel, Chain]) -> N
     q, v, a = motions(chain.dof, 50)
     torque = inverse_dynamics(chain, links, q, v, a)
     for row in range(len(q)):
-        assert np.abs(torque[row] - pinocchio.rnea(built, data, q[row], v[row], a[row])).max() < 1e-9
+        assert (
+            np.abs(torque[row] - pinocchio.rnea(built, data, q[row], v[row], a[row])).max() < 1e-9
+        )
 
 
 @pytest.mark.parametrize("robot", ["jaco", "mico", "fetch"])
@@ -180,9 +182,7 @@ def test_the_appendix_is_near_the_makers_figures() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.tuples(
-        st.floats(-3.1, 3.1), st.floats(0.9, 5.3), st.floats(0.65, 5.6), st.floats(-3.1, 3.1)
-    )
+    st.tuples(st.floats(-3.1, 3.1), st.floats(0.9, 5.3), st.floats(0.65, 5.6), st.floats(-3.1, 3.1))
 )
 def test_closed_form_has_every_branch(joints: tuple[float, ...]) -> None:
     chain = mico_chain(MICO_TOOL)
