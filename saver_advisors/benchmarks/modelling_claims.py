@@ -114,10 +114,8 @@ def _little_data(table: Table) -> Judged:
 def _advantage_shrinks(table: Table) -> Judged:
     gaps = {
         size: table.best("mlp", size) - table.best_adversarial(size)
-        for size in (1, table.sizes[-1])
+        for size in (1, _largest(table))
     }
-    if len(gaps) < 2:
-        raise Missing
     first, last = gaps.values()
     return first > last, f"MLP less best GAN: {first:+.3g} at size 1, {last:+.3g} at the largest"
 
@@ -133,6 +131,8 @@ def _base_overfits(table: Table) -> Judged:
     for size in table.sizes:
         base = table.best("mlp", size, "validation")
         found.append((base, table.best_adversarial(size, "validation")))
+    if not found:
+        raise Missing
     lower = sum(base < _MUCH * ours for base, ours in found)
     return lower == len(found), f"at {lower} of {len(found)} sizes below {_MUCH:.0%} of any GAN's"
 
@@ -165,6 +165,8 @@ def _most_gan_cells_beat_base(table: Table) -> Judged:
             for value in table.at(model, size).values():
                 total += 1
                 won += value < base
+    if not total:
+        raise Missing
     return won > 0.5 * total, f"{won} of {total} cells"
 
 
@@ -178,6 +180,8 @@ def _middle_sigma_best(table: Table) -> Judged:
             best = min(figures, key=lambda sigma: figures[sigma])
             total += 1
             won += best not in (min(figures), max(figures))
+    if not total:
+        raise Missing
     return won > 0.5 * total, f"a sigma between the ends is best in {won} of {total} (model, size)"
 
 

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.benchmarks.modelling_cells import Task
 from saver_envs.modelling.models import Training, new_model
-from saver_envs.modelling.networks import ACTIVATIONS, LAYERS, LEAKS, WIDTHS, Architecture
+from saver_envs.modelling.networks import (
+    ACTIVATIONS,
+    LAYERS,
+    LEAKS,
+    WIDTHS,
+    Activation,
+    Architecture,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +51,9 @@ def search(
     done: list[dict[str, Any]] = []
 
     def objective(trial: optuna.Trial) -> float:
-        activation = trial.suggest_categorical("activation", ACTIVATIONS)
+        activation: Activation = cast(
+            Activation, trial.suggest_categorical("activation", ACTIVATIONS)
+        )
         leak = trial.suggest_categorical("leak", LEAKS) if activation == "leaky_relu" else LEAKS[0]
         architecture = Architecture(
             layers=trial.suggest_categorical("layers", LAYERS),

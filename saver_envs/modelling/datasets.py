@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -171,7 +172,8 @@ def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
     partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
     columns = {column: np.stack([getattr(one, column) for one in recordings]) for column in COLUMNS}
     try:
-        np.savez(partial, robot=np.array(name), **columns)
+        content: dict[str, Any] = {"robot": np.array(name), **columns}
+        np.savez(partial, **content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -38,7 +38,7 @@ def inverse_kinematics(
     in_plane = targets[:, 0] ** 2 + targets[:, 1] ** 2 - _LATERAL**2
     height = targets[:, 2] - _HEIGHT
     cosine = (in_plane + height**2 - _UPPER_ARM**2 - forearm**2) / (2 * _UPPER_ARM * forearm)
-    exists = (in_plane >= 0) & (np.abs(cosine) <= 1 + _ROUNDING)
+    exists: NDArray[np.bool_] = (in_plane >= 0) & (np.abs(cosine) <= 1 + _ROUNDING)
     bend = np.arccos(np.clip(cosine, -1, 1))
     reach = np.sqrt(np.maximum(in_plane, 0))
     joints, valid = np.zeros((len(targets), 4, 3)), np.zeros((len(targets), 4), dtype=bool)
@@ -56,7 +56,7 @@ def inverse_kinematics(
             ],
             axis=-1,
         )
-        inside = (angles >= JOINT_LOWER[:3]) & (angles <= JOINT_UPPER[:3])
+        inside: NDArray[np.bool_] = (angles >= JOINT_LOWER[:3]) & (angles <= JOINT_UPPER[:3])
         valid[:, branch] = exists & inside.all(axis=-1)
         joints[:, branch] = np.where(valid[:, branch, None], angles, 0.0)
     return joints, valid
@@ -77,7 +77,7 @@ def nearest_branch(
     change[..., 0] = (change[..., 0] + math.pi) % _TURN - math.pi
     distance = np.where(valid, np.square(change).sum(axis=-1), np.inf)
     rows, best = np.arange(len(targets)), distance.argmin(axis=1)
-    reached = valid.any(axis=1)
+    reached: NDArray[np.bool_] = np.logical_or.reduce(valid, axis=1)
     found = np.array(present, dtype=np.float64)
     found[:, :3] += np.where(reached[:, None], change[rows, best], 0.0)
     return found, reached

@@ -43,16 +43,13 @@ def inverse_dynamics(
             raise ValueError(f"{name} of shape {np.shape(values)}: must have shape {shape}")
     if len(links.mass) != chain.dof:
         raise ValueError(f"links={len(links.mass)} of them: the chain has {chain.dof} joints")
-    parts = [
-        _part(
-            chain,
-            links,
-            *(np.asarray(v)[start : start + _ROWS] for v in (position, velocity, acceleration)),
-            gravity,
+    torque = np.empty(shape)
+    for start in range(0, shape[0], _ROWS):
+        part = slice(start, start + _ROWS)
+        torque[part] = _part(
+            chain, links, position[part], velocity[part], acceleration[part], gravity
         )
-        for start in range(0, shape[0], _ROWS)
-    ]
-    return np.concatenate(parts) if parts else np.zeros(shape)
+    return torque
 
 
 def _part(

@@ -173,7 +173,7 @@ class _Run:
 
     def _reference(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions, velocities and accelerations (n, count, dof) from step ``first`` on."""
-        times = (first + np.arange(count)) * TIME_STEP
+        times: FloatArray = np.arange(first, first + count, dtype=np.float64) * TIME_STEP
         parts = [one.at(times) for one in self._trajectories]
         position, velocity, acceleration = (np.stack(part) for part in zip(*parts, strict=True))
         return position, velocity, acceleration
@@ -228,7 +228,9 @@ class _Run:
     def record(self) -> Record:
         """Return what was logged."""
         joined = [np.concatenate(one).swapaxes(0, 1) for one in zip(*self._logs, strict=True)]
-        time = np.arange(joined[0].shape[1]) * TIME_STEP * self._log_every
+        time: FloatArray = (
+            np.arange(joined[0].shape[1], dtype=np.float64) * TIME_STEP * self._log_every
+        )
         return Record(time, *joined)
 
 

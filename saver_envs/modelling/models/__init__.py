@@ -9,13 +9,13 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
+from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.analytic import Analytic
 from saver_envs.modelling.models.base import (
     FORMAT,
     History,
     InverseModel,
     NetworkModel,
-    Task,
     Training,
 )
 from saver_envs.modelling.models.bigan import Bigan

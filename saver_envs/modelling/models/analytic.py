@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from torch import Tensor
 
-from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Task, Training
+from saver_envs.modelling.arms import Task
+from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
 from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.modelling.solvers import reach
 
@@ -50,8 +51,8 @@ class Analytic(InverseModel):
         """Return joints or torques; see :class:`InverseModel`."""
         inputs = self._checked(inputs, self.input_size, "inputs")
         if self._links is not None:
-            parts = np.split(inputs, 3, axis=1)
-            return inverse_dynamics(self.arm.chain, self._links, *parts)
+            position, velocity, acceleration = np.split(inputs, 3, axis=1)
+            return inverse_dynamics(self.arm.chain, self._links, position, velocity, acceleration)
         return reach(self.arm, inputs, present).joints
 
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:

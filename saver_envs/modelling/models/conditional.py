@@ -10,7 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from saver_envs.modelling.models.base import FloatArray, Task
+from saver_envs.modelling.arms import Task
+from saver_envs.modelling.models.base import FloatArray
 from saver_envs.modelling.models.mlp import Mlp
 from saver_envs.modelling.networks import Architecture
 

@@ -6,6 +6,7 @@ The structure is the rigid body's, plus what joints and drives add; the numbers 
 
 from __future__ import annotations
 
+import importlib
 import io
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -14,8 +15,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from saver_envs.modelling.arms import Task
 from saver_envs.modelling.inertia import Links
-from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Task, Training
+from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
 from saver_envs.modelling.newton_euler import inverse_dynamics
 
 #: Samples that the fit sees, evenly spaced over those that are given.
@@ -69,7 +71,8 @@ class Identified(InverseModel):
         return history
 
     def _identify(self, inputs: FloatArray, outputs: FloatArray) -> dict[str, FloatArray]:
-        from mujoco import sysid
+        # Not by an import statement: the typed sub-package would have mypy read all of mujoco.
+        sysid: Any = importlib.import_module("mujoco.sysid")
 
         dof = self.output_size
         speed = inputs[:, dof : 2 * dof].std(axis=0)
