@@ -108,10 +108,10 @@ def measure(
     :param episodes: of each evaluation
     :return: JSON-able: ``accuracy``, ``cost`` and ``success``
     """
-    accuracy, cost, success = [], [], []
+    accuracies, cost, success = [], [], []
     for robot in robots:
         inverses = _inverses(robot, models, samples, epochs)
-        accuracy += [_accuracy(robot, name, model) for name, model in inverses.items()]
+        accuracies += [accuracy(robot, name, model) for name, model in inverses.items()]
         if robot not in ENVS:
             continue
         cost += [_cost(robot, inverses["shipped"], n_envs) for n_envs in _N_ENVS]
@@ -124,7 +124,7 @@ def measure(
         "kind": "kinematics",
         "samples": samples,
         "epochs": epochs,
-        "accuracy": accuracy,
+        "accuracy": accuracies,
         "cost": cost,
         "success": success,
     }
@@ -147,8 +147,14 @@ def _inverses(robot: str, names: Sequence[str], samples: int, epochs: int) -> di
     return found
 
 
-def _accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
-    """How far the hand is from unseen targets."""
+def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
+    """How far the hand is from unseen targets.
+
+    :param robot: the arm's name
+    :param name: what the model is called
+    :param model: a fitted inverse kinematics of the workspace
+    :return: JSON-able; ``millimetres`` has median, 99th percentile and mean, raw and refined
+    """
     import numpy as np
 
     from saver_advisors.benchmarks.modelling_cells import distances

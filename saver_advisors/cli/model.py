@@ -206,15 +206,42 @@ def _train(args: argparse.Namespace) -> int:
         "data": args.data,
         "samples": len(inputs),
         "data_seed": args.data_seed,
+        "architecture": architecture or "the paper's",
         "training": asdict(training),
         "validation_rmse": min(history.validation_rmse),
         "cpu_seconds": round(seconds, 1),
         "provenance": provenance(),
     }
+    if args.data == "workspace":
+        from saver_advisors.benchmarks.kinematics import accuracy
+
+        card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
     model.save(args.output, card)
+    _write_card(args.output, card)
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")
     return 0
+
+
+def _write_card(path: Path, card: dict[str, Any]) -> None:
+    """The card of a weight file as Markdown, beside it."""
+    from saver_advisors.cli.tables import markdown
+
+    names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
+    rows = [[name.replace("_", " "), str(card[name])] for name in names]
+    rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
+    rows += [["architecture", str(card["architecture"])]]
+    rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
+    rows += [["commit", f"`{card['provenance']['commit']}`"]]
+    for kind, error in card.get("unseen_targets_mm", {}).items():
+        name = f"unseen targets, {kind.replace('_', ' ')}"
+        rows += [[name, f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"]]
+    text = (
+        f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
+        f"{markdown(['', ''], rows)}\nTrained by:\n\n"
+        f"```\n{card['provenance']['command']}\n```\n"
+    )
+    path.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 def _search(args: argparse.Namespace) -> int:
