@@ -142,7 +142,7 @@ def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
 def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
     from saver_advisors.cli.errors import user_mistakes
     from saver_envs.modelling.models import new_model
-    from saver_envs.modelling.models.base import PAPER_LAYERS
+    from saver_envs.modelling.models.network_model import PAPER_LAYERS
     from saver_envs.modelling.networks import Architecture
 
     with user_mistakes("argument --model"):

@@ -11,13 +11,7 @@ from safetensors import SafetensorError, safe_open
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.analytic import Analytic
-from saver_envs.modelling.models.base import (
-    FORMAT,
-    History,
-    InverseModel,
-    NetworkModel,
-    Training,
-)
+from saver_envs.modelling.models.base import FORMAT, History, InverseModel, Training
 from saver_envs.modelling.models.bigan import Bigan
 from saver_envs.modelling.models.cgan import Cgan
 from saver_envs.modelling.models.conditional import Conditional
@@ -26,6 +20,7 @@ from saver_envs.modelling.models.flow import Flow
 from saver_envs.modelling.models.identified import Identified
 from saver_envs.modelling.models.lsgan import Lsgan
 from saver_envs.modelling.models.mlp import Mlp
+from saver_envs.modelling.models.network_model import NetworkModel
 
 MODELS: Mapping[str, type[InverseModel]] = {
     model.name: model

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from saver_envs.modelling.models.base import NetworkModel, Training
+from saver_envs.modelling.models.base import Training
+from saver_envs.modelling.models.network_model import NetworkModel
 
 #: Adam's decay rates: the first below the usual 0.9, as is the custom with adversarial losses.
 _BETAS = (0.5, 0.999)

@@ -15,7 +15,8 @@ import torch
 from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models.base import FloatArray, NetworkModel, Training
+from saver_envs.modelling.models.base import FloatArray, Training
+from saver_envs.modelling.models.network_model import NetworkModel
 from saver_envs.modelling.networks import Architecture, Float32, FrozenNetwork, build_network
 
 #: Coupling layers, and the perceptron in each.

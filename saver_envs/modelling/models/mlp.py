@@ -8,7 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from saver_envs.modelling.models.base import NetworkModel, Training
+from saver_envs.modelling.models.base import Training
+from saver_envs.modelling.models.network_model import NetworkModel
 
 
 class Mlp(NetworkModel):
