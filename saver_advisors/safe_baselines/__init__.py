@@ -1,0 +1,18 @@
+"""On-policy learning under a cost limit: CPO, TRPO-Lagrangian and PPO-Lagrangian on SB3's API."""
+
+from saver_advisors.safe_baselines.constrained import CostConstrainedMixin
+from saver_advisors.safe_baselines.cpo import CPO
+from saver_advisors.safe_baselines.lagrangian import LagrangianMixin
+from saver_advisors.safe_baselines.ppo_lagrangian import PPOLagrangian
+from saver_advisors.safe_baselines.registration import ALGORITHMS, register_algorithms
+from saver_advisors.safe_baselines.trpo_lagrangian import TRPOLagrangian
+
+__all__ = [
+    "CPO",
+    "PPOLagrangian",
+    "TRPOLagrangian",
+    "ALGORITHMS",
+    "CostConstrainedMixin",
+    "LagrangianMixin",
+    "register_algorithms",
+]

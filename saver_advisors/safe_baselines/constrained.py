@@ -1,0 +1,259 @@
+"""Where costs enter SB3's on-policy algorithms.
+
+`OnPolicyAlgorithm.collect_rollouts` hands the `infos` of every step to `_update_info_buffer`, once
+and before the states move on. Reading the costs right there leaves the collection of rollouts to
+SB3, with any vector environment, any observation space, callbacks and time limits.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.type_aliases import MaybeCallback
+from stable_baselines3.common.utils import explained_variance, obs_as_tensor
+from stable_baselines3.common.vec_env import VecEnv
+from torch.nn import functional
+
+from saver_advisors.safe_baselines.costs import Array, CostRollout, EpisodeCosts, read_costs
+from saver_advisors.safe_baselines.critic import CostCritic, value_layers
+
+DEFAULT_COST_LIMIT = 1.0
+
+
+class CostConstrainedMixin(OnPolicyAlgorithm):
+    """Adds costs to an on-policy algorithm; put it first among the bases.
+
+    The limit is on the mean, over episodes, of the undiscounted sum of ``info["cost"]`` over an
+    episode. It is estimated by the episodes that ended in the last rollout, so a rollout should
+    hold several: ``n_steps`` well above the episodes' length, or many environments.
+
+    :param args: as for the algorithm
+    :param cost_limit: d, what an episode may cost on average, at least 0; with the default, one
+        step of violation where costs are 0 or 1
+    :param cost_key: the entry of ``info`` that holds a step's cost
+    :param cost_gamma: discount of costs in the cost critic and its advantages
+    :param cost_gae_lambda: of the generalized advantage estimates of costs
+    :param cost_net_arch: widths of the cost critic's hidden layers; the value network's if None
+    :param n_cost_critic_updates: passes over each rollout that the cost critic makes
+    :param kwargs: as for the algorithm
+    :raises ValueError: for an argument out of range; when learning, for an environment without
+        ``cost_key`` in its first ``info``, and for a cost that is no finite number
+    """
+
+    cost_critic: CostCritic
+    mean_episode_cost: float | None
+    """J_c, of the episodes that ended in the last rollout that had any; None before."""
+    mean_episode_length: float | None
+    """Mean number of steps of the same episodes."""
+
+    def __init__(
+        self,
+        *args: Any,
+        cost_limit: float = DEFAULT_COST_LIMIT,
+        cost_key: str = "cost",
+        cost_gamma: float = 0.99,
+        cost_gae_lambda: float = 0.95,
+        cost_net_arch: Sequence[int] | None = None,
+        n_cost_critic_updates: int = 10,
+        **kwargs: Any,
+    ) -> None:
+        # Before super(), which calls _setup_model.
+        self.cost_limit = cost_limit
+        self.cost_key = cost_key
+        self.cost_gamma = cost_gamma
+        self.cost_gae_lambda = cost_gae_lambda
+        self.cost_net_arch = None if cost_net_arch is None else list(cost_net_arch)
+        self.n_cost_critic_updates = n_cost_critic_updates
+        self.mean_episode_cost = None
+        self.mean_episode_length = None
+        super().__init__(*args, **kwargs)
+
+    def _check_arguments(self) -> None:
+        limit = self.cost_limit
+        number = isinstance(limit, int | float | np.number) and not isinstance(limit, bool)
+        if not number or not math.isfinite(limit) or limit < 0:
+            raise ValueError(
+                f"cost_limit={limit!r} must be a finite number of at least 0: what an episode may "
+                f"cost on average"
+            )
+        if not 0.0 < self.cost_gamma <= 1.0:
+            raise ValueError(f"cost_gamma={self.cost_gamma} must lie in (0, 1]")
+        if not 0.0 <= self.cost_gae_lambda <= 1.0:
+            raise ValueError(f"cost_gae_lambda={self.cost_gae_lambda} must lie in [0, 1]")
+        if self.n_cost_critic_updates < 1:
+            raise ValueError(
+                f"n_cost_critic_updates={self.n_cost_critic_updates} must be at least 1"
+            )
+
+    def _setup_model(self) -> None:
+        self._check_arguments()
+        super()._setup_model()
+        layers = value_layers(self.policy) if self.cost_net_arch is None else self.cost_net_arch
+        self.cost_critic = CostCritic(self.policy, layers, self.lr_schedule(1))
+        self._cost_rollout = CostRollout(self.n_steps, self.n_envs)
+        self._episode_costs = EpisodeCosts(self.n_envs)
+
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        log_interval: int = 1,
+        tb_log_name: str | None = None,
+        reset_num_timesteps: bool = True,
+        progress_bar: bool = False,
+    ) -> Self:
+        """Learn, as SB3's algorithms do.
+
+        :param total_timesteps: environment steps
+        :param callback: called at every step
+        :param log_interval: rollouts between two lines of the log
+        :param tb_log_name: name of the run for TensorBoard; the algorithm's if None
+        :param reset_num_timesteps: False to go on where an earlier call stopped
+        :param progress_bar: whether to show one
+        :return: itself
+        """
+        name = type(self).__name__ if tb_log_name is None else tb_log_name
+        return super().learn(
+            total_timesteps, callback, log_interval, name, reset_num_timesteps, progress_bar
+        )
+
+    def _setup_learn(
+        self,
+        total_timesteps: int,
+        callback: MaybeCallback = None,
+        reset_num_timesteps: bool = True,
+        tb_log_name: str = "run",
+        progress_bar: bool = False,
+    ) -> tuple[int, BaseCallback]:
+        if reset_num_timesteps or self._last_obs is None:
+            # SB3 resets the environments under the same condition.
+            self._episode_costs.restart()
+        return super()._setup_learn(
+            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
+        )
+
+    def collect_rollouts(
+        self,
+        env: VecEnv,
+        callback: BaseCallback,
+        rollout_buffer: RolloutBuffer,
+        n_rollout_steps: int,
+    ) -> bool:
+        """As SB3's, with the costs of the same steps beside the buffer."""
+        self._cost_rollout.reset()
+        if not super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps):
+            # SB3 leaves before it hands on the infos of the step at which a callback said stop.
+            self._episode_costs.interrupt()
+            return False
+        self._cost_rollout.finish(
+            self._cost_values(self._last_obs),
+            np.asarray(self._last_episode_starts),
+            self.cost_gamma,
+            self.cost_gae_lambda,
+        )
+        self._measure_episodes()
+        return True
+
+    def _update_info_buffer(
+        self, infos: list[dict[str, Any]], dones: NDArray[Any] | None = None
+    ) -> None:
+        super()._update_info_buffer(infos, dones)
+        assert dones is not None, "on-policy algorithms tell which episodes ended"
+        costs = read_costs(infos, self.cost_key)
+        self._episode_costs.add(costs, dones)
+        # The critic learns between rollouts alone, so that its values may be asked for step by
+        # step; `_last_obs` still holds the states acted in.
+        self._cost_rollout.add(
+            costs + self._cut_off_costs(infos, dones),
+            self._cost_values(self._last_obs),
+            np.asarray(self._last_episode_starts),
+        )
+
+    def _cut_off_costs(self, infos: Sequence[dict[str, Any]], dones: NDArray[Any]) -> Array:
+        """What episodes that a time limit cut off would have gone on to cost, (n_envs,)."""
+        beyond = np.zeros(len(infos), np.float32)
+        cut = [
+            index
+            for index in map(int, np.flatnonzero(dones))
+            if infos[index].get("TimeLimit.truncated", False)
+            and infos[index].get("terminal_observation") is not None
+        ]
+        if cut:
+            last = [infos[index]["terminal_observation"] for index in cut]
+            stacked = (
+                {name: np.stack([one[name] for one in last]) for name in last[0]}
+                if isinstance(last[0], dict)
+                else np.stack(last)
+            )
+            beyond[cut] = self.cost_gamma * self._cost_values(stacked)
+        return beyond
+
+    def _cost_values(self, observation: Any) -> Array:
+        """The cost critic's values of a batch of n observations, (n,)."""
+        with th.no_grad():
+            values = self.cost_critic(obs_as_tensor(observation, self.device))
+        return np.asarray(values.cpu().numpy(), np.float32)
+
+    def _measure_episodes(self) -> None:
+        """J_c and the mean length, by the episodes that ended in this rollout."""
+        sums, lengths = self._episode_costs.take()
+        if len(sums) > 0:
+            self.mean_episode_cost = float(sums.mean())
+            self.mean_episode_length = float(lengths.mean())
+        elif self.mean_episode_cost is None:
+            warnings.warn(
+                f"no episode ended in {self.n_steps} steps of {self.n_envs} environments, so "
+                f"whether the cost limit is kept is not known: a rollout (n_steps * n_envs) should "
+                f"hold several episodes",
+                stacklevel=2,
+            )
+        if self.mean_episode_cost is not None:
+            self.logger.record("rollout/ep_cost_mean", self.mean_episode_cost)
+        self.logger.record("rollout/cost_limit", self.cost_limit)
+
+    def _flatten_rollout(self) -> None:
+        """Let SB3 join steps and environments to one axis, as it does at the first batch."""
+        next(self.rollout_buffer.get(batch_size=1))
+
+    def _train_cost_critic(self, batch_size: int) -> None:
+        """Fit the cost critic to the rollout's returns.
+
+        :param batch_size: of its minibatches
+        """
+        self._flatten_rollout()
+        rollout, optimizer = self._cost_rollout, self.cost_critic.optimizer
+        self._update_learning_rate(optimizer)
+        returns = th.as_tensor(RolloutBuffer.swap_and_flatten(rollout.returns)).flatten()
+        returns = returns.to(self.device)
+        losses = []
+        for _ in range(self.n_cost_critic_updates):
+            for indices in th.randperm(len(returns)).split(batch_size):
+                samples = self.rollout_buffer._get_samples(indices.numpy())
+                values = self.cost_critic(samples.observations)
+                loss = functional.mse_loss(values, returns[indices])
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                losses.append(loss.item())
+        self.logger.record("train/cost_value_loss", float(np.mean(losses)))
+        self.logger.record(
+            "train/cost_explained_variance",
+            explained_variance(rollout.values.flatten(), rollout.returns.flatten()),
+        )
+
+    def _excluded_save_params(self) -> list[str]:
+        own = ["cost_critic", "_cost_rollout", "_episode_costs"]
+        return [*super()._excluded_save_params(), *own]
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        state_dicts, variables = super()._get_torch_save_params()
+        return [*state_dicts, "cost_critic", "cost_critic.optimizer"], variables

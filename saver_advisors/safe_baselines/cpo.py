@@ -1,0 +1,236 @@
+"""Constrained policy optimization: a trust-region step that keeps to a linear cost constraint."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from sb3_contrib import TRPO
+from sb3_contrib.common.utils import flat_grad
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.distributions import Distribution, kl_divergence
+from stable_baselines3.common.utils import explained_variance
+from torch import nn
+from torch.nn import functional
+from torch.nn.utils import parameters_to_vector
+
+from saver_advisors.safe_baselines.constrained import CostConstrainedMixin
+from saver_advisors.safe_baselines.trust_region import Step, best_step, solve
+
+
+@dataclass(frozen=True)
+class Surrogates:
+    """First-order models of a policy's return and cost, and its distance from the old policy.
+
+    :param reward: mean of ratio times advantage
+    :param cost: mean of ratio times advantage of cost
+    :param divergence: mean Kullback-Leibler divergence from the old policy
+    """
+
+    reward: th.Tensor
+    cost: th.Tensor
+    divergence: th.Tensor
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A whole rollout, steps and environments joined to one axis of n.
+
+    :param observations: as the policy takes them
+    :param actions: as its distribution takes them
+    :param log_prob: (n,) of the actions when they were taken
+    :param advantages: (n,) of rewards, standardised where the algorithm does
+    :param cost_advantages: (n,) of costs, centred
+    :param old: the distribution that the actions were drawn from
+    """
+
+    observations: Any
+    actions: th.Tensor
+    log_prob: th.Tensor
+    advantages: th.Tensor
+    cost_advantages: th.Tensor
+    old: Distribution
+
+
+class CPO(CostConstrainedMixin, TRPO):
+    """Constrained policy optimization (Achiam et al., 2017); constructor as sb3-contrib's TRPO's.
+
+    Every step maximises the surrogate of the reward within the trust region ``target_kl`` under
+    c + b'x <= 0, with c = J_c - cost_limit and b the gradient of the surrogate of the cost; where
+    no point of the region satisfies that, it only lowers the cost. A line search follows, on
+    divergence, on the cost and, while the constraint is kept, on the reward.
+
+    :param args: as for TRPO
+    :param divide_by_episode_length: whether c is divided by the mean length of an episode, so that
+        it has the unit of the surrogate, which is a mean over steps (as OpenAI's reference does;
+        without, as in OmniSafe, an excess looks as many times larger as an episode has steps)
+    :param kwargs: as for TRPO and `CostConstrainedMixin`, ``cost_limit`` above all: mean
+        undiscounted sum of ``info["cost"]`` over an episode
+    """
+
+    def __init__(self, *args: Any, divide_by_episode_length: bool = True, **kwargs: Any) -> None:
+        self.divide_by_episode_length = divide_by_episode_length
+        super().__init__(*args, **kwargs)
+
+    def train(self) -> None:
+        """Update policy and critics with the last rollout."""
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        self._flatten_rollout()
+        parameters = self._update_policy(self._batch())
+        self._train_value_function(parameters)
+        self._train_cost_critic(self.batch_size)
+        self._n_updates += 1
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+
+    def _batch(self) -> Batch:
+        buffer = self.rollout_buffer
+        indices = np.arange(0, buffer.buffer_size * buffer.n_envs, self.sub_sampling_factor)
+        samples = buffer._get_samples(indices)
+        actions = samples.actions
+        if isinstance(self.action_space, spaces.Discrete):
+            actions = actions.long().flatten()
+        advantages = samples.advantages
+        if self.normalize_advantage:
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        costs = th.as_tensor(RolloutBuffer.swap_and_flatten(self._cost_rollout.advantages))
+        costs = costs.flatten()[th.as_tensor(indices)].to(self.device)
+        with th.no_grad():
+            old = copy.copy(self.policy.get_distribution(samples.observations))
+        return Batch(
+            samples.observations,
+            actions,
+            samples.old_log_prob,
+            advantages,
+            costs - costs.mean(),
+            old,
+        )
+
+    def _surrogates(self, batch: Batch) -> Surrogates:
+        """How the present parameters compare with those that collected the rollout."""
+        distribution = self.policy.get_distribution(batch.observations)
+        ratio = th.exp(distribution.log_prob(batch.actions) - batch.log_prob)
+        return Surrogates(
+            (batch.advantages * ratio).mean(),
+            (batch.cost_advantages * ratio).mean(),
+            kl_divergence(distribution, batch.old).mean(),
+        )
+
+    def _excess(self) -> float:
+        """c: by how much the policy exceeds the limit, in the unit of the surrogate of the cost."""
+        assert self.mean_episode_cost is not None
+        assert self.mean_episode_length is not None
+        excess = self.mean_episode_cost - self.cost_limit
+        return excess / self.mean_episode_length if self.divide_by_episode_length else excess
+
+    def _update_policy(self, batch: Batch) -> list[nn.Parameter]:
+        """One constrained step; returns the parameters that the distribution depends on."""
+        before = self._surrogates(batch)
+        parameters, reward_gradient, divergence_gradient, _ = self._compute_actor_grad(
+            before.divergence, before.reward
+        )
+        if self.mean_episode_cost is None:
+            # Whether the constraint holds is not known yet, so no direction is known to be safe.
+            return parameters
+        cost_gradient = flat_grad(before.cost, parameters, retain_graph=True)
+        product = partial(self.hessian_vector_product, parameters, divergence_gradient)
+        excess = self._excess()
+        step, direction = self._direction(product, reward_gradient, cost_gradient, excess)
+        after, taken = self._line_search(batch, parameters, direction, before, step, excess)
+        self._log_step(before, after, step, taken, excess)
+        return parameters
+
+    def _direction(
+        self,
+        product: Callable[[th.Tensor], th.Tensor],
+        reward_gradient: th.Tensor,
+        cost_gradient: th.Tensor,
+        excess: float,
+    ) -> tuple[Step, th.Tensor]:
+        """The constrained step, and how it came about."""
+        x = solve(product, reward_gradient, self.cg_max_steps)
+        p = solve(product, cost_gradient, self.cg_max_steps)
+        # Conjugate gradients stop early. With products of what they found, in place of the
+        # gradients, the step still ends exactly on the border of the trust region.
+        of_x, of_p = product(x), product(p)
+        q, r, s = float(x @ of_x), float(x @ of_p), float(p @ of_p)
+        step = best_step(q, r, s, excess, self.target_kl)
+        return step, step.reward * x - step.cost * p
+
+    def _line_search(
+        self,
+        batch: Batch,
+        parameters: list[nn.Parameter],
+        direction: th.Tensor,
+        before: Surrogates,
+        step: Step,
+        excess: float,
+    ) -> tuple[Surrogates, float]:
+        """Move along a direction as far as the surrogates' true values allow.
+
+        :return: the surrogates where it ended, and the share of the direction that was gone
+        """
+        origin = parameters_to_vector(parameters).detach().clone()
+        # While the limit is exceeded, bringing the cost down comes first.
+        needs_reward = step.case in ("unconstrained", "feasible")
+        share = 1.0
+        with th.no_grad():
+            for _ in range(self.line_search_max_iter):
+                _move(parameters, origin + share * direction)
+                after = self._surrogates(batch)
+                if (
+                    after.divergence <= self.target_kl
+                    and after.cost - before.cost <= max(-excess, 0.0)
+                    and (not needs_reward or after.reward > before.reward)
+                ):
+                    return after, share
+                share *= self.line_search_shrinking_factor
+            _move(parameters, origin)
+        return before, 0.0
+
+    def _train_value_function(self, actor: list[nn.Parameter]) -> None:
+        """Fit the value function to the rollout's returns, as TRPO does.
+
+        :param actor: parameters that only the constrained step may move
+        """
+        buffer, optimizer = self.rollout_buffer, self.policy.optimizer
+        losses = []
+        for _ in range(self.n_critic_updates):
+            for samples in buffer.get(self.batch_size):
+                values = self.policy.predict_values(samples.observations).flatten()
+                loss = functional.mse_loss(samples.returns, values)
+                optimizer.zero_grad()
+                loss.backward()
+                for parameter in actor:
+                    parameter.grad = None
+                optimizer.step()
+                losses.append(loss.item())
+        self.logger.record("train/value_loss", float(np.mean(losses)))
+        variance = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
+        self.logger.record("train/explained_variance", variance)
+
+    def _log_step(
+        self, before: Surrogates, after: Surrogates, step: Step, taken: float, excess: float
+    ) -> None:
+        self.logger.record("train/policy_objective", after.reward.item())
+        self.logger.record("train/cost_change", (after.cost - before.cost).item())
+        self.logger.record("train/cost_excess", excess)
+        self.logger.record("train/kl_divergence_loss", after.divergence.item())
+        self.logger.record("train/case", step.case)
+        self.logger.record("train/step_share", taken)
+        self.logger.record("train/is_line_search_success", float(taken > 0.0))
+        if hasattr(self.policy, "log_std"):
+            self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
+
+
+def _move(parameters: list[nn.Parameter], vector: th.Tensor) -> None:
+    """Write a flat vector into parameters, each of which keeps its own memory."""
+    sizes = [one.numel() for one in parameters]
+    for one, values in zip(parameters, vector.split(sizes), strict=True):
+        one.copy_(values.view_as(one))
