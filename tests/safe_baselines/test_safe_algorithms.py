@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -373,3 +375,12 @@ def test_discrete_actions(algorithm):
     model = make_model(algorithm, env)
     model.learn(N_STEPS * 2 * 2)
     assert model._n_updates >= 2
+
+
+@pytest.mark.slow
+def test_the_snippet_of_the_page_runs(tmp_path, monkeypatch):
+    page = Path(__file__).parents[2] / "docs" / "safe-baselines.md"
+    code = re.findall(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, page.name, "exec"), {})
+    assert (tmp_path / "cpo.zip").is_file()

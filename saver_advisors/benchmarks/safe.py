@@ -1,0 +1,301 @@
+"""CPO and the Lagrangians on a constrained problem whose optimum is known.
+
+Each learns with several seeds; its mean action is then judged over fresh episodes by the return,
+as a share of the best that any policy can have, and by the cost beside the limit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import mean
+from typing import Any, Final
+
+from saver_advisors.benchmarks.machine import progress
+from saver_advisors.threads import one_thread_of_algebra
+
+EXAMPLES: Final = """\
+examples:
+  saver benchmark safe                                        three seeds each, a few minutes
+  saver benchmark safe --algorithms cpo --seeds 0             one run
+  saver benchmark safe --from safe.json --table page.md       an earlier one as a table"""
+
+NAMES: Final = ("cpo", "trpolag", "ppolag")
+SEEDS: Final = (0, 1, 2)
+N_ENVS: Final = 100
+EPISODES: Final = 2000
+EVALUATION_SEED: Final = 1_000_000
+MARGIN: Final = 0.04
+"""Share of the limit that is left as a margin when learning: a rollout of 100 episodes tells the
+cost to a few per cent, and the limit is to hold, not to be met on average.
+"""
+WITHIN: Final = 0.05
+"""The return may fall short of the optimum by this share."""
+COMMON: Final[dict[str, Any]] = {
+    "n_steps": 20,
+    "batch_size": 500,
+    "gamma": 1.0,
+    "cost_gamma": 1.0,
+    # As exploration dies down, an action's effect is small beside what a critic gets wrong.
+    "n_cost_critic_updates": 20,
+}
+PRICED: Final[dict[str, Any]] = {
+    # The advantages keep the unit of the rewards, so that lambda is what a unit of cost is worth
+    # in reward: R* / (2 d), 0.67. Standardised, that price grows as exploration dies down.
+    "normalize_advantage": False,
+    "multiplier_init": 0.6,
+    # Integral control: the price must move more slowly than the policy that answers it.
+    "multiplier_lr": 0.002,
+}
+SETTINGS: Final[dict[str, dict[str, Any]]] = {
+    "cpo": {"n_critic_updates": 20},
+    "trpolag": {**PRICED, "n_critic_updates": 20},
+    "ppolag": {**PRICED, "n_epochs": 20, "learning_rate": 2e-3},
+}
+"""Beside the classes' defaults."""
+STEPS: Final[dict[str, int]] = {"cpo": 120_000, "trpolag": 140_000, "ppolag": 160_000}
+
+BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import add_json, at_least
+
+    parser.add_argument(
+        "--algorithms",
+        nargs="+",
+        choices=NAMES,
+        default=list(NAMES),
+        help=f"which (default: {' '.join(NAMES)})",
+    )
+    parser.add_argument(
+        "--seeds",
+        nargs="+",
+        type=at_least(0),
+        default=list(SEEDS),
+        metavar="N",
+        help="one run each (default: 0 1 2)",
+    )
+    parser.add_argument(
+        "--steps",
+        type=at_least(1),
+        metavar="N",
+        help="environment steps of a run (default: "
+        + ", ".join(f"{name} {steps:,}" for name, steps in STEPS.items())
+        + ")",
+    )
+    parser.add_argument(
+        "--table",
+        type=Path,
+        metavar="FILE",
+        help=f"write the figures there as Markdown; in a page with {BEGIN} and {END}, between them",
+    )
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show an earlier measurement's JSON file instead of measuring",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status: 0 where every run meets limit and optimum, else 1
+    """
+    from saver_advisors.cli.errors import UsageError
+    from saver_advisors.provenance import provenance, write_json_atomic
+
+    try:
+        if args.from_json is None:
+            with one_thread_of_algebra():
+                figures = {**measure(args), "provenance": provenance()}
+        else:
+            figures = read(args.from_json)
+        page = render(figures)
+        print(page)
+        if args.json is not None:
+            write_json_atomic(args.json, figures)
+            print(f"wrote {args.json}")
+        if args.table is not None:
+            args.table.write_text(placed(args.table, page), encoding="utf-8")
+            print(f"wrote {args.table}")
+    except OSError as error:
+        raise UsageError(str(error)) from error
+    return 0 if all(one["limit_met"] and one["near_optimum"] for one in figures["rows"]) else 1
+
+
+def read(path: Path) -> dict[str, Any]:
+    """An earlier measurement.
+
+    :param path: its JSON file
+    :return: the figures
+    :raises UsageError: where it is another file
+    """
+    from saver_advisors.cli.errors import UsageError
+
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != "safe":
+        raise UsageError(f"argument --from: {path} was not written by `saver benchmark safe`")
+    return figures
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """Do every run that was asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one a run
+    """
+    from saver_advisors.safe_baselines.known_problem import COST_LIMIT, HORIZON, best_return
+
+    rows = []
+    with progress("safe", len(args.algorithms) * len(args.seeds)) as advance:
+        for name in args.algorithms:
+            for seed in args.seeds:
+                rows.append(one_run(name, seed, args.steps or STEPS[name]))
+                advance()
+    return {
+        "title": "Safe baselines on a problem with a known optimum",
+        "kind": "safe",
+        "horizon": HORIZON,
+        "cost_limit": COST_LIMIT,
+        "margin": MARGIN,
+        "within": WITHIN,
+        "best_return": best_return(),
+        "episodes": EPISODES,
+        "rows": rows,
+    }
+
+
+def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
+    """Learn once, and judge what was learned.
+
+    :param name: of the algorithm
+    :param seed: of everything random
+    :param steps: environment steps
+    :return: JSON-able figures
+    """
+    from saver_advisors.safe_baselines import ALGORITHMS
+    from saver_advisors.safe_baselines.known_problem import (
+        COST_LIMIT,
+        EffortCartVecEnv,
+        best_return,
+    )
+
+    began = time.process_time()
+    settings = {**COMMON, **SETTINGS[name], "cost_limit": (1 - MARGIN) * COST_LIMIT}
+    env = EffortCartVecEnv(N_ENVS, seed=seed)
+    model: Any = ALGORITHMS[name]("MlpPolicy", env, seed=seed, device="cpu", **settings)
+    model.learn(steps, log_interval=None)
+    seconds = time.process_time() - began
+    returned, cost = judge(model, deterministic=True)
+    exploring_return, exploring_cost = judge(model, deterministic=False)
+    share = returned / best_return()
+    return {
+        "algorithm": type(model).__name__,
+        "seed": seed,
+        "steps": model.num_timesteps,
+        "return": returned,
+        "share_of_optimum": share,
+        "cost": cost,
+        "limit_met": cost <= COST_LIMIT,
+        "near_optimum": share >= 1 - WITHIN,
+        "exploring_return": exploring_return,
+        "exploring_cost": exploring_cost,
+        "cpu_seconds": round(seconds, 1),
+    }
+
+
+def judge(model: Any, deterministic: bool) -> tuple[float, float]:
+    """Mean return and mean cost of fresh episodes.
+
+    :param model: what has SB3's ``predict``
+    :param deterministic: whether the mean action is taken, or one drawn as in learning
+    """
+    from saver_advisors.safe_baselines.known_problem import EffortCartVecEnv
+
+    env = EffortCartVecEnv(EPISODES, seed=EVALUATION_SEED)
+    observation, returned, cost = env.reset(), 0.0, 0.0
+    for _ in range(env.horizon):
+        action, _ = model.predict(observation, deterministic=deterministic)
+        observation, rewards, _, infos = env.step(action)
+        returned += float(rewards.mean())
+        cost += mean(info["cost"] for info in infos)
+    return returned, cost
+
+
+COLUMNS: Final = (
+    "algorithm",
+    "seed",
+    "steps",
+    "return",
+    "of the optimum",
+    "cost",
+    "limit met",
+    "cost while exploring",
+    "CPU s",
+)
+
+
+def render(figures: Mapping[str, Any]) -> str:
+    """The figures as Markdown.
+
+    :param figures: what the command measured, or its JSON file's content
+    """
+    from saver_advisors.cli.tables import markdown
+
+    cells = [
+        [
+            one["algorithm"],
+            str(one["seed"]),
+            f"{one['steps']:,}",
+            f"{one['return']:.3f}",
+            f"{one['share_of_optimum']:.1%}",
+            f"{one['cost']:.3f}",
+            "yes" if one["limit_met"] else "no",
+            f"{one['exploring_cost']:.3f}",
+            f"{one['cpu_seconds']:.0f}",
+        ]
+        for one in figures["rows"]
+    ]
+    text = (
+        f"The limit is a mean cost of {figures['cost_limit']:g} an episode; the best mean return "
+        f"under it is {figures['best_return']:.3f}. The algorithms were given "
+        f"{(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost of the mean action, "
+        f"over {figures['episodes']:,} fresh episodes.\n"
+    )
+    return "\n".join([text, markdown(COLUMNS, cells), _origin(figures)])
+
+
+def _origin(figures: Mapping[str, Any]) -> str:
+    origin = figures.get("provenance")
+    if not origin:
+        return ""
+    machine, versions = origin["machine"], origin["versions"]
+    return (
+        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
+        f"{machine['cpu']}, {machine['cores']} cores, PyTorch {versions['torch']}, "
+        f"Stable-Baselines3 {versions['sb3']}.\n"
+    )
+
+
+def placed(path: Path, text: str) -> str:
+    """What a file should read: the text, or its old content with the text between its markers.
+
+    :param path: of the file, which need not exist
+    :param text: the figures as Markdown
+    """
+    old = path.read_text(encoding="utf-8") if path.is_file() else ""
+    before, begin, rest = old.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    return f"{before}{begin}\n{text}{end}{after}" if begin and end else text
