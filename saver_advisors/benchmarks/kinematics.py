@@ -8,6 +8,7 @@ through each model instead of through damped least squares.
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
@@ -73,6 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--table", type=new_file(".md"), metavar="FILE", help="write a Markdown page too"
     )
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show what an earlier --json wrote, and measure nothing",
+    )
     add_json(parser)
 
 
@@ -85,15 +93,36 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.arguments import write_json
     from saver_advisors.threads import one_thread_of_algebra
 
-    with one_thread_of_algebra():
-        figures = measure(args.robots, args.models, args.samples, args.epochs, args.episodes)
+    if args.from_json is None:
+        with one_thread_of_algebra():
+            figures = measure(args.robots, args.models, args.samples, args.epochs, args.episodes)
+    else:
+        figures = read_figures(args.from_json, "kinematics")
     page = render(figures)
     print(page)
     if args.table is not None:
         Path(args.table).write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
-    write_json(args.json, figures)
+    if args.from_json is None:
+        write_json(args.json, figures)
     return 0
+
+
+def read_figures(path: Path, kind: str) -> dict[str, Any]:
+    """An earlier measurement.
+
+    :param path: of its JSON file
+    :param kind: what it must be of
+    """
+    from saver_advisors.cli.errors import UsageError
+
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"argument --from: {path} cannot be read as JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != kind:
+        raise UsageError(f"argument --from: {path} was not written by `saver benchmark {kind}`")
+    return figures
 
 
 def measure(

@@ -30,6 +30,8 @@ _DAMPING = 1e-6
 #: Guesses farther off than this (m, rad), those that a step would change by more than this (rad,
 #: m), as out of reach, and those that meet a joint limit are left to `solve`.
 _FAR, _LONG = 0.05, 0.3
+#: Unless they are this near after all (m, rad).
+_ENOUGH = 0.005
 #: Errors below this need no further step (m, rad): the first has made them about a tenth.
 _CLOSE = 0.02
 
@@ -142,6 +144,11 @@ class LearnedInverseKinematics:
             if largest.max() < _CLOSE:
                 break
             rows = np.arange(len(targets))[rows][largest >= _CLOSE]
+        if left.any():
+            # Most of these are near enough all the same: a glance is cheaper than a search.
+            doubtful = np.flatnonzero(left)
+            error = error_at(joints[doubtful], targets[doubtful], self._chain)
+            left[doubtful] = np.abs(error).max(axis=1) > _ENOUGH
         return joints, left
 
     def _guess(self, targets: FloatArray, present: FloatArray | None) -> FloatArray:
