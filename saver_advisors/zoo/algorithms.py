@@ -49,7 +49,10 @@ def register_algorithms() -> None:
     from rl_zoo3 import ALGOS
     from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 
+    from saver_advisors import safe_baselines
+
     ALGOS.update(ALGORITHMS)
+    safe_baselines.register_algorithms()
     for name in STOCK:
         HYPERPARAMS_SAMPLER[f"{ADVISED}{name}"] = HYPERPARAMS_SAMPLER[name]
         HYPERPARAMS_CONVERTER[f"{ADVISED}{name}"] = HYPERPARAMS_CONVERTER[name]

@@ -12,7 +12,8 @@ from rl_zoo3 import ALGOS
 from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.vec_env import VecEnv
 
-from saver_advisors.safe_baselines import ALGORITHMS, LagrangianMixin, register_algorithms
+from saver_advisors.safe_baselines import ALGORITHMS, LagrangianMixin
+from saver_advisors.zoo import register_algorithms
 
 CONFIGS = Path(__file__).parents[2] / "zoo_configs"
 IDS = ("DualJacoDistance-v0", "DualJacoDistanceDense-v0")
