@@ -144,6 +144,8 @@ def _policy_arguments(
     arguments["q_min"] = (
         _least_reward(env) / (1.0 - config.gamma) if config.q_min is None else config.q_min
     )
+    if config.achieved_goal_input:
+        arguments["features_extractor_kwargs"] = {"achieved_goal": True}
     if config.algorithm in ("ddpg", "td3"):
         arguments["action_penalty"] = config.action_penalty
     if config.algorithm == "td3":

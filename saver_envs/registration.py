@@ -70,8 +70,8 @@ class Options:
     :param in_hand_share: share of the arms that start with their cube in hand (pick and place;
         for training).
     :param reward_stage: ``goal`` or ``constrained`` (distance task alone).
-    :param reward_combination: ``min`` or ``linear``, how the constrained stage puts goal and
-        constraint together (distance task alone).
+    :param reward_combination: ``min``, ``linear`` or ``shaped``, how the constrained stage puts
+        goal and constraint together (distance task alone).
     :param constraint_weight: of the constraint where they are summed (distance task alone).
     """
 

@@ -154,15 +154,16 @@ def _start_normaliser(
     features: NormalizedGoalFeatures, teachers: TeacherGroup, columns: Sequence[th.Tensor]
 ) -> None:
     """The teachers' statistics, as if they came of `NORMALISER_COUNT` samples; an input that is no
-    arm's stays as it is.
+    arm's starts without any.
     """
     deviation = th.ones_like(features.mean)
-    features.mean.zero_()
+    for statistics in (features.mean, features.count, features.squared_deviation):
+        statistics.zero_()
     for teacher, where in zip(teachers.teachers, columns, strict=True):
         features.mean[where] = teacher.networks.mean.double()
         deviation[where] = teacher.networks.std.double()
-    features.count.fill_(NORMALISER_COUNT)
-    features.squared_deviation.copy_(deviation.square() * NORMALISER_COUNT)
+        features.count[where] = NORMALISER_COUNT
+        features.squared_deviation[where] = deviation[where].square() * NORMALISER_COUNT
     features.shift.copy_(features.mean)
     features.scale.copy_(1.0 / deviation)
 

@@ -199,7 +199,7 @@ def _read_features(model: OffPolicyAlgorithm, actor: Any) -> _Features:
     assert isinstance(observation_space, spaces.Dict)
     extractor = actor.features_extractor
     if isinstance(extractor, NormalizedGoalFeatures):
-        inputs = _inputs(observation_space, ("observation", "desired_goal"))
+        inputs = _inputs(observation_space, extractor.keys)
         return _Features(inputs, *_extractor_normaliser(model, extractor))
     if type(extractor) is CombinedExtractor:
         inputs = _inputs(observation_space, extractor.extractors)

@@ -197,11 +197,12 @@ class GoalLearnerMixin(_Algorithm):
         policy = self.policy
         if not isinstance(policy, GoalPolicyMixin) or not isinstance(buffer, GoalReplayBuffer):
             return
-        observation, desired, achieved = buffer.episodes_of(environments)
+        observation, desired, achieved, next_achieved = buffer.episodes_of(environments)
         policy.update_normalizer(
             {
                 "observation": np.concatenate((observation, observation)),
-                "desired_goal": np.concatenate((desired, achieved)),
+                "desired_goal": np.concatenate((desired, next_achieved)),
+                "achieved_goal": np.concatenate((achieved, achieved)),
             }
         )
 

@@ -146,6 +146,8 @@ class RunConfig:
     :param random_action_probability: of a uniform action instead
     :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG, TD3)
     :param layer_norm: LayerNorm in the critics
+    :param achieved_goal_input: actor and critics read the achieved goal too, for tasks where it
+        holds more than positions
     :param relabel_probability: share of sampled transitions with a hindsight goal
     :param imitation_weight: of the actor's loss on advised transitions (TD3)
     :param imitation_filter_from: steps from which on only advised actions are imitated that the
@@ -188,6 +190,7 @@ class RunConfig:
     random_action_probability: float = 0.2
     action_penalty: float = 0.1
     layer_norm: bool = True
+    achieved_goal_input: bool = False
     relabel_probability: float = 0.8
     imitation_weight: float = 0.0
     imitation_filter_from: int = 0

@@ -33,8 +33,10 @@ from torch import nn
 class NormalizedGoalFeatures(BaseFeaturesExtractor):
     """Observation and desired goal side by side, centred and scaled by running statistics.
 
-    The achieved goal is left out: the observation already tells where the objects are, and a
-    network that can subtract the two goals learns nothing about the rest.
+    The achieved goal is left out unless it is asked for: the observation already tells where the
+    objects are, and a network that can subtract the two goals learns nothing about the rest. A
+    task whose achieved goal holds more than positions, such as the distance that a constraint is
+    about, is another matter: a network would have to compute it to the millimetre.
 
     The statistics change only in ``update``, never in ``forward``. The buffers' names avoid
     "running_": SB3 blends buffers of that name between networks and their targets, and here all
@@ -43,6 +45,7 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
     :param observation_space: Dict with Boxes observation and desired_goal, 1-D
     :param clip: bound on the normalised values
     :param minimum_standard_deviation: floor for coordinates that hardly vary
+    :param achieved_goal: whether the achieved goal follows behind the desired one
     """
 
     count: th.Tensor
@@ -56,6 +59,7 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         observation_space: spaces.Dict,
         clip: float = 5.0,
         minimum_standard_deviation: float = 0.01,
+        achieved_goal: bool = False,
     ) -> None:
         for name, value in (
             ("clip", clip),
@@ -63,14 +67,13 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         ):
             if value <= 0:
                 raise ValueError(f"{name}={value} must be positive")
-        features_dim = sum(
-            int(np.prod(observation_space[key].shape or ()))
-            for key in ("observation", "desired_goal")
-        )
+        self.keys = ("observation", "desired_goal") + ("achieved_goal",) * achieved_goal
+        features_dim = sum(int(np.prod(observation_space[key].shape or ())) for key in self.keys)
         super().__init__(observation_space, features_dim)
         self.clip = clip
         self.minimum_standard_deviation = minimum_standard_deviation
-        self.register_buffer("count", th.zeros((), dtype=th.float64))
+        # One count a feature: some may go on from a teacher's statistics while others are new.
+        self.register_buffer("count", th.zeros(features_dim, dtype=th.float64))
         self.register_buffer("mean", th.zeros(features_dim, dtype=th.float64))
         self.register_buffer("squared_deviation", th.zeros(features_dim, dtype=th.float64))
         self.register_buffer("shift", th.zeros(features_dim))
@@ -81,18 +84,19 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         :param observations: entries (batch, dim)
         :return: (batch, features_dim), within +- ``clip``
         """
-        features = th.cat((observations["observation"], observations["desired_goal"]), dim=1)
+        features = th.cat([observations[key] for key in self.keys], dim=1)
         return features.sub_(self.shift).mul_(self.scale).clamp_(-self.clip, self.clip)
 
     @th.no_grad()
     def update(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take more samples into the statistics (merge of Chan et al. 1979, in float64).
 
-        :param observations: "observation" (n, observation_dim) and "desired_goal" (n, goal_dim)
+        :param observations: "observation" (n, observation_dim), "desired_goal" and, where it is
+            read, "achieved_goal" (n, goal_dim)
         :raises ValueError: for values that are not finite: one would spoil the statistics for good
         """
         samples = th.as_tensor(
-            np.concatenate((observations["observation"], observations["desired_goal"]), axis=1),
+            np.concatenate([observations[key] for key in self.keys], axis=1),
             dtype=th.float64,
         )
         if not bool(th.isfinite(samples).all()):
@@ -310,7 +314,7 @@ class GoalPolicyMixin(BasePolicy):
     def update_normalizer(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take samples into the running statistics, if the features extractor keeps any.
 
-        :param observations: "observation" (n, observation_dim) and "desired_goal" (n, goal_dim)
+        :param observations: as for ``NormalizedGoalFeatures.update``
         """
         if isinstance(self.shared_features, NormalizedGoalFeatures):
             self.shared_features.update(observations)

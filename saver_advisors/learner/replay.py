@@ -273,12 +273,14 @@ class GoalReplayBuffer(ReplayBuffer):
         """Cut the running episodes short, because the environments are about to be reset."""
         self._running[:] = False
 
-    def episodes_of(self, environments: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def episodes_of(
+        self, environments: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The steps stored of these environments' latest episodes, one after the other.
 
         :param environments: (n,), indices of environments
-        :return: observations (m, observation_dim), desired goals (m, goal_dim) and the goals
-            achieved one step later (m, goal_dim)
+        :return: observations (m, observation_dim), desired goals (m, goal_dim), the goals achieved
+            with these observations and one step later (m, goal_dim)
         """
         slots = self._slot[environments]
         lengths = self.length[slots]
@@ -287,6 +289,7 @@ class GoalReplayBuffer(ReplayBuffer):
         return (
             self.observation[slot, step],
             self.desired_goal[slot],
+            self.achieved_goal[slot, step],
             self.achieved_goal[slot, step + 1],
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,14 @@ from saver_envs.tasks.pick_and_place import AIR_HEIGHT, AIR_SHARE, HAND_HEIGHT, 
 from saver_envs.tasks.sampling import StartRules
 
 RewardStage = Literal["goal", "constrained"]
-RewardCombination = Literal["min", "linear"]
+RewardCombination = Literal["min", "linear", "shaped"]
 
 #: Mean U.S. shoulder width (m), and how far the distance may stray from it (m).
 REQUIRED_DISTANCE, DISTANCE_TOLERANCE = 0.35, 0.015
 #: Starts and targets are drawn this far inside the band (m).
 _START_MARGIN = 0.005
+#: A shaped constraint costs the more the farther the distance is off, up to this many tolerances.
+_SHAPED_TOLERANCES = 4.0
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Distance(PickAndPlace):
     :param reward_combination: how the constrained stage puts them together: ``min(f_c, f_g)`` as
         in the dissertation, or ``linear``, f_g + constraint_weight * f_c. Before the goal is
         reached f_g is -1 already: the minimum does not tell whether the band was left on the way,
-        the sum does.
+        the sum does. ``shaped`` is the sum with a constraint that tells by how much: half of it
+        f_c, half falling from 0 to -1 on a straight line, which ends 4 tolerances away.
     :param constraint_weight: of f_c in the sum, above 0.
     """
 
@@ -52,9 +55,10 @@ class Distance(PickAndPlace):
             raise ValueError(
                 f"reward_stage={self.reward_stage!r}: valid stages are 'goal' and 'constrained'"
             )
-        if self.reward_combination not in ("min", "linear"):
+        if self.reward_combination not in get_args(RewardCombination):
             raise ValueError(
-                f"reward_combination={self.reward_combination!r}: must be 'min' or 'linear'"
+                f"reward_combination={self.reward_combination!r}: must be one of "
+                f"{', '.join(get_args(RewardCombination))}"
             )
         if not (math.isfinite(self.constraint_weight) and self.constraint_weight > 0):
             raise ValueError(
@@ -100,14 +104,18 @@ class Distance(PickAndPlace):
             return reward - astray.astype(np.float32), reached
         kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
         constraint = kept.astype(np.float32) - np.float32(1)
-        if self.reward_combination == "linear":
-            return reward + np.float32(self.constraint_weight) * constraint, reached
-        return np.minimum(reward, constraint), reached
+        if self.reward_combination == "min":
+            return np.minimum(reward, constraint), reached
+        if self.reward_combination == "shaped":
+            astray = np.abs(achieved[..., -1] - desired[..., -1])
+            share = np.minimum(astray / (_SHAPED_TOLERANCES * DISTANCE_TOLERANCE), 1.0)
+            constraint = (constraint - share.astype(np.float32)) / 2
+        return reward + np.float32(self.constraint_weight) * constraint, reached
 
     @property
     def least_reward(self) -> float:
         """The smallest reward of a step, where rewards are sparse."""
-        summed = self.reward_stage == "constrained" and self.reward_combination == "linear"
+        summed = self.reward_stage == "constrained" and self.reward_combination != "min"
         return -1.0 - self.constraint_weight if summed else -1.0
 
     def costs(

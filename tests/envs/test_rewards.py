@@ -63,6 +63,12 @@ def test_rewards_are_the_formulas(achieved: np.ndarray, desired: np.ndarray) -> 
     linear = Distance(2, reward_combination="linear", constraint_weight=0.5)
     np.testing.assert_array_equal(linear.reward(achieved, desired), f_g + 0.5 * f_c)
     assert linear.reward(achieved, desired).min() >= linear.least_reward == -1.5
+    shaped = Distance(2, reward_combination="shaped", constraint_weight=0.5)
+    share = np.minimum(np.abs(achieved[:, -1] - 0.35) / 0.06, 1)
+    np.testing.assert_allclose(
+        shaped.reward(achieved, desired), f_g + 0.25 * (f_c - share), atol=1e-6
+    )
+    assert shaped.reward(achieved, desired).min() >= shaped.least_reward == -1.5
 
 
 def test_success_is_per_object_and_not_of_the_whole_vector() -> None:

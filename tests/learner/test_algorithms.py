@@ -126,7 +126,7 @@ def test_statistics_are_half_real_and_half_achieved_goals(make_env: Any, cut_sho
             for step in range(length):
                 for goal in (buffer.desired_goal[slot], buffer.achieved_goal[slot, step + 1]):
                     rows.append(np.append(buffer.observation[slot, step], goal))
-    assert features.count.item() == len(rows) > 150
+    assert (features.count == len(rows)).all() and len(rows) > 150
     np.testing.assert_allclose(features.mean.numpy(), np.mean(rows, axis=0, dtype=float), rtol=1e-6)
     np.testing.assert_allclose(
         1 / features.scale.numpy(), np.maximum(np.std(rows, axis=0, dtype=float), 0.01), rtol=1e-4

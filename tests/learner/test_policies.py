@@ -80,7 +80,7 @@ def test_statistics_in_pieces_are_those_of_the_whole(sizes: list[int], seed: int
     for piece in pieces:
         features.update({"observation": piece[:, :3], "desired_goal": piece[:, 3:]})
     whole = np.concatenate(pieces)
-    assert features.count.item() == len(whole)
+    assert (features.count == len(whole)).all()
     np.testing.assert_allclose(features.mean.numpy(), whole.mean(0), rtol=1e-9)
     np.testing.assert_allclose(features.shift.numpy(), whole.mean(0), rtol=1e-5)
     deviation = np.maximum(whole.std(0), 0.01)
@@ -104,12 +104,23 @@ def test_features_are_normalised_clipped_and_without_the_achieved_goal() -> None
     assert features({**inputs, "observation": inputs["observation"] + 1e6}).max() == 3.0
 
 
+def test_the_achieved_goal_is_read_where_it_is_asked_for() -> None:
+    features = NormalizedGoalFeatures(SPACE, achieved_goal=True)
+    samples = {key: value.numpy() * 4 + 7 for key, value in batch(500).items()}
+    features.update(samples)
+    output = features({key: th.as_tensor(value) for key, value in samples.items()}).numpy()
+    achieved = samples["achieved_goal"]
+    assert features.features_dim == output.shape[1] == 5 + achieved.shape[1]
+    expected = (achieved - achieved.mean(0)) / achieved.std(0)
+    np.testing.assert_allclose(output[:, 5:], expected, atol=1e-4)
+
+
 def test_values_that_are_not_finite_are_refused_and_change_nothing() -> None:
     features = NormalizedGoalFeatures(SPACE)
     bad = {"observation": np.full((2, 3), np.nan), "desired_goal": np.zeros((2, 2))}
     with pytest.raises(ValueError, match="finite"):
         features.update(bad)
-    assert features.count.item() == 0
+    assert (features.count == 0).all()
 
 
 @pytest.mark.parametrize("name", ["clip", "minimum_standard_deviation"])
