@@ -223,6 +223,7 @@ class _Run:
         if checkpoint is not None:
             extra = load_checkpoint(checkpoint, self.model)
             self.wall_clock_s = extra["wall_clock_s"]
+            self._learner.training_cost = extra.get("training_cost", 0.0)
             if extra["advisor"] is not None:
                 self._advisor().load_state_dict(extra["advisor"])
             if self.stages is not None:
@@ -321,6 +322,7 @@ class _Run:
             "success_rate": success_rate,
             "mean_q": student.mean_q,
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
+            "training_cost": self._learner.training_cost,
             "advice_spent": 0 if self.config.advice is None else int(self._advisor().spent),
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
@@ -345,6 +347,7 @@ class _Run:
         extra = {
             "config": self.config.to_mapping(),
             "wall_clock_s": self.wall_clock_s,
+            "training_cost": self._learner.training_cost,
             "advisor": None if self.config.advice is None else self._advisor().state_dict(),
             "stages": None if self.stages is None else self.stages.state_dict(),
         }
@@ -358,6 +361,11 @@ class _Run:
         self.env.seed(int(seed % 2**30))
         self.model._last_obs = self.env.reset()  # type: ignore[assignment]
         self.model._last_episode_starts = np.ones(self.config.n_envs, bool)
+
+    @property
+    def _learner(self) -> GoalLearnerMixin:
+        assert isinstance(self.model, GoalLearnerMixin), "build_model makes no other"
+        return self.model
 
     def _advisor(self) -> Advisor:
         advisor: Advisor = self.model.advisor  # type: ignore[attr-defined]  # the advised class's

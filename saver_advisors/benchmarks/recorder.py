@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.benchmarks.machine import load
-from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
+from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
 from saver_advisors.evaluation.training_runs import KIND
 from saver_advisors.provenance import provenance, write_json_atomic
@@ -183,6 +183,7 @@ class Recorder:
             "success_rate": summary["success_rate"],
             "mean_q": None,
             **dict(sorted(summary["cost_means"].items())),
+            **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
             "advice_spent": 0,
             # What the seconds are worth: more than the cores means that others had a share.
             "load_average": None if (averages := load()) is None else averages[0],

@@ -22,6 +22,7 @@ KINDS: Final = {
     "id": ("saver_advisors.benchmarks.id", "inverse dynamics of chapter 7, beside its tables"),
     "kinematics": ("saver_advisors.benchmarks.kinematics", "learned inverse kinematics in use"),
     "tracking": ("saver_advisors.benchmarks.tracking", "feed-forward torques on the twins"),
+    "constraints": ("saver_advisors.benchmarks.constraints", "chapter 6: rates and findings"),
     "safe": ("saver_advisors.benchmarks.safe", "CPO and Lagrangians where the optimum is known"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a

@@ -29,6 +29,9 @@ position.
 """
 GOALS: Final = ("achieved_goal", "desired_goal")
 DEFAULT_N_ENVS: Final = 16
+CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
+"""What a summary tells of a task with a constraint beside its success rate."""
+
 LONGEST_EPISODE: Final = 10_000
 """Steps after which an episode counts as never ending: every id truncates at its horizon, long
 before this.
@@ -134,7 +137,7 @@ class EpisodeOutcomes:
         if self.deviations is not None:
             values["deviation_mean"] = float(self.deviations[:, 0].mean())
             values["deviation_worst"] = float(self.deviations[:, 1].max())
-        for name in ("constraint_met_rate", "goal_success_rate"):
+        for name in CONSTRAINT_RATES:
             rate = getattr(self, name)
             if rate is not None:
                 values[name] = rate

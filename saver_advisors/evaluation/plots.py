@@ -28,7 +28,12 @@ GREY: Final = "0.55"
 FEW_POINTS: Final = 40
 """Curves with more evaluations are drawn without a mark at each."""
 
-LABELS: Final = {"success_rate": "success rate", "mean_q": "mean Q of the student"}
+LABELS: Final = {
+    "success_rate": "success rate",
+    "goal_success_rate": "goal success rate",
+    "constraint_met_rate": "constraint met rate",
+    "mean_q": "mean Q of the student",
+}
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +60,8 @@ def dress(axes: Axes, name: str) -> None:
     if name == "success_rate":
         axes.set_ylim(-0.02, 1.02)
         axes.axhline(SOLVED, color="0.6", linewidth=0.8, linestyle=":")
+    elif name.endswith("_rate"):
+        axes.set_ylim(-0.02, 1.02)
     elif name.startswith("cost"):
         axes.set_ylim(bottom=0)
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 from saver_advisors.evaluation.metrics import LearningCurve, LearningMetrics, learning_metrics
 
 KIND: Final = "training-run"
-RENDERED: Final = ("advising", "comparison")
+RENDERED: Final = ("advising", "comparison", "constraints")
 """Kinds of files that are made from those of runs, and may lie among them."""
 
 DEFAULT_EPISODES: Final = 100

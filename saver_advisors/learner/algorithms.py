@@ -98,6 +98,9 @@ class GoalLearnerMixin(_Algorithm):
 
     replay_buffer: ReplayBuffer | None
 
+    training_cost: float
+    """Sum of ``cost`` over all transitions that were collected, where the environment tells one."""
+
     def __init__(
         self,
         *arguments: Any,
@@ -113,6 +116,7 @@ class GoalLearnerMixin(_Algorithm):
             )
         self.exploration_noise = exploration_noise
         self.random_action_probability = random_action_probability
+        self.training_cost = 0.0
         self._exploration_random = np.random.default_rng()
         super().__init__(*arguments, **named)
 
@@ -185,6 +189,7 @@ class GoalLearnerMixin(_Algorithm):
         infos: list[dict[str, Any]],
     ) -> None:
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
+        self.training_cost += sum(float(info.get("cost", 0.0)) for info in infos)
         if dones.any():
             self._update_normalizer(replay_buffer, np.flatnonzero(dones))
 
