@@ -51,6 +51,8 @@ PRICED: Final[dict[str, Any]] = {
     "normalize_advantage": False,
     # Integral control: the price must move more slowly than the policy that answers it.
     "multiplier_lr": 0.002,
+    # On top of that, what the cost exceeds the limit by now: without it price and cost swing.
+    "multiplier_gain": 0.1,
 }
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "cpo": {"n_critic_updates": 20},

@@ -19,6 +19,7 @@ class LagrangianMixin(CostConstrainedMixin):
     :param args: as for the algorithm
     :param multiplier_init: lambda before the first update, at least 0
     :param multiplier_lr: learning rate of its Adam optimizer
+    :param multiplier_gain: what an excess cost of 1 adds to the price at once, at least 0
     :param kwargs: as for the algorithm and `CostConstrainedMixin`
     """
 
@@ -31,14 +32,18 @@ class LagrangianMixin(CostConstrainedMixin):
         *args: Any,
         multiplier_init: float = 0.001,
         multiplier_lr: float = 0.035,
+        multiplier_gain: float = 0.0,
         **kwargs: Any,
     ) -> None:
         self.multiplier_init = multiplier_init
         self.multiplier_lr = multiplier_lr
+        self.multiplier_gain = multiplier_gain
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
-        self.multiplier = LagrangeMultiplier(self.multiplier_init, self.multiplier_lr)
+        self.multiplier = LagrangeMultiplier(
+            self.multiplier_init, self.multiplier_lr, self.multiplier_gain
+        )
         super()._setup_model()
 
     def train(self) -> None:

@@ -58,3 +58,29 @@ def test_it_rises_above_the_limit_and_falls_below_it():
 def test_bad_settings_are_named(initial, rate, name):
     with pytest.raises(ValueError, match=name):
         LagrangeMultiplier(initial, rate)
+
+
+@given(st.floats(0, 10), st.floats(0, 5), st.floats(0, 50), st.floats(0.1, 25))
+def test_the_proportional_term_answers_at_once_and_leaves_no_trace(
+    initial: float, gain: float, cost: float, limit: float
+) -> None:
+    damped, plain = LagrangeMultiplier(initial, 0.035, gain), LagrangeMultiplier(initial, 0.035)
+    assert float(damped) == float(plain) == initial
+    price = damped.update(cost, limit)
+    integral = plain.update(cost, limit)
+    assert price == pytest.approx(max(0.0, integral + gain * (cost - limit)), abs=1e-9)
+    assert damped.update(limit, limit) == pytest.approx(plain.update(limit, limit), abs=1e-9)
+
+
+def test_a_saved_price_keeps_its_proportional_term() -> None:
+    multiplier = LagrangeMultiplier(0.5, 0.1, 0.3)
+    multiplier.update(6.0, 4.0)
+    other = LagrangeMultiplier(0.0, 0.1, 0.3)
+    other.load_state_dict(multiplier.state_dict())
+    assert float(other) == float(multiplier) == pytest.approx(0.6 + 0.3 * 2.0)
+
+
+@pytest.mark.parametrize("gain", [-0.1, float("nan"), float("inf")])
+def test_a_gain_that_cannot_be_is_refused(gain: float) -> None:
+    with pytest.raises(ValueError, match="multiplier_gain="):
+        LagrangeMultiplier(0.5, 0.1, gain)
