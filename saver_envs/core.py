@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 
 from saver_envs.control import DampedLeastSquares, InverseKinematics, bounded
 from saver_envs.grasping import Grasp, settled_grasp
+from saver_envs.patient import Patient, People, joined
+from saver_envs.person_scene import compose_with_person
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Layout, ObjectProperties, Scene, compose
-from saver_envs.simulation import SUBSTEPS, ArmState, Simulation, SimulationState
-from saver_envs.tasks.base import Task
+from saver_envs.simulation import SUBSTEPS, ArmState, ObjectState, Simulation, SimulationState
+from saver_envs.tasks.base import Readings, Task
 from saver_envs.tasks.observation import SIZE_PER_ARM, observe
 from saver_envs.tasks.regions import OVERLAP, regions
 from saver_envs.tasks.sampling import Start, StartSampler
+from saver_envs.tasks.wrist_starts import WristStart, WristStartSampler
 
 Control = Literal["cartesian", "joints"]
 
@@ -123,6 +126,8 @@ class Outcome:
     :param diverged: (n,) the simulation broke down in this step.
     :param costs: name -> (n,) of every cost.
     :param cost: (n,) sum of the costs that the task names.
+    :param readings: name -> (n,) of what was measured besides, with a person on the bench:
+        ``torso_force`` (N) and ``torso_displacement`` (m).
     """
 
     reward: NDArray[np.float32]
@@ -132,6 +137,7 @@ class Outcome:
     diverged: NDArray[np.bool_]
     costs: dict[str, NDArray[np.float64]]
     cost: NDArray[np.float64]
+    readings: Readings = field(default_factory=dict)
 
     def info(self) -> dict[str, NDArray[np.generic]]:
         """Return the entries of ``info``, an array of n each."""
@@ -141,6 +147,7 @@ class Outcome:
             "diverged": self.diverged,
             "cost": self.cost,
             **{f"cost_{name}": cost for name, cost in self.costs.items()},
+            **self.readings,
         }
 
     def info_of(self, index: int) -> dict[str, bool | float]:
@@ -157,10 +164,11 @@ class EpisodesState:
     :param target: (n, arms, 3) target points in base frames, metres.
     :param goal: (n, goal_size) desired goals.
     :param elapsed: (n,) actions since the reset.
-    :param constraint_broken: (n,) whether the distance constraint was ever broken.
+    :param constraint_broken: (n,) whether what the task must never do was done.
     :param observation: (n, 28 * arms) as last read.
     :param achieved: (n, goal_size) as last read.
     :param generators: the episodes' sources of randomness.
+    :param people: who lies on the bench, where somebody does.
     """
 
     simulation: SimulationState
@@ -172,6 +180,7 @@ class EpisodesState:
     observation: NDArray[np.float64]
     achieved: NDArray[np.float64]
     generators: tuple[np.random.Generator, ...]
+    people: People | None = None
 
 
 class Episodes:
@@ -199,20 +208,14 @@ class Episodes:
         self.settings = settings
         self.n = n
         robot = settings.robot
-        self.scene: Scene = compose(
-            robot, task.n_arms, task.fingers, settings.objects, settings.layout
-        )
+        self.scene: Scene = _scene(task, settings)
         self.simulation = Simulation(self.scene, n, threads)
+        self.patient = Patient(self.simulation) if task.moves_person else None
         self.regions = regions(robot, task.n_arms, settings.layout, settings.overlap)
         self._threads = threads
         self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)
         self._reachability = reachability_map(robot)
-        self._sampler = StartSampler(
-            self.scene,
-            self.regions,
-            self._reachability,
-            task.start_rules(self.scene.object_rest_height),
-        )
+        self._sampler = self._start_sampler()
         self._grasp: Grasp | None = None
         if settings.in_hand_share > 0 and task.fingers is Fingers.ACTUATED:
             self._grasp = settled_grasp(robot, settings.objects)
@@ -232,6 +235,12 @@ class Episodes:
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, task.goal_size))
+
+    def _start_sampler(self) -> StartSampler | WristStartSampler:
+        if self.patient is not None:
+            return WristStartSampler(self.scene, self.regions, self._reachability)
+        rules = self.task.start_rules(self.scene.object_rest_height)
+        return StartSampler(self.scene, self.regions, self._reachability, rules)
 
     @property
     def action_size_per_arm(self) -> int:
@@ -269,6 +278,7 @@ class Episodes:
             observation=self._observation.copy(),
             achieved=self._achieved.copy(),
             generators=tuple(copy.deepcopy(self._generators)),
+            people=None if self.patient is None else self.patient.get_people(),
         )
 
     def set_state(self, state: EpisodesState) -> None:
@@ -277,6 +287,8 @@ class Episodes:
         :param state: of these episodes, or of others built from the same arguments.
         :raises ValueError: for a state of another scene or another number of episodes.
         """
+        if self.patient is not None and state.people is not None:
+            self.patient.set_people(state.people)
         self.simulation.set_state(state.simulation)
         self.set_point = state.set_point.copy()
         self.target = state.target.copy()
@@ -353,8 +365,13 @@ class Episodes:
             position[held] = hand[held] + self._grasp.object_offset
             quaternion[held] = self._grasp.object_quaternion
             fingers[held] = self._grasp.finger_position
+        joints = joints.reshape(len(rows), arms, -1)
+        if self.patient is not None:
+            people = [start.people for start in starts if isinstance(start, WristStart)]
+            self.patient.place(rows, joined(people), joints)
+            return np.zeros(len(rows), dtype=bool)
         objects = np.concatenate([self.simulation.to_world(position), quaternion], axis=-1)
-        self.simulation.reset(rows, joints.reshape(len(rows), arms, -1), fingers, objects)
+        self.simulation.reset(rows, joints, fingers, objects)
         if held.any():
             episode, arm = np.nonzero(held)
             controls = self.scene.finger_ctrl[arm]
@@ -451,7 +468,7 @@ class Episodes:
         """
         simulation = self.simulation
         self._arms = simulation.arm_state()
-        objects = simulation.object_state()
+        objects = self.object_state()
         fingers, finger_velocities = simulation.finger_state()
         locked = self.settings.robot.finger_closed
         observation = observe(self._arms, objects, fingers, finger_velocities, locked)
@@ -462,15 +479,26 @@ class Episodes:
             self._observation[rows] = observation[rows]
             self._achieved[rows] = achieved[rows]
 
+    @property
+    def people(self) -> People | None:
+        """Who lies on the bench, where somebody does; not a copy."""
+        return None if self.patient is None else self.patient.people
+
+    def object_state(self) -> ObjectState:
+        """Return the state of the cubes, or of the wrists, copied."""
+        if self.patient is not None:
+            return self.patient.wrists()
+        return self.simulation.object_state()
+
     def _outcome(self, collided: NDArray[np.bool_], diverged: NDArray[np.bool_]) -> Outcome:
         # From the numbers that agents see, so that relabelling them finds the very same rewards.
         achieved, desired = self._achieved.astype(np.float32), self._goal.astype(np.float32)
-        costs = self.task.costs(achieved, desired, collided)
+        readings = {} if self.patient is None else self.patient.readings()
+        costs = self.task.costs(achieved, desired, collided, readings)
         reward, reached = self.task.judge(achieved, desired)
-        success = reached
-        if "distance" in costs:
-            self._constraint_broken |= costs["distance"] > 0
-            success = reached & ~self._constraint_broken
+        for name in self.task.never:
+            self._constraint_broken |= costs[name] > 0
+        success = reached & ~self._constraint_broken
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
@@ -479,6 +507,7 @@ class Episodes:
             diverged=diverged,
             costs=costs,
             cost=sum((costs[name] for name in self.task.cost_names), np.zeros(self.n)),
+            readings=readings,
         )
 
     def observation(self) -> Observation:
@@ -488,6 +517,12 @@ class Episodes:
             self._achieved.astype(np.float32),
             self._goal.astype(np.float32),
         )
+
+
+def _scene(task: Task, settings: Settings) -> Scene:
+    if task.moves_person:
+        return compose_with_person(settings.robot)
+    return compose(settings.robot, task.n_arms, task.fingers, settings.objects, settings.layout)
 
 
 def shortened(vectors: NDArray[np.float64], longest: float) -> NDArray[np.float64]:

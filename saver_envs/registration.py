@@ -26,6 +26,8 @@ from saver_envs.tasks.distance import Distance, RewardCombination, RewardStage
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.regions import OVERLAP
+from saver_envs.tasks.wrist_push import HORIZON as WRIST_PUSH_HORIZON
+from saver_envs.tasks.wrist_push import WristPush
 
 VERSION = 0
 #: Share of contested starts, set so that two arms which ignore one another fail often enough (see
@@ -54,7 +56,7 @@ class Options:
     """Keyword arguments of every id.
 
     :param n_arms: 1 to 4 arms; the id's number by default. The distance task needs 2.
-    :param horizon: actions in an episode; 50, or 125 when rated.
+    :param horizon: actions in an episode; 50, or 125 when rated; 250 in wrist push.
     :param max_speed: top speed of the set-points, m/s; 0.5, or 0.2 when rated.
     :param rated: the makers' setting (Table 5.3): 0.2 m/s, joint speed limits, 125 actions.
     :param success_threshold: distance of an object from its target that counts as reached, m.
@@ -106,6 +108,7 @@ def _rows() -> dict[str, Row]:
         "MicoPickAndPlace": (PickAndPlace, "mico", 1),
         "DualMicoPush": (Push, "mico", 2),
         "DualMicoPickAndPlace": (PickAndPlace, "mico", 2),
+        "WristPush": (WristPush, "mico", 2),
     }
     rewards: tuple[tuple[str, RewardType], ...] = (("", "sparse"), ("Dense", "dense"))
     return {
@@ -192,12 +195,40 @@ def _task(row: Row, options: Options) -> Task:
     for name, value in constraint.items():
         if value is not None:
             raise ValueError(f"{name}={value!r}: only the distance task has a constraint")
+    if row.task is WristPush:
+        _refuse_options_of_cubes(options)
+        return WristPush(n_arms, row.reward_type, options.success_threshold)
     return row.task(n_arms, row.reward_type, options.success_threshold, options.contested_share)
+
+
+#: Options that say how cubes are or how they start, and where other arms would stand.
+_OF_CUBES = (
+    "object_size",
+    "object_mass",
+    "object_friction",
+    "object_damping",
+    "layout",
+    "contested_share",
+    "in_hand_share",
+)
+
+
+def _refuse_options_of_cubes(options: Options) -> None:
+    usual = Options()
+    for name in _OF_CUBES:
+        value = getattr(options, name)
+        if value != getattr(usual, name):
+            raise ValueError(
+                f"{name}={value!r}: not an option of wrist push, whose two arms stand in a row "
+                "and whose objects are a person's wrists"
+            )
 
 
 def _settings(row: Row, options: Options) -> Settings:
     speed = RATED_SPEED if options.rated else DEFAULT_SPEED
     horizon = RATED_HORIZON if options.rated else DEFAULT_HORIZON
+    if row.task is WristPush:  # long enough for either speed
+        horizon = WRIST_PUSH_HORIZON
     return Settings(
         robot=ROBOTS[row.robot],
         horizon=horizon if options.horizon is None else options.horizon,

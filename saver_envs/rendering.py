@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.patient import People
 from saver_envs.robots.description import COLLISION_GROUP
+from saver_envs.robots.stretcher import STRETCHER
 from saver_envs.scenes import Scene
 from saver_envs.simulation import Simulation
 
@@ -38,17 +40,44 @@ class SceneRenderer:
         if camera not in names:
             raise ValueError(f"camera={camera!r}: this scene has the cameras {', '.join(names)}")
         self._scene = scene
-        # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
-        self._model = copy.copy(scene.drawing_model())
-        self._data = mujoco.MjData(self._model)
         self._size = (width, height)
         self._camera = camera
-        self._renderer: mujoco.Renderer | None = None
         self._options = mujoco.MjvOption()
         self._options.geomgroup[COLLISION_GROUP] = 0
+        self._renderer: mujoco.Renderer | None = None
+        self._body = 0
+        self._take_model(0)
 
-    def update(self, simulation: Simulation, index: int, target: NDArray[np.float64]) -> None:
-        """Take over the state of simulation ``index`` and its targets (arms, 3), world frame, m."""
+    def _take_model(self, body: int) -> None:
+        """Draw the scene with that body from now on."""
+        self.close()
+        self._body = body
+        # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
+        self._model = copy.copy(self._scene.drawing_model(body))
+        self._data = mujoco.MjData(self._model)
+
+    def update(
+        self,
+        simulation: Simulation,
+        index: int,
+        target: NDArray[np.float64],
+        people: People | None = None,
+    ) -> None:
+        """Take over the state of simulation ``index`` and its targets (arms, 3), world frame, m.
+
+        :param simulation: of this scene.
+        :param index: which one.
+        :param target: (arms, 3), world frame, metres.
+        :param people: who lies on the bench, in a scene with a person.
+        """
+        if people is not None:
+            if people.body[index] != self._body:
+                self._take_model(int(people.body[index]))
+            # The stretcher lies where the person was laid down.
+            stretcher = self._model.body(STRETCHER).id
+            yaw = people.yaw[index] / 2
+            self._model.body_pos[stretcher, :2] = people.hips[index]
+            self._model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
         self._data.qpos[:] = simulation.qpos[index]
         self._model.site_pos[self._scene.target_site] = target
         mujoco.mj_kinematics(self._model, self._data)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+
+if TYPE_CHECKING:
+    from saver_envs.person_scene import PersonAddresses
 
 Layout = Literal["row", "ring"]
 
@@ -82,6 +86,8 @@ class Scene:
     :param object_dof: (arms, 6) addresses of linear and angular velocity.
     :param target_site: (arms,) sites that show the targets.
     :param collision_sensor: addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
+    :param person: where the person is in the scene of :mod:`saver_envs.person_scene`, whose wrists
+        are the objects.
     """
 
     model: mujoco.MjModel
@@ -103,6 +109,7 @@ class Scene:
     object_dof: NDArray[np.intp]
     target_site: NDArray[np.intp]
     collision_sensor: NDArray[np.intp]
+    person: PersonAddresses | None = None
 
     @property
     def n_arms(self) -> int:
@@ -114,12 +121,16 @@ class Scene:
         """Height of a resting cube's centre above the table, metres."""
         return self.objects.size / 2
 
-    def drawing_model(self) -> mujoco.MjModel:
+    def drawing_model(self, body: int = 0) -> mujoco.MjModel:
         """Return the same bench with meshes and decorations.
 
         Its state, actuators, sites and cameras are those of :attr:`model`; its bodies and geoms
         are more. Callers share it and must not change it.
+
+        :param body: which of the bodies the person has, in scenes with one.
         """
+        if self.person is not None:
+            return self.person.drawing_model(body, self.robot)
         return _drawing_model(self.robot, self.n_arms, self.fingers, self.objects, self.layout)
 
 
@@ -148,7 +159,7 @@ def base_poses(n_arms: int, layout: Layout) -> tuple[NDArray[np.float64], NDArra
 
 
 @dataclass(frozen=True)
-class _Bench:
+class Bench:
     """The rectangle of table that all arms work over, world frame, metres."""
 
     lower: NDArray[np.float64]
@@ -163,16 +174,25 @@ class _Bench:
         return (self.upper - self.lower) / 2
 
 
-def _bench(positions: NDArray[np.float64], yaws: NDArray[np.float64]) -> _Bench:
-    """Return the smallest table with room for the surroundings of every base."""
-    corners = np.array([(x, y) for x in BENCH_DEPTH for y in (-BENCH_SIDE, BENCH_SIDE)])
+def bench_round(
+    positions: NDArray[np.float64],
+    yaws: NDArray[np.float64],
+    depth: tuple[float, float] = BENCH_DEPTH,
+) -> Bench:
+    """Return the smallest table with room for the surroundings of every base.
+
+    :param positions: (arms, 3) of the bases, metres.
+    :param yaws: (arms,) radians.
+    :param depth: from behind a base to before it, metres.
+    """
+    corners = np.array([(x, y) for x in depth for y in (-BENCH_SIDE, BENCH_SIDE)])
     cosine, sine = np.cos(yaws), np.sin(yaws)
     rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     points = (positions[:, None, :2] + np.einsum("aij,kj->aki", rotation, corners)).reshape(-1, 2)
-    return _Bench(points.min(axis=0), points.max(axis=0))
+    return Bench(points.min(axis=0), points.max(axis=0))
 
 
-def _new_world(bench: _Bench) -> mujoco.MjSpec:
+def new_world(bench: Bench) -> mujoco.MjSpec:
     """Return a specification with options, lights, floor and table, without arms."""
     spec = mujoco.MjSpec()
     spec.modelname = "saver"
@@ -199,7 +219,7 @@ def _new_world(bench: _Bench) -> mujoco.MjSpec:
     return spec
 
 
-def _add_surroundings(spec: mujoco.MjSpec, bench: _Bench) -> None:
+def _add_surroundings(spec: mujoco.MjSpec, bench: Bench) -> None:
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -294,7 +314,7 @@ def _add_surroundings(spec: mujoco.MjSpec, bench: _Bench) -> None:
     )
 
 
-def _add_cameras(spec: mujoco.MjSpec, bench: _Bench) -> None:
+def add_cameras(spec: mujoco.MjSpec, bench: Bench) -> None:
     """Cameras that frame bench and arms, whatever their number, in pictures of 4 to 3."""
     centre = np.array([*bench.centre, FRAMED_HEIGHT / 2])
     corners = np.array(
@@ -323,7 +343,7 @@ def _add_cameras(spec: mujoco.MjSpec, bench: _Bench) -> None:
         )
 
 
-def _add_arm(
+def add_arm(
     spec: mujoco.MjSpec,
     robot: Robot,
     fingers: Fingers,
@@ -332,6 +352,16 @@ def _add_arm(
     yaw: float,
     n_arms: int,
 ) -> None:
+    """Add arm ``index`` of ``n_arms``, with the collision bits of its number.
+
+    :param spec: gets the arm, its names behind ``arm<index>_``.
+    :param robot: the arm.
+    :param fingers: actuated or locked fingers.
+    :param index: which of the scene's arms it is.
+    :param position: (3,) of its base, metres.
+    :param yaw: of its base, radians.
+    :param n_arms: how many arms the scene has.
+    """
     arm = robot.build(fingers)
     spec.assets = {**spec.assets, **arm.assets}  # attaching a body leaves the mesh files behind
     arm_bits = sum(FIRST_ARM_BIT << other for other in range(n_arms) if other != index)
@@ -363,11 +393,18 @@ def _add_object(spec: mujoco.MjSpec, index: int, objects: ObjectProperties, x: f
         conaffinity=TABLE_BIT | OBJECT_BIT,
         rgba=(*OBJECT_COLOURS[index], 1),
     )
+    add_target(spec, index, objects.size / 2, (x, 0.1 * index, objects.size / 2))
+
+
+def add_target(
+    spec: mujoco.MjSpec, index: int, radius: float, position: tuple[float, float, float]
+) -> None:
+    """Add the site that shows the target of arm ``index``; renderers move it."""
     spec.worldbody.add_site(
         name=f"target{index}",
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
-        size=(objects.size / 2, 0, 0),
-        pos=(x, 0.1 * index, objects.size / 2),
+        size=(radius, 0, 0),
+        pos=position,
         rgba=(*OBJECT_COLOURS[index], 0.45),
     )
 
@@ -386,6 +423,18 @@ def _add_collision_sensors(spec: mujoco.MjSpec, robot: Robot, n_arms: int) -> No
             if other != index:
                 name = f"{COLLISION}arm{index}_object{other}"
                 pairs.append((name, body, arm, geom, f"object{other}"))
+    add_contact_counters(spec, pairs)
+
+
+def add_contact_counters(
+    spec: mujoco.MjSpec, pairs: Sequence[tuple[str, int, str, int, str]]
+) -> None:
+    """Add sensors that count contacts.
+
+    :param spec: gets the sensors.
+    :param pairs: name of the sensor, type and name of what touches, type and name of what is
+        touched; a body stands for its whole subtree.
+    """
     for name, first_type, first, second_type, second in pairs:
         spec.add_sensor(
             name=name,
@@ -419,7 +468,7 @@ def compose(
     :raises ValueError: for a number of arms or a layout that cannot be.
     """
     model = _physics_model(robot, n_arms, fingers, objects, layout)
-    return _address(model, robot, fingers, objects, layout, *base_poses(n_arms, layout))
+    return address(model, robot, fingers, objects, layout, *base_poses(n_arms, layout))
 
 
 @lru_cache(maxsize=32)
@@ -433,19 +482,11 @@ def _drawing_model(
 def _physics_model(
     robot: Robot, n_arms: int, fingers: Fingers, objects: ObjectProperties, layout: Layout
 ) -> mujoco.MjModel:
-    """Compile a bench without what is only seen, and with jointless bodies fused to their parents.
-
-    It moves as the other does, for a quarter fewer instructions: the compiler keeps the inertia of
-    what it drops or fuses. What it would change is how soft contacts are, which follows from the
-    inverse weight of the bodies that touch: a fused one keeps that of its lightest part, the
-    fingertips.
-    """
-    spec = _specification(robot, n_arms, fingers, objects, layout)
-    spec.compiler.discardvisual = spec.compiler.fusestatic = True
-    model = spec.compile()
-    whole = _drawing_model(robot, n_arms, fingers, objects, layout)
-    parts = [whole.geom(model.geom(index).name).bodyid[0] for index in range(model.ngeom)]
-    np.maximum.at(model.body_invweight0, model.geom_bodyid, whole.body_invweight0[parts])
+    """Compile a bench of what moves and collides alone; see :func:`compile_physics`."""
+    model = compile_physics(
+        _specification(robot, n_arms, fingers, objects, layout),
+        _drawing_model(robot, n_arms, fingers, objects, layout),
+    )
     for index in range(n_arms):
         # A free joint has one damping for all its motions: as N m s/rad it would hold a cube fast.
         turning = model.joint(f"object{index}_joint").dofadr[0] + np.arange(3, 6)
@@ -453,23 +494,42 @@ def _physics_model(
     return model
 
 
+def compile_physics(spec: mujoco.MjSpec, whole: mujoco.MjModel) -> mujoco.MjModel:
+    """Compile a scene without what is only seen, and with jointless bodies fused to their parents.
+
+    It moves as the whole does, for a quarter fewer instructions: the compiler keeps the inertia of
+    what it drops or fuses. What it would change is how soft contacts are, which follows from the
+    inverse weight of the bodies that touch: a fused one keeps that of its lightest part, the
+    fingertips.
+
+    :param spec: of the scene.
+    :param whole: the scene, compiled with all that there is.
+    :return: the model.
+    """
+    spec.compiler.discardvisual = spec.compiler.fusestatic = True
+    model = spec.compile()
+    parts = [whole.geom(model.geom(index).name).bodyid[0] for index in range(model.ngeom)]
+    np.maximum.at(model.body_invweight0, model.geom_bodyid, whole.body_invweight0[parts])
+    return model
+
+
 def _specification(
     robot: Robot, n_arms: int, fingers: Fingers, objects: ObjectProperties, layout: Layout
 ) -> mujoco.MjSpec:
     positions, yaws = base_poses(n_arms, layout)
-    bench = _bench(positions, yaws)
-    spec = _new_world(bench)
+    bench = bench_round(positions, yaws)
+    spec = new_world(bench)
     spec.memory = MEMORY
-    _add_cameras(spec, bench)
+    add_cameras(spec, bench)
     for index in range(n_arms):
-        _add_arm(spec, robot, fingers, index, positions[index], float(yaws[index]), n_arms)
+        add_arm(spec, robot, fingers, index, positions[index], float(yaws[index]), n_arms)
     for index in range(n_arms):
         _add_object(spec, index, objects, x=0.4)
     _add_collision_sensors(spec, robot, n_arms)
     return spec
 
 
-def _address(
+def address(
     model: mujoco.MjModel,
     robot: Robot,
     fingers: Fingers,
@@ -494,7 +554,14 @@ def _address(
 
     joint_id = table([joint_ids(arm, robot.arm_joints) for arm in arms])
     finger_id = table([joint_ids(arm, finger_joints) for arm in arms])
-    object_id = np.array([model.joint(f"object{arm}_joint").id for arm in arms])
+    joints = {model.joint(index).name for index in range(model.njnt)}
+
+    def cubes(addresses: NDArray[np.int32], size: int) -> NDArray[np.intp]:
+        names = [f"object{arm}_joint" for arm in arms]
+        if names[0] not in joints:
+            return table([[] for _ in arms])
+        ids = np.array([model.joint(name).id for name in names])
+        return addresses[ids][:, None].astype(np.intp) + np.arange(size)
 
     names = [model.sensor(index).name for index in range(model.nsensor)]
     sensors = [index for index, name in enumerate(names) if name.startswith(COLLISION)]
@@ -518,8 +585,8 @@ def _address(
         arm_ctrl=table([actuator_ids(arm, robot.arm_actuators) for arm in arms]),
         finger_ctrl=table([actuator_ids(arm, finger_actuators) for arm in arms]),
         tool_site=np.array([model.site(f"arm{arm}_{robot.tool_site}").id for arm in arms]),
-        object_qpos=model.jnt_qposadr[object_id][:, None].astype(np.intp) + np.arange(7),
-        object_dof=model.jnt_dofadr[object_id][:, None].astype(np.intp) + np.arange(6),
+        object_qpos=cubes(model.jnt_qposadr, 7),
+        object_dof=cubes(model.jnt_dofadr, 6),
         target_site=np.array([model.site(f"target{a}").id for a in arms]),
         collision_sensor=model.sensor_adr[sensors].astype(np.intp),
     )

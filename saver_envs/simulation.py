@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -116,6 +117,9 @@ class Simulation:
         self._site_position = self._batch.bind("site_xpos")
         self._site_rotation = self._batch.bind("site_xmat")
         self._sensors = self._batch.bind("sensordata")
+        self._keeps_highest = scene.person is not None
+        #: (n, sensors) highest of an action's samples, in scenes with a person.
+        self.highest = np.zeros(self._sensors.shape)
         kinds = scene.model.jnt_type[scene.joint_id]
         self._slides = (kinds == int(mujoco.mjtJoint.mjJNT_SLIDE))[..., None]
         self._has_slides = bool(self._slides.any())
@@ -127,6 +131,7 @@ class Simulation:
         )
         self._world_to_base = np.swapaxes(scene.base_rotation, -1, -2)
         self._scratch: mujoco.MjData | None = None
+        self._scratch_model: mujoco.MjModel = scene.model
 
     def step(
         self,
@@ -148,6 +153,8 @@ class Simulation:
         previous = self.ctrl.copy() if ramp else None
         self.ctrl[rows] = targets[rows]
         contacts = np.zeros(self._sensors.shape)
+        if self._keeps_highest:
+            self.highest[rows] = -np.inf
         failed: list[int] = []
         for sample in range(1, CONTACT_SAMPLES + 1):
             if previous is not None:
@@ -159,6 +166,8 @@ class Simulation:
             except SimulationError as error:
                 failed.extend(int(i) for i in error.ids)
             contacts += self._sensors
+            if self._keeps_highest:
+                self.highest[rows] = np.maximum(self.highest[rows], self._sensors[rows])
         collided = np.logical_or.reduce(contacts.take(self.scene.collision_sensor, 1), axis=-1)
         diverged = self._diverged(failed)
         if ids is not None:
@@ -186,13 +195,16 @@ class Simulation:
         joints: NDArray[np.float64],
         fingers: NDArray[np.float64],
         objects: NDArray[np.float64],
+        refresh: bool = True,
     ) -> None:
         """Put simulations ``ids`` at rest in the given postures, servos holding them.
 
         :param ids: (k,) simulations.
         :param joints: (k, arms, dof) joint angles, radians.
         :param fingers: (k, arms, fingers) finger angles, radians; (k, arms, 0) when locked.
-        :param objects: (k, arms, 7) cubes' positions (m) and quaternions, world frame.
+        :param objects: (k, arms, 7) cubes' positions (m) and quaternions, world frame; (k, arms, 0)
+            where there are none.
+        :param refresh: bring what follows from the state up to date; else the caller does.
         """
         scene = self.scene
         self._batch.reset(ids, stage=_NO_STAGE)
@@ -202,23 +214,34 @@ class Simulation:
         self.qpos[rows, scene.finger_qpos] = fingers
         self.ctrl[rows, scene.finger_ctrl] = fingers
         self.qpos[rows, scene.object_qpos] = objects
-        self.refresh(ids)
+        self.highest[ids] = 0.0
+        if refresh:
+            self.refresh(ids)
         self._warnings_before[ids] = self._warnings[ids]
 
     def touching(self, ids: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Say which of simulations ``ids`` (k,) have contact other than cubes' with the table."""
-        model = self.scene.model
+        """Say which of simulations ``ids`` (k,) have contact other than of what lies there.
+
+        Cubes lie on the table, a person's arms on the stretcher.
+        """
+        model, person = self.scene.model, self.scene.person
         if self._scratch is None:
             self._scratch = mujoco.MjData(model)
+            self._scratch_model = model if person is None else self.model_of(0)
         table = model.geom("table").id
-        cubes = [model.geom(f"object{arm}").id for arm in range(self.scene.n_arms)]
+        if person is None:
+            lying = [model.geom(f"object{arm}").id for arm in range(self.scene.n_arms)]
+        else:
+            model, lying = self._scratch_model, person.limb_geoms.tolist()
         touching = np.zeros(len(ids), dtype=bool)
         for row, index in enumerate(ids):
+            if person is not None:
+                self.model_of(int(index), model)
             self._scratch.qpos[:] = self.qpos[index]
             mujoco.mj_kinematics(model, self._scratch)
             mujoco.mj_collision(model, self._scratch)
             pairs = self._scratch.contact.geom
-            on_table = (pairs == table).any(axis=-1) & np.isin(pairs, cubes).any(axis=-1)
+            on_table = (pairs == table).any(axis=-1) & np.isin(pairs, lying).any(axis=-1)
             touching[row] = not on_table.all()
         return touching
 
@@ -243,6 +266,27 @@ class Simulation:
     def refresh(self, ids: NDArray[np.intp] | None = None) -> None:
         """Bring positions and velocities of simulations ``ids`` up to date with their state."""
         self._batch.forward(ids, stage=_VELOCITY_STAGE)
+
+    @property
+    def site_position(self) -> NDArray[np.float64]:
+        """Where the sites are, (n, sites, 3), world frame, metres; not a copy."""
+        return self._site_position
+
+    @property
+    def sensors(self) -> NDArray[np.float64]:
+        """What the sensors read, (n, numbers); not a copy."""
+        return self._sensors
+
+    def per_simulation(self, field: str) -> NDArray[Any]:
+        """Return a field of the model, which from now on may differ between simulations, (n, ...).
+
+        :param field: its name in ``MjModel``.
+        """
+        return self._batch.expand(field)
+
+    def model_of(self, index: int, model: mujoco.MjModel | None = None) -> mujoco.MjModel:
+        """Return the model of simulation ``index``, in ``model`` if one is given."""
+        return self._batch.get_model(index, model)
 
     def arm_state(self, ids: NDArray[np.intp] | None = None) -> ArmState:
         """Return the arms' state, copied, of simulations ``ids`` (k,) or of all."""

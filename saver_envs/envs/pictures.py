@@ -64,7 +64,7 @@ class Pictures:
         if self._renderer is None:
             self._renderer = SceneRenderer(self._episodes.scene, *self._view)
         target = self._episodes.simulation.to_world(self._episodes.target)[index]
-        self._renderer.update(self._episodes.simulation, index, target)
+        self._renderer.update(self._episodes.simulation, index, target, self._episodes.people)
         if self.render_mode == "rgb_array":
             return self._renderer.rgb()
         if self.render_mode == "depth_array":

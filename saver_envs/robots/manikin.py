@@ -12,6 +12,7 @@ Damping and friction of the joints are ours: limp limbs that do not fall back on
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -143,19 +144,29 @@ def add_manikin(
     position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
     prefix: str = "",
+    rigid: Collection[str] = (),
+    skins: bool = True,
 ) -> None:
     """Add a person to a specification.
 
     The trunk slides, turns and bends sideways on its support against friction; it neither sinks in
     nor is lifted.
-    All other bodies lie, fall and can be pushed about.
+    All other bodies lie, fall and can be pushed about, but for those that are held rigid.
 
     :param spec: gets bodies, sites, skins and materials.
     :param appearance: body and clothes.
     :param position: of the point between the hip joints, on the support, metres.
     :param yaw: turn about z, radians; at 0 the feet point along +x.
     :param prefix: of all names, for several people in one scene.
+    :param rigid: segments without joints, as a ``thigh`` or the ``head``, which stay as they lie.
+        Their weight adds to the trunk's friction, since they slide with it, and they need no
+        contact with what carries them.
+    :param skins: whether there is more to be seen than the capsules that are touched.
+    :raises ValueError: for an unknown segment, or the pelvis, which has no parent.
     """
+    unknown = set(rigid) - set(_JOINTS)
+    if unknown:
+        raise ValueError(f"rigid={sorted(unknown)!r}: segments with joints are {list(_JOINTS)}")
     shape = body_shape(appearance)
     mass = total_mass(appearance)
     root = spec.worldbody.add_body(
@@ -171,13 +182,15 @@ def add_manikin(
         body = holder.add_body(name=prefix + name, pos=offset, gravcomp=carried)
         bodies[name] = body
         if parent is None:
-            _add_planar_joints(body, prefix, mass)
-        else:
+            _add_planar_joints(body, prefix, mass, rigid)
+        elif segment(name) not in rigid:
             _add_joint(body, name, shape, prefix, spec.compiler.degree)
-        _add_capsules(body, name, shape, prefix, mass * MASS_SHARE[segment(name)])
+        on_support = segment(name) in _CARRIED or segment(name) in rigid
+        _add_capsules(body, name, shape, prefix, mass * MASS_SHARE[segment(name)], on_support)
     _add_sites(bodies, shape, prefix)
     _exclude_neighbours(spec, shape, prefix)
-    add_skins(spec, shape, appearance, prefix)
+    if skins:
+        add_skins(spec, shape, appearance, prefix)
 
 
 def _parent(body: str) -> str | None:
@@ -187,8 +200,12 @@ def _parent(body: str) -> str | None:
     return body.replace(segment(body), parent)
 
 
-def _add_planar_joints(body: mujoco.MjsBody, prefix: str, mass: float) -> None:
-    trunk = mass * (MASS_SHARE["pelvis"] + MASS_SHARE["torso"] + MASS_SHARE["head"])
+def _add_planar_joints(
+    body: mujoco.MjsBody, prefix: str, mass: float, rigid: Collection[str]
+) -> None:
+    share = sum(MASS_SHARE[name] for name in _CARRIED)
+    share += sum(2 * MASS_SHARE[name] for name in rigid if name not in _CARRIED)
+    trunk = mass * share
     force = TRUNK_FRICTION * trunk * 9.81
     for name, kind, axis, friction, damping in (
         ("slide_x", mujoco.mjtJoint.mjJNT_SLIDE, (1, 0, 0), force, 200.0),
@@ -216,7 +233,7 @@ def _add_joint(
     if joint.kind == "sideways":
         axis = np.array([0.0, 0.0, 1.0])
     if joint.kind in ("flexion", "extension"):
-        axis, bent = _elbow(name, shape, 1.0 if joint.kind == "flexion" else -1.0)
+        axis, bent = hinge(name, shape, 1.0 if joint.kind == "flexion" else -1.0)
         lower, upper = lower - bent, upper - bent
     if degrees:  # the specification's own unit
         lower, upper = math.degrees(lower), math.degrees(upper)
@@ -232,7 +249,7 @@ def _add_joint(
     )
 
 
-def _elbow(name: str, shape: BodyShape, lift: float) -> tuple[NDArray[np.float64], float]:
+def hinge(name: str, shape: BodyShape, lift: float) -> tuple[NDArray[np.float64], float]:
     """Return a hinge's axis, and how far (rad) elbow or knee are bent in the mesh; 0 for hands."""
     parent = _parent(name)
     assert parent is not None
@@ -248,12 +265,16 @@ def _elbow(name: str, shape: BodyShape, lift: float) -> tuple[NDArray[np.float64
 
 
 def _add_capsules(
-    body: mujoco.MjsBody, name: str, shape: BodyShape, prefix: str, mass: float
+    body: mujoco.MjsBody,
+    name: str,
+    shape: BodyShape,
+    prefix: str,
+    mass: float,
+    on_support: bool,
 ) -> None:
     """Add what is touched: capsules as thick as the flesh around them."""
     start = shape.head(name)
-    capsules = _trunk_capsules(name, shape) or [_limb_capsule(name, shape)]
-    on_support = segment(name) in _CARRIED
+    capsules = _trunk_capsules(name, shape) or [limb_capsule(name, shape)]
     for index, (begin, end, radius) in enumerate(capsules):
         body.add_geom(
             name=f"{prefix}{name}_{index}",
@@ -264,17 +285,19 @@ def _add_capsules(
             friction=LIMB_FRICTION,
             condim=4,
             contype=_OBJECT_BIT,
-            # Trunk and head are carried; they need no contact with what carries them.
+            # What is carried needs no contact with what carries it.
             conaffinity=_OBJECT_BIT | (0 if on_support else _TABLE_BIT),
             group=COLLISION_GROUP,
             rgba=(0.9, 0.3, 0.2, 0.4),
         )
 
 
-_Capsule = tuple[NDArray[np.float64], NDArray[np.float64], float]
+#: Begin (3,), end (3,) and radius, metres.
+Capsule = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 
-def _limb_capsule(name: str, shape: BodyShape) -> _Capsule:
+def limb_capsule(name: str, shape: BodyShape) -> Capsule:
+    """Return a limb's capsule in the manikin's frame: where it begins and ends, and its radius."""
     start = shape.head(name)
     vertices = shape.owned(name)
     kind = segment(name)
@@ -291,7 +314,7 @@ def _limb_capsule(name: str, shape: BodyShape) -> _Capsule:
     return start, end, radius
 
 
-def _trunk_capsules(name: str, shape: BodyShape) -> list[_Capsule]:
+def _trunk_capsules(name: str, shape: BodyShape) -> list[Capsule]:
     """Return capsules along and across the trunk, and one in the head; none for limbs."""
     kind = segment(name)
     if kind not in _CARRIED:

@@ -14,6 +14,7 @@ from saver_envs.robots.manikin_surface import AVERAGE_MAN, Appearance, body_shap
 
 POLE_RADIUS: Final = 0.016  # m
 CANVAS_THICKNESS: Final = 0.012  # m
+STRETCHER: Final = "stretcher"  # name of its body, behind the prefix
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def add_stretcher(
     """
     shape = body_shape(appearance)
     body = spec.worldbody.add_body(
-        name=f"{prefix}stretcher",
+        name=prefix + STRETCHER,
         pos=position,
         quat=(math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -15,6 +16,8 @@ from saver_envs.tasks.sampling import StartRules
 
 RewardType = Literal["sparse", "dense"]
 FloatArray = NDArray[np.floating]
+#: What is measured in a step besides goals: name -> (n,); ``info`` reports it under that name.
+Readings = Mapping[str, NDArray[np.float64]]
 
 #: Distance within which an object counts as at its target (m).
 SUCCESS_THRESHOLD = 0.05
@@ -45,6 +48,10 @@ class Task:
     held_height: ClassVar[float | None] = None
     #: Costs that ``info["cost"]`` adds up; every cost is reported on its own as well.
     cost_names: ClassVar[tuple[str, ...]] = ("collision",)
+    #: Costs that must stay 0 throughout an episode for it to succeed.
+    never: ClassVar[tuple[str, ...]] = ()
+    #: Whether the objects are a person's wrists, and not cubes.
+    moves_person: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.reward_type not in ("sparse", "dense"):
@@ -96,7 +103,17 @@ class Task:
         return -distances.sum(axis=-1).astype(np.float32), reached
 
     def costs(
-        self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]
+        self,
+        achieved: FloatArray,
+        desired: FloatArray,
+        collided: NDArray[np.bool_],
+        readings: Readings | None = None,
     ) -> dict[str, NDArray[np.float64]]:
-        """Return each cost (n,), 1 on a step that breaks its rule, else 0."""
+        """Return each cost (n,), 1 on a step that breaks its rule, else 0.
+
+        :param achieved: (n, goal_size).
+        :param desired: (n, goal_size).
+        :param collided: (n,) contact that ``cost_collision`` counts.
+        :param readings: what was measured on the torso, where there is one; none is nothing.
+        """
         return {"collision": collided.astype(np.float64)}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.simulation import ObjectState
-from saver_envs.tasks.base import FloatArray
+from saver_envs.tasks.base import FloatArray, Readings
 from saver_envs.tasks.goals import constraint_met
 from saver_envs.tasks.pick_and_place import AIR_HEIGHT, AIR_SHARE, HAND_HEIGHT, PickAndPlace
 from saver_envs.tasks.sampling import StartRules
@@ -46,6 +46,7 @@ class Distance(PickAndPlace):
 
     name: ClassVar[str] = "distance"
     cost_names: ClassVar[tuple[str, ...]] = ("distance",)
+    never: ClassVar[tuple[str, ...]] = ("distance",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,10 +120,14 @@ class Distance(PickAndPlace):
         return -1.0 - self.constraint_weight if summed else -1.0
 
     def costs(
-        self, achieved: FloatArray, desired: FloatArray, collided: NDArray[np.bool_]
+        self,
+        achieved: FloatArray,
+        desired: FloatArray,
+        collided: NDArray[np.bool_],
+        readings: Readings | None = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Return collision and distance costs; the latter is 1 where the band is left."""
-        costs = super().costs(achieved, desired, collided)
+        costs = super().costs(achieved, desired, collided, readings)
         kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
         costs["distance"] = (~kept).astype(np.float64)
         return costs

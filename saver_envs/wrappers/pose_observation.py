@@ -242,7 +242,7 @@ class _Eye:
         """Take a picture of an episode and find the person in it."""
         simulation = self._episodes.simulation
         target = simulation.to_world(self._episodes.target)[row]
-        self._renderer.update(simulation, row, target)
+        self._renderer.update(simulation, row, target, self._episodes.people)
         poses = self._estimator(self._renderer.rgb())
         if len(poses) == 0:
             return PoseReading.nothing(now)
