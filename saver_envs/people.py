@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.perception.postures import random_appearance
-from saver_envs.robots.manikin import hinge, limb_capsule
+from saver_envs.robots.manikin import Capsule, hinge, limb_capsule, trunk_capsules
 from saver_envs.robots.manikin_surface import Appearance, body_shape
 
 #: How many bodies there are of each split of :mod:`saver_envs.perception.postures`.
@@ -31,6 +31,12 @@ def _bodies() -> tuple[Appearance, ...]:
     )
 
 
+#: Air under an arm that lies (m), so that it starts free of contact.
+_AIR: Final = 0.0005
+
+#: Points of a forearm whose distance from the trunk is looked at.
+_POINTS: Final = 5
+
 #: Who may lie on the bench: women and men of 1.5 to 1.95 m, slim to heavy.
 BODIES: Final = _bodies()
 
@@ -45,8 +51,9 @@ class Arm:
     :param axis: (3,) unit axis of the elbow, at a right angle to ``upper``.
     :param bent: how far the elbow is bent where its angle is 0, radians.
     :param hip: (3,) hip joint's centre at that side.
-    :param elbow_height: of a resting elbow's centre, metres.
-    :param wrist_height: of a resting wrist's centre, metres.
+    :param radius: of the upper arm, of the forearm and of the hand, metres.
+    :param trunk: the capsule of the trunk at that side.
+    :param hand: (3,) from the wrist to the end of the hand's capsule, as the mesh has it.
     :param sideways: 1 for a left arm, -1 for a right one.
     """
 
@@ -56,9 +63,37 @@ class Arm:
     axis: NDArray[np.float64]
     bent: float
     hip: NDArray[np.float64]
-    elbow_height: float
-    wrist_height: float
+    radius: tuple[float, float, float]
+    trunk: Capsule
+    hand: NDArray[np.float64]
     sideways: float
+
+    @property
+    def elbow_height(self) -> float:
+        """Height of a resting elbow's centre, metres."""
+        return self.radius[0] + _AIR
+
+    @property
+    def hand_share(self) -> float:
+        """Length of the hand, by that of the forearm."""
+        return float(np.linalg.norm(self.hand) / np.linalg.norm(self.fore))
+
+    @property
+    def wrist_height(self) -> float:
+        """Height of a resting wrist's centre, metres.
+
+        Forearm and hand are straight, and lie on the elbow and on the hand's end.
+        """
+        level = self.radius[2] + _AIR
+        return (level + self.elbow_height * self.hand_share) / (1 + self.hand_share)
+
+    @property
+    def straightened(self) -> NDArray[np.float64]:
+        """The turn of the hand (quaternion, w first) that lays it on the forearm's line."""
+        first, second = (one / np.linalg.norm(one) for one in (self.hand, self.fore))
+        half = np.append(1.0 + first @ second, np.cross(first, second))
+        turn: NDArray[np.float64] = half / np.linalg.norm(half)
+        return turn
 
     def elbow_at(
         self, wrist: NDArray[np.float64], outwards: NDArray[np.bool_]
@@ -86,6 +121,39 @@ class Arm:
         cosine = self._bend_cosine(elbow, wrist)
         elbow[~(np.abs(cosine) < 1.0)] = np.nan
         return elbow
+
+    def bend(self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angle (k,) between upper arm and forearm's line, radians; 0 is straight."""
+        upper, fore = elbow - self.shoulder, wrist - elbow
+        cosine = np.sum(upper * fore, axis=-1) / np.sqrt(
+            np.sum(upper * upper, axis=-1) * np.sum(fore * fore, axis=-1)
+        )
+        angle: NDArray[np.float64] = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return angle
+
+    def gap_to_trunk(
+        self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the air (k,) between forearm and trunk, metres, measured at some points."""
+        begin, end, radius = self.trunk
+        shares = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
+        points = elbow + shares * (wrist - elbow)
+        nearest = points.copy()
+        nearest[..., 0] = np.clip(points[..., 0], begin[0], end[0])  # it lies along the x axis
+        nearest[..., 1:] = begin[1:]
+        apart = points - nearest
+        distance = np.sqrt(np.sum(apart * apart, axis=-1)).min(axis=0)
+        gap: NDArray[np.float64] = distance - radius - self.radius[1]
+        return gap
+
+    def swung(self, points: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (k, 3) turned by ``angle`` (k,), radians, about the vertical shoulder."""
+        x, y = (points[:, :2] - self.shoulder[:2]).T
+        cosine, sine = np.cos(angle), np.sin(angle)
+        turned = points.copy()
+        turned[:, 0] = self.shoulder[0] + cosine * x - sine * y
+        turned[:, 1] = self.shoulder[1] + sine * x + cosine * y
+        return turned
 
     def _bend_cosine(
         self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
@@ -120,10 +188,9 @@ def arm_of(appearance: Appearance, side: str) -> Arm:
     shoulder, elbow, wrist = (
         shape.head(f"{side}_{part}") for part in ("upper_arm", "forearm", "hand")
     )
+    sideways = 1.0 if side == "left" else -1.0
     axis, bent = hinge(f"{side}_forearm", shape, 1.0)
-    thickness = {
-        part: limb_capsule(f"{side}_{part}", shape)[2] for part in ("upper_arm", "forearm", "hand")
-    }
+    radius = [limb_capsule(f"{side}_{part}", shape)[2] for part in ("upper_arm", "forearm", "hand")]
     return Arm(
         shoulder=shoulder,
         upper=elbow - shoulder,
@@ -131,9 +198,10 @@ def arm_of(appearance: Appearance, side: str) -> Arm:
         axis=axis,
         bent=bent,
         hip=shape.head(f"{side}_thigh"),
-        elbow_height=thickness["upper_arm"] + 0.001,
-        wrist_height=max(thickness["forearm"], thickness["hand"]) + 0.001,
-        sideways=1.0 if side == "left" else -1.0,
+        trunk=min(trunk_capsules("torso", shape), key=lambda one: -sideways * one[0][1]),
+        radius=(radius[0], radius[1], radius[2]),
+        hand=limb_capsule(f"{side}_hand", shape)[1] - wrist,
+        sideways=sideways,
     )
 
 

@@ -105,6 +105,11 @@ class PersonAddresses:
         return _drawing_model(robot, body)
 
 
+def limb_geoms() -> list[str]:
+    """Return the names of the geoms of the person's arms."""
+    return [f"{side}_{part}_0" for side in SIDES for part in ("upper_arm", "forearm", "hand")]
+
+
 @lru_cache(maxsize=4)
 def compose_with_person(robot: Robot) -> Scene:
     """Compile the bench with a person, once for each body.
@@ -142,6 +147,11 @@ def _specification(robot: Robot, body: int, decorated: bool) -> mujoco.MjSpec:
         add_arm(spec, robot, Fingers.LOCKED, index, positions[index], float(yaws[index]), 2)
     appearance = BODIES[body]
     add_manikin(spec, appearance, HIPS, rigid=RIGID, skins=decorated)
+    for name in limb_geoms():
+        # Cloth and skin decide how they slide, on rubber pads as on the stretcher.
+        spec.geom(name).priority = 1
+    for side in SIDES:  # hands lie flat, in line with the forearms
+        spec.body(f"{side}_hand").quat = arm_of(appearance, side).straightened
     if decorated:
         add_stretcher(spec, appearance=appearance, position=HIPS)
     chest = total_mass(appearance) * (MASS_SHARE["torso"] + MASS_SHARE["head"])
@@ -224,7 +234,7 @@ def _person_addresses(models: tuple[mujoco.MjModel, ...]) -> PersonAddresses:
         if model.sensor(index).name.startswith(_FORCE)
         for contact in range(_CONTACTS)
     ]
-    limbs = [f"{side}_{part}" for side in SIDES for part in ("upper_arm", "forearm", "hand")]
+    limbs = [name.removesuffix("_0") for name in limb_geoms()]
     dofs = [
         model.joint(name).dofadr[0] + offset
         for name in limbs
@@ -245,6 +255,6 @@ def _person_addresses(models: tuple[mujoco.MjModel, ...]) -> PersonAddresses:
         neck_site=site("neck"),
         velocity_sensor=np.array(velocity, dtype=np.intp),
         force_sensor=np.array(forces, dtype=np.intp),
-        limb_geoms=np.array([model.geom(f"{name}_0").id for name in limbs]),
+        limb_geoms=np.array([model.geom(name).id for name in limb_geoms()]),
         limb_dofs=np.array(dofs, dtype=np.intp),
     )

@@ -25,6 +25,7 @@ class ArmView:
     :param tool: (n, arms, 3), metres.
     :param fingers: (n, arms, 3), radians.
     :param object: (n, arms, 3), metres.
+    :param object_quaternion: (n, arms, 4), w first.
     :param object_velocity: (n, arms, 3), metres per second.
     :param target: (n, arms, 3), metres.
     """
@@ -32,6 +33,7 @@ class ArmView:
     tool: FloatArray
     fingers: FloatArray
     object: FloatArray
+    object_quaternion: FloatArray
     object_velocity: FloatArray
     target: FloatArray
 
@@ -50,6 +52,7 @@ def view(observation: dict[str, FloatArray], n_arms: int) -> ArmView:
         tool=blocks[..., _SLICES["gripper position"]],
         fingers=blocks[..., _SLICES["finger positions"]],
         object=blocks[..., _SLICES["object position"]],
+        object_quaternion=blocks[..., _SLICES["object orientation, a quaternion with w >= 0"]],
         object_velocity=blocks[..., _SLICES["object linear velocity"]] / LINEAR_VELOCITY_SCALE,
         target=target,
     )

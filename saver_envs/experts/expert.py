@@ -16,10 +16,12 @@ from saver_envs.experts.distance import DistanceExpert
 from saver_envs.experts.frozen import ServesAll
 from saver_envs.experts.pick import PickSkill
 from saver_envs.experts.push import PushSkill
+from saver_envs.experts.wrist import WristSkill
 from saver_envs.registration import Options, Row, parse_options, row_of
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.push import Push
+from saver_envs.tasks.wrist_push import WristPush
 
 FloatArray = NDArray[np.floating]
 
@@ -80,6 +82,8 @@ def make_expert(
         raise ValueError(f"layout={chosen.layout!r}: experts coordinate arms in a row")
     if free_arm is not None and not 0 <= free_arm < n_arms:
         raise ValueError(f"free_arm={free_arm!r}: must be 0 to {n_arms - 1}")
+    if row.task is WristPush:
+        return _wrist_expert(chosen, free_arm)
     skill = _skill(row, chosen)
     base = base_poses(n_arms, "row")[0][:, :2]
     if free_arm is not None:
@@ -94,9 +98,28 @@ def make_expert(
     return Expert(n_arms, Coordinator(skill, base, closed, steps=steps).actions)
 
 
-def _skill(row: Row, options: Options) -> PushSkill | PickSkill:
+def _wrist_expert(options: Options, free_arm: int | None) -> Expert:
+    """Return the expert of wrist push, whose arms never meet and need no coordination."""
+    skill = WristSkill(_step(options))
+
+    def act(view: ArmView) -> FloatArray:
+        actions = skill.actions(view)
+        if free_arm is not None:
+            others = np.arange(actions.shape[1]) != free_arm
+            actions[:, others] = 0.0
+        return actions
+
+    return Expert(len(skill.inwards), act)
+
+
+def _step(options: Options) -> float:
+    """Return the longest displacement of an action, metres."""
     speed = options.max_speed or (RATED_SPEED if options.rated else DEFAULT_SPEED)
-    step = speed * ACTION_DURATION
+    return speed * ACTION_DURATION
+
+
+def _skill(row: Row, options: Options) -> PushSkill | PickSkill:
+    step = _step(options)
     if row.task is Push:
         return replace(PUSH[row.robot], step=step, object_size=options.object_size)
     return replace(PICK[row.robot], step=step, object_size=options.object_size)

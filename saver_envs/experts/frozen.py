@@ -41,6 +41,7 @@ class ServesAll:
             tool=view.tool[:, free],
             fingers=view.fingers[:, free],
             object=view.object[rows, arm][:, None] + shift,
+            object_quaternion=view.object_quaternion[rows, arm][:, None],
             object_velocity=view.object_velocity[rows, arm][:, None],
             target=view.target[rows, arm][:, None] + shift,
         )

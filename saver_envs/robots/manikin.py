@@ -274,7 +274,7 @@ def _add_capsules(
 ) -> None:
     """Add what is touched: capsules as thick as the flesh around them."""
     start = shape.head(name)
-    capsules = _trunk_capsules(name, shape) or [limb_capsule(name, shape)]
+    capsules = trunk_capsules(name, shape) or [limb_capsule(name, shape)]
     for index, (begin, end, radius) in enumerate(capsules):
         body.add_geom(
             name=f"{prefix}{name}_{index}",
@@ -314,7 +314,7 @@ def limb_capsule(name: str, shape: BodyShape) -> Capsule:
     return start, end, radius
 
 
-def _trunk_capsules(name: str, shape: BodyShape) -> list[Capsule]:
+def trunk_capsules(name: str, shape: BodyShape) -> list[Capsule]:
     """Return capsules along and across the trunk, and one in the head; none for limbs."""
     kind = segment(name)
     if kind not in _CARRIED:

@@ -299,7 +299,7 @@ class StartSampler:
         points = np.concatenate([first, second], axis=1)
         object_1, target_1, object_2, target_2 = range(4)
         # The first arm's way and target, if it goes first, then the second's.
-        gaps = _to_segment(
+        gaps = distance_to_segment(
             points[:, (object_2, target_1, object_1, target_2)],
             points[:, (object_1, object_2, object_2, object_1)],
             points[:, (target_1, target_2, target_2, target_1)],
@@ -378,8 +378,8 @@ def _length(vectors: FloatArray) -> FloatArray:
     return length
 
 
-def _to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Distance (...) of points (..., 3) to segments, metres."""
+def distance_to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Distance (...) of points (..., d) to segments, metres."""
     way, lever = end - start, points - start
     share = (lever * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-9)
     share = np.minimum(np.maximum(share, 0.0), 1.0)

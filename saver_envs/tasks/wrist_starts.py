@@ -15,7 +15,7 @@ from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import Regions
-from saver_envs.tasks.sampling import HAND_TO_OBJECT, Start
+from saver_envs.tasks.sampling import HAND_TO_OBJECT, Start, distance_to_segment
 from saver_envs.tasks.wrist_push import STANDOFF
 
 FloatArray = NDArray[np.float64]
@@ -30,13 +30,22 @@ OUTWARDS: Final = np.radians(60.0)
 #: Wrists lie no nearer to the line of the bases than this, and no farther from their base (m).
 WRIST_LEAST_X: Final = 0.28
 #: A hand starts on the wrist's far side, within this angle of the way from target to wrist (rad).
-BEHIND: Final = np.radians(100.0)
+BEHIND: Final = np.radians(70.0)
 #: A hand needs room behind the wrist: so far from its centre (m).
 ROOM_BEHIND: Final = 0.07
+#: The person's arm starts clear of the robots' bases, and a hand clear of the person's (m).
+BASE_RADIUS, HAND_RADIUS, CLEARANCE = 0.040, 0.040, 0.010
+#: An elbow that points away from the trunk is bent no further than this, since the push bends it
+#: more, and one that lies towards the trunk no further than that (rad); ours.
+MOST_BENT_OUTWARDS, MOST_BENT = np.radians(35.0), np.radians(60.0)
+#: Air between forearm and trunk at the start (m), and that which there would be if the arm were
+#: swung to the target as it is bent: a little less than nothing, which the trunk straightens.
+AIR_AT_START, AIR_AT_END = 0.005, -0.010
 #: Friction of the limbs, and the factor of the friction and the damping in their joints.
 FRICTION: Final = (0.25, 0.6)
 STIFFNESS: Final = (0.5, 2.0)
 _BLOCK: Final = 64
+_MOST_DISTANCES: Final = 12
 _MOST_PEOPLE: Final = 200
 
 
@@ -78,8 +87,11 @@ class WristStartSampler:
             yaw = float(generator.uniform(-YAW, YAW))
             friction = float(generator.uniform(*FRICTION))
             stiffness = float(np.exp(generator.uniform(*np.log(STIFFNESS))))
-            arms = [self._arm(generator, body, hips, yaw, arm) for arm in range(2)]
-            found = [one for one in arms if one is not None]
+            found: list[tuple[FloatArray, ...]] = []
+            for arm in range(2):
+                found += self._arm(generator, body, hips, yaw, arm)
+                if len(found) == arm:
+                    break
             if len(found) == 2:
                 wrist, target, hand, shoulder, elbow = (
                     np.stack(part) for part in zip(*found, strict=True)
@@ -98,16 +110,38 @@ class WristStartSampler:
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray] | None:
-        """Draw one arm: wrist, target and hand in the base frame, shoulder and elbow angles."""
+    ) -> list[tuple[FloatArray, ...]]:
+        """Draw one arm: wrist, target and hand in the base frame, shoulder and elbow angles.
+
+        The person stays: where an arm has no room for a distance, another one is drawn.
+
+        :return: one, or none where no distance was found.
+        """
+        for _ in range(_MOST_DISTANCES):
+            distance = float(generator.uniform(*WRIST_TO_TARGET))
+            drawn = self._arm_at(generator, body, hips, yaw, index, distance)
+            if drawn is not None:
+                return [drawn]
+        return []
+
+    def _arm_at(
+        self,
+        generator: np.random.Generator,
+        body: int,
+        hips: FloatArray,
+        yaw: float,
+        index: int,
+        distance: float,
+    ) -> tuple[FloatArray, ...] | None:
+        """Draw one arm whose wrist is at ``distance`` from its target, metres."""
         arm = self._person.arms[body][index]
         target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
         target[2] = arm.wrist_height
         angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
-        distance = generator.uniform(*WRIST_TO_TARGET, _BLOCK)
         way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
-        wrist = target + distance[:, None] * way
-        elbow = arm.elbow_at(wrist, generator.random(_BLOCK) < 0.5)
+        wrist = target + distance * way
+        outwards = generator.random(_BLOCK) < 0.5
+        elbow = arm.elbow_at(wrist, outwards)
         side = generator.uniform(-BEHIND, BEHIND, _BLOCK)
         apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
         heading = angle + side
@@ -117,8 +151,27 @@ class WristStartSampler:
         hand[:, 2] = PUSH_HEIGHT
         behind = wrist + ROOM_BEHIND * way
         behind[:, 2] = PUSH_HEIGHT
+        fingers = wrist + arm.hand_share * (wrist - elbow)
         places = [self._to_base(points, hips, yaw, index) for points in (wrist, hand, behind)]
         valid = np.isfinite(elbow[:, 0]) & (places[0][:, 0] >= WRIST_LEAST_X)
+        valid &= arm.bend(elbow, wrist) <= np.where(outwards, MOST_BENT_OUTWARDS, MOST_BENT)
+        # Swung to where the target is, as a push does it, the arm must not squeeze the trunk.
+        headings = [np.arctan2(*(point - arm.shoulder).T[[1, 0]]) for point in (target, wrist)]
+        swing = headings[0] - headings[1]
+        for turn, air in ((np.zeros(_BLOCK), AIR_AT_START), (swing, AIR_AT_END)):
+            valid &= arm.gap_to_trunk(arm.swung(elbow, turn), arm.swung(wrist, turn)) >= air
+        base = self._from_base(np.zeros(3), hips, yaw, index)
+        for start, end, radius in zip(
+            (np.broadcast_to(arm.shoulder, wrist.shape), elbow),
+            (elbow, wrist),
+            arm.radius[:2],
+            strict=True,
+        ):
+            clear = radius + BASE_RADIUS + CLEARANCE
+            valid &= distance_to_segment(base[None, :2], start[:, :2], end[:, :2]) >= clear
+        for start, end, radius in ((elbow, wrist, arm.radius[1]), (wrist, fingers, arm.radius[2])):
+            clear = radius + HAND_RADIUS + CLEARANCE
+            valid &= distance_to_segment(hand[:, :2], start[:, :2], end[:, :2]) >= clear
         valid &= np.hypot(places[0][:, 0], places[0][:, 1]) <= self._regions.reach
         for points in places[1:]:
             valid &= self._hand_can_be_at(points, index)
@@ -140,6 +193,12 @@ class WristStartSampler:
         turned[:, :2] += hips
         moved: FloatArray = turned - self._base[arm]
         return moved
+
+    def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
+        """Turn a point (3,) of the base frame of ``arm`` into one of the manikin's frame."""
+        cosine, sine = np.cos(yaw), np.sin(yaw)
+        x, y = (point + self._base[arm])[:2] - hips
+        return np.array([cosine * x + sine * y, cosine * y - sine * x, point[2]])
 
     def _hand_can_be_at(self, points: FloatArray, arm: int) -> NDArray[np.bool_]:
         every = np.repeat(points[:, None], len(self._base), axis=1)
