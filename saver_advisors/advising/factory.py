@@ -13,6 +13,7 @@ from saver_advisors.advising.budget import AdviceBudget
 from saver_advisors.advising.context import AdvisingStrategy, RunPlan
 from saver_advisors.advising.mapping import ArmMapping
 from saver_advisors.advising.registry import make_strategy
+from saver_advisors.advising.scripted import PREFIX, scripted_teachers
 from saver_advisors.advising.teacher import Teacher
 
 TeacherLike = str | PathLike[str] | Teacher
@@ -40,7 +41,7 @@ def make_advisor(
 
     :param strategy: a strategy's name, "module:Class" of one that is not registered, or a strategy
     :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
-        arm
+        arm; ``scripted:ID`` is the scripted expert of an environment, for each arm
     :param budget: environment steps that may be advised
     :param n_arms: arms of the student; may be left out where the spaces are given
     :param observation_space: the student's, checked at once
@@ -98,6 +99,8 @@ def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
     for one in given:
         if isinstance(one, Teacher):
             teachers.append(one)
+        elif str(one).startswith(PREFIX):
+            teachers += scripted_teachers(str(one))
         else:
             teachers.append(loaded.setdefault(str(one), load_teacher(one)))
     return teachers

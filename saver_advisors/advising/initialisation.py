@@ -26,6 +26,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 
 from saver_advisors.advising.mapping import ArmMapping
+from saver_advisors.advising.scripted import ScriptedTeacher
 from saver_advisors.advising.teacher import Teacher, TeacherGroup
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
 
@@ -87,8 +88,10 @@ def _check_teacher(
     mapping: ArmMapping,
 ) -> None:
     """Refuse what a goal learner's actor does not compute."""
-    spec, networks = teacher.networks.spec, teacher.networks
     name = f"teacher {teacher.name!r}"
+    if isinstance(teacher, ScriptedTeacher):
+        raise TypeError(f"{name} is scripted, and has no weights to start from: clone it instead")
+    spec, networks = teacher.networks.spec, teacher.networks
     if "achieved_goal" in spec.sizes:
         raise ValueError(
             f"{name} reads the achieved goal, which a goal learner's networks do not: train one "
