@@ -120,6 +120,7 @@ class Simulation:
         self._keeps_highest = scene.person is not None
         #: (n, sensors) highest of an action's samples, in scenes with a person.
         self.highest = np.zeros(self._sensors.shape)
+        self._constraint_torque = self._batch.bind("qfrc_constraint")
         kinds = scene.model.jnt_type[scene.joint_id]
         self._slides = (kinds == int(mujoco.mjtJoint.mjJNT_SLIDE))[..., None]
         self._has_slides = bool(self._slides.any())
@@ -176,6 +177,26 @@ class Simulation:
             collided &= stepped
             diverged &= stepped
         return collided, diverged
+
+    def advance(self, substeps: int) -> NDArray[np.bool_]:
+        """Advance all simulations by substeps of 0.002 s, with the servos' targets as they are.
+
+        :param substeps: at least 1.
+        :return: ``diverged`` (n,), as :meth:`step` says it.
+        """
+        failed: list[int] = []
+        try:
+            self._batch.step(None, substeps, _VELOCITY_STAGE)
+        except SimulationError as error:
+            failed.extend(int(i) for i in error.ids)
+        return self._diverged(failed)
+
+    def contact_torque(self) -> NDArray[np.float64]:
+        """Return what contacts and joint limits do to the arms' joints, (n, arms, dof), N m.
+
+        It is what is left of measured joint torques when the arm's own dynamics are taken off.
+        """
+        return self._constraint_torque.take(self.scene.joint_dof, 1)
 
     def _diverged(self, failed: Sequence[int]) -> NDArray[np.bool_]:
         # A sum tells whether anything is not finite at a fraction of the cost of looking at rows.

@@ -1,0 +1,5 @@
+"""The closed loop of chapter 8: a camera, a person, a policy and two arms, stage by stage.
+
+A `graph.Graph` of `stage.Stage`s runs on the clock of a `bench.Bench`, each stage at its rate and
+with its latency. See docs/integration.md.
+"""

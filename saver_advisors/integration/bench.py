@@ -1,0 +1,165 @@
+"""The bench as the loop knows it: encoders, force sensors, servos, a clock; and what is true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from saver_advisors.integration.messages import ArmReading, Floats, Stamp
+from saver_envs.control import Workspace
+from saver_envs.core import Episodes
+from saver_envs.robots.description import Robot
+from saver_envs.scenes import TIMESTEP
+
+#: Damping of the force estimate, small against squared levers of an arm (m^2).
+_FORCE_DAMPING: Final = 1e-4
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is really so; row i is what arm i is to push, bench frame.
+
+    :param wrists: (arms, 3) metres
+    :param wrist_velocity: (arms, 3) metres per second
+    :param wrist_quaternion: (arms, 4) w first
+    :param wrist_angular_velocity: (arms, 3) radians per second
+    :param hips: (arms, 3) metres
+    :param targets: (arms, 3) metres
+    """
+
+    wrists: Floats
+    wrist_velocity: Floats
+    wrist_quaternion: Floats
+    wrist_angular_velocity: Floats
+    hips: Floats
+    targets: Floats
+
+
+class Bench(Protocol):
+    """A robot cell on a clock of its own."""
+
+    robot: Robot
+    workspace: Workspace
+    base_position: NDArray[np.float64]
+    held_height: float | None
+    max_speed: float
+    diverged: bool
+
+    def reset(self, seed: int) -> None:
+        """Begin a trial at time 0, drawn from a seed."""
+
+    def advance_to(self, time: float) -> None:
+        """Simulate up to the last sub-step that is not after a time, seconds of the trial."""
+
+    def command(self, joints: Floats) -> None:
+        """Give the servos their targets (arms, dof), radians, from the next sub-step on."""
+
+    def joint_position(self) -> Floats:
+        """Read the joint encoders alone, (arms, dof) radians."""
+
+    def reading(self, stamp: Stamp) -> ArmReading:
+        """Read encoders and force sensors."""
+
+    def truth(self) -> Truth:
+        """Tell what no sensor tells."""
+
+
+class EpisodesBench:
+    """A single episode of an environment as a bench.
+
+    :param episodes: one episode in Cartesian control
+    :raises ValueError: for more than one episode
+    """
+
+    def __init__(self, episodes: Episodes) -> None:
+        if episodes.n != 1:
+            raise ValueError(f"episodes.n={episodes.n}: a bench is one episode")
+        self.episodes = episodes
+        self.robot = episodes.settings.robot
+        self.workspace = episodes.regions.workspace
+        self.base_position = episodes.scene.base_position
+        self.held_height = episodes.task.held_height
+        self.max_speed = episodes.settings.max_speed
+        self.diverged = False
+        self._substeps = 0
+
+    def reset(self, seed: int) -> None:
+        """Begin a trial: the episode that the environment begins with this seed."""
+        self.episodes.set_generator(0, seeding.np_random(seed)[0])
+        self.episodes.reset()
+        self.diverged = False
+        self._substeps = 0
+
+    def advance_to(self, time: float) -> None:
+        """Simulate up to a time; nothing moves any more once the simulation has broken down."""
+        target = int(time / TIMESTEP + 1e-6)
+        if target > self._substeps and not self.diverged:
+            self.diverged = bool(self.episodes.simulation.advance(target - self._substeps)[0])
+            self._after_substeps()
+        self._substeps = target
+
+    def _after_substeps(self) -> None:
+        """Look at what has changed; for benches that keep count of something."""
+
+    def command(self, joints: Floats) -> None:
+        """Give the servos their targets."""
+        simulation = self.episodes.simulation
+        simulation.ctrl[0, simulation.scene.arm_ctrl] = joints
+
+    def joint_position(self) -> Floats:
+        """Read the joint encoders alone."""
+        simulation = self.episodes.simulation
+        return simulation.qpos.take(simulation.scene.joint_qpos, 1)[0]
+
+    def reading(self, stamp: Stamp) -> ArmReading:
+        """Read encoders and force sensors."""
+        simulation = self.episodes.simulation
+        state = simulation.arm_state()
+        return ArmReading(
+            stamp=stamp,
+            joint_position=state.joint_position[0],
+            joint_velocity=state.joint_velocity[0],
+            tool_position=state.tool_position[0],
+            tool_velocity=state.tool_velocity[0],
+            tool_rotation=state.tool_rotation[0],
+            jacobian=state.jacobian[0],
+            hand_force=tool_force(state.jacobian[0], simulation.contact_torque()[0]),
+            torso_force=self.torso_force(),
+        )
+
+    def torso_force(self) -> float:
+        """What presses on a person's trunk, newtons: nobody is here."""
+        return 0.0
+
+    def truth(self) -> Truth:
+        """Tell where objects and targets are, objects standing for wrists."""
+        simulation = self.episodes.simulation
+        objects = simulation.object_state()
+        world = objects.world_position[0]
+        targets = simulation.to_world(self.episodes.target)[0]
+        return Truth(
+            wrists=world,
+            wrist_velocity=objects.linear_velocity[0],
+            wrist_quaternion=objects.quaternion[0],
+            wrist_angular_velocity=objects.angular_velocity[0],
+            hips=targets,
+            targets=targets,
+        )
+
+
+def tool_force(jacobian: Floats, torque: Floats) -> Floats:
+    """The force at each tool that explains what contacts do to the joints, newtons.
+
+    :param jacobian: (arms, 6, dof)
+    :param torque: (arms, dof) N m
+    :return: (arms,) its magnitude, of the least squares solution of J^T F = torque
+    """
+    linear = jacobian[:, :3]
+    gram = linear @ linear.swapaxes(-1, -2) + _FORCE_DAMPING * np.eye(3)
+    force = np.linalg.solve(gram, (linear @ torque[..., None]))[..., 0]
+    magnitude: Floats = np.linalg.norm(force, axis=-1)
+    return magnitude

@@ -1,0 +1,14 @@
+"""The loop on the dual push scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from small_loops import Loop, build_loop
+
+
+@pytest.fixture
+def make_loop() -> Callable[..., Loop]:
+    """Build a loop round a policy."""
+    return build_loop

@@ -1,0 +1,160 @@
+"""The loop below the person: as the environment without latency, limits, faults, stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from gymnasium.utils import seeding
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from small_loops import Loop, Push
+
+from saver_advisors.integration.safety import (
+    EmergencyStop,
+    Limits,
+    kept_clear,
+    limited_set_point,
+)
+from saver_advisors.pretrained import load_policy
+from saver_envs.core import ACTION_DURATION, LEASH
+from saver_envs.registration import make_episodes
+from saver_envs.robots import JACO, MICO
+from saver_envs.tasks.regions import regions
+from saver_envs.wrappers.finger_readings import translated_fingers
+
+WORKSPACE = regions(MICO, 2, "row").workspace
+
+
+def speed(loop: Loop) -> float:
+    return float(
+        np.linalg.norm(loop.bench.episodes.simulation.arm_state().tool_velocity, axis=-1).max()
+    )
+
+
+def test_without_latency_the_loop_is_the_environment(make_loop: Callable[..., Loop]) -> None:
+    policy = load_policy("dual-jaco-push")
+    loop = make_loop(policy)
+    reference = make_episodes("DualMicoPush-v0")
+    reference.set_generator(0, seeding.np_random(0)[0])
+    reference.reset()
+    for step in range(20):
+        loop.graph.run_until((step + 1) * ACTION_DURATION, loop.bench)
+        seen = reference.observation().as_dict()
+        seen["observation"] = translated_fingers(seen["observation"], MICO, JACO)
+        reference.step(policy.predict(seen)[0])
+        np.testing.assert_allclose(
+            loop.bench.episodes.simulation.qpos, reference.simulation.qpos, atol=1e-8
+        )
+    assert not loop.health.log
+
+
+NUMBERS = st.floats(-3, 3)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    previous=arrays(float, (2, 3), elements=NUMBERS),
+    motion=arrays(float, (2, 3), elements=st.floats(-1, 1)),
+    tool=arrays(float, (2, 3), elements=st.floats(-0.5, 0.5)),
+    force=arrays(float, (2,), elements=st.floats(0, 200)),
+    torso=st.floats(0, 120),
+)
+def test_no_set_point_leaves_the_limits(
+    previous: np.ndarray, motion: np.ndarray, tool: np.ndarray, force: np.ndarray, torso: float
+) -> None:
+    limits = Limits(max_speed=0.5)
+    tool = WORKSPACE.clip(tool + np.array([0.4, 0.0, 0.1]))
+    freedom = limits.freedom(force, torso)
+    found = limited_set_point(previous, motion, tool, limits, WORKSPACE, None, freedom)
+    lower, upper = WORKSPACE.lower, WORKSPACE.upper
+    assert (found.position >= lower - 1e-9).all()
+    assert (found.position <= upper + 1e-9).all()
+    ahead = np.linalg.norm(found.position - tool, axis=-1)
+    # Clipping into a region that the tool is in brings a point no farther from it, but for the
+    # reach, which is level: a point above the tool's height may be moved a little more.
+    assert (ahead <= LEASH * limits.longest * freedom + 0.02).all()
+    if torso >= limits.torso_force:
+        np.testing.assert_allclose(found.position, tool, atol=1e-9)
+        assert "force" in found.by
+
+
+@pytest.mark.parametrize(
+    ("force", "share"), [(0.0, 1.0), (25.0, 1.0), (37.5, 0.5), (50.0, 0.0), (80.0, 0.0)]
+)
+def test_force_shortens_the_leash(force: float, share: float) -> None:
+    assert Limits().freedom(np.zeros(2), force) == pytest.approx([share, share])
+
+
+def test_set_points_keep_clear_of_the_hips() -> None:
+    base = np.array([[0.0, -0.36, 0.0], [0.0, 0.36, 0.0]])
+    hips = np.array([[0.35, -0.09, 0.1], [0.35, 0.09, 0.1]])
+    inside = np.array([[0.4, 0.0, 0.02], [0.4, 0.0, 0.02]]) - base
+    moved, changed = kept_clear(inside, hips, base, 0.10)
+    np.testing.assert_allclose((moved + base)[:, 1], [-0.19, 0.19])
+    assert changed
+    outside = np.array([[0.4, -0.3, 0.02], [0.4, 0.3, 0.02]]) - base
+    kept, changed = kept_clear(outside, hips, base, 0.10)
+    np.testing.assert_array_equal(kept, outside)
+    assert not changed
+
+
+def test_nothing_moves_while_the_emergency_stop_is_pressed(make_loop: Callable[..., Loop]) -> None:
+    loop = make_loop(Push((1.0, 0.0, 0.0)))
+    loop.graph.run_until(0.3, loop.bench)
+    assert speed(loop) > 0.2
+    loop.stop.press("a person came near")
+    loop.graph.run_until(0.4, loop.bench)
+    assert speed(loop) < 0.02
+    before = loop.bench.joint_position()
+    loop.graph.run_until(1.4, loop.bench)
+    np.testing.assert_allclose(loop.bench.joint_position(), before, atol=5e-3)
+    told = [str(event) for event in loop.health.log]
+    assert len(told) == 1
+    assert "emergency stop: a person came near" in told[0]
+    loop.stop.release()
+    loop.graph.run_until(1.7, loop.bench)
+    assert loop.health.log[-1].kind == "resumed"
+    assert speed(loop) > 0.05
+
+
+def test_the_first_reason_of_a_stop_stays() -> None:
+    stop = EmergencyStop()
+    stop.press("first")
+    stop.press("second")
+    assert (stop.pressed, stop.reason) == (True, "first")
+    with pytest.raises(ValueError, match="reason=''"):
+        stop.press("")
+    stop.release()
+    assert not stop.pressed
+
+
+@pytest.mark.parametrize(
+    ("motion", "words"),
+    [
+        ((np.nan, 0.0, 0.0), "not finite"),
+        ((50.0, 0.0, 0.0), "a point 1.00 m away, out of reach of one action"),
+    ],
+)
+def test_what_the_policy_cannot_mean_stops_the_arms(
+    make_loop: Callable[..., Loop], motion: tuple[float, float, float], words: str
+) -> None:
+    policy = Push((1.0, 0.0, 0.0))
+    loop = make_loop(policy)
+    loop.graph.run_until(0.3, loop.bench)
+    policy.motion = np.array(motion)
+    loop.graph.run_until(0.4, loop.bench)
+    assert speed(loop) < 0.02
+    assert words in str(loop.health.log[0])
+    policy.motion = np.array([-1.0, 0.0, 0.0])
+    loop.graph.run_until(0.6, loop.bench)
+    assert [event.kind for event in loop.health.log] == ["stopped", "resumed"]
+    assert speed(loop) > 0.1
+
+
+@pytest.mark.parametrize("name", ["max_speed", "torso_force", "hand_force"])
+def test_limits_that_cannot_be_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name}=0.0"):
+        Limits(**{name: 0.0})
