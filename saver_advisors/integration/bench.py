@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from saver_advisors.integration.messages import ArmReading, Floats, Stamp
 from saver_envs.control import Workspace
 from saver_envs.core import Episodes
+from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
 from saver_envs.scenes import TIMESTEP
 
@@ -39,15 +41,56 @@ class Truth:
     targets: Floats
 
 
+@dataclass(frozen=True)
+class Cell:
+    """What is fixed about a bench, so that stages elsewhere can know it.
+
+    :param robot: the arms
+    :param base_position: (arms, 3) metres; bases face along x
+    :param workspace: where set-points may be, in base frames
+    :param held_height: of all set-points (m), or None
+    """
+
+    robot: Robot
+    base_position: NDArray[np.float64]
+    workspace: Workspace
+    held_height: float | None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        space = self.workspace
+        return {
+            "robot": self.robot.name,
+            "base_position": self.base_position.tolist(),
+            "lower": space.lower.tolist(),
+            "upper": space.upper.tolist(),
+            "hand_reach": space.hand_reach if np.isfinite(space.hand_reach) else None,
+            "shoulder_height": space.shoulder_height,
+            "held_height": self.held_height,
+        }
+
+    @staticmethod
+    def from_mapping(values: Mapping[str, Any]) -> Cell:
+        """What :meth:`to_mapping` returned."""
+        reach = values["hand_reach"]
+        workspace = Workspace(
+            np.array(values["lower"]),
+            np.array(values["upper"]),
+            np.inf if reach is None else reach,
+            values["shoulder_height"],
+        )
+        base = np.array(values["base_position"])
+        return Cell(ROBOTS[values["robot"]], base, workspace, values["held_height"])
+
+
 class Bench(Protocol):
     """A robot cell on a clock of its own."""
 
-    robot: Robot
-    workspace: Workspace
-    base_position: NDArray[np.float64]
-    held_height: float | None
-    max_speed: float
+    cell: Cell
     diverged: bool
+
+    def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Take a picture: colour (height, width, 3), and depth (height, width) in metres."""
 
     def reset(self, seed: int) -> None:
         """Begin a trial at time 0, drawn from a seed."""
@@ -79,11 +122,12 @@ class EpisodesBench:
         if episodes.n != 1:
             raise ValueError(f"episodes.n={episodes.n}: a bench is one episode")
         self.episodes = episodes
-        self.robot = episodes.settings.robot
-        self.workspace = episodes.regions.workspace
-        self.base_position = episodes.scene.base_position
-        self.held_height = episodes.task.held_height
-        self.max_speed = episodes.settings.max_speed
+        self.cell = Cell(
+            episodes.settings.robot,
+            episodes.scene.base_position,
+            episodes.regions.workspace,
+            episodes.task.held_height,
+        )
         self.diverged = False
         self._substeps = 0
 
@@ -130,6 +174,13 @@ class EpisodesBench:
             hand_force=tool_force(state.jacobian[0], simulation.contact_torque()[0]),
             torso_force=self.torso_force(),
         )
+
+    def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """There is no camera over this bench.
+
+        :raises NotImplementedError: always
+        """
+        raise NotImplementedError("a bench without a person has no camera over it")
 
     def torso_force(self) -> float:
         """What presses on a person's trunk, newtons: nobody is here."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -111,6 +112,8 @@ class PolicyStage(Stage):
     :param robot: the arms
     :param base_position: (arms, 3) of the bases, metres, which face along x
     :param trained_on: robot whose finger readings the policy knows; the arms' own where None
+    :param wrist_height: what wrists and targets are told to lie at (m), for a policy that has only
+        pushed cubes: then they have a cube's place, and do not turn; None tells what is so
     :param rate: Hz
     :param latency: see `Stage`
     """
@@ -121,6 +124,7 @@ class PolicyStage(Stage):
         robot: Robot,
         base_position: NDArray[np.float64],
         trained_on: Robot | None = None,
+        wrist_height: float | None = None,
         rate: float = POLICY_RATE,
         latency: Latency = 0.0,
     ) -> None:
@@ -129,6 +133,7 @@ class PolicyStage(Stage):
         self._robot = robot
         self._base = base_position
         self._trained_on = trained_on or robot
+        self._height = wrist_height
         self._fingers = np.zeros((1, len(base_position), 0))
 
     def process(self, inputs: Inputs, now: float) -> Action | None:
@@ -137,6 +142,8 @@ class PolicyStage(Stage):
         person = inputs.find("person", Person)
         if person is None:
             return None
+        if self._height is not None:
+            person = as_cubes(person, self._height)
         objects = ObjectState(
             position=(person.wrists - self._base)[None],
             quaternion=person.wrist_quaternion[None],
@@ -157,6 +164,24 @@ class PolicyStage(Stage):
         )
         motion = np.asarray(action, dtype=np.float64).reshape(len(self._base), -1)[:, :3]
         return Action(self.stamp(arms.stamp), motion)
+
+
+def as_cubes(person: Person, height: float) -> Person:
+    """The same person with wrists that lie and slide as cubes do.
+
+    :param person: as tracked
+    :param height: of wrists and targets, metres
+    """
+    level = np.array([1.0, 1.0, 0.0])
+    at = np.array([0.0, 0.0, height])
+    return replace(
+        person,
+        wrists=person.wrists * level + at,
+        wrist_velocity=person.wrist_velocity * level,
+        wrist_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(person.wrists), 1)),
+        wrist_angular_velocity=np.zeros_like(person.wrist_angular_velocity),
+        targets=person.targets * level + at,
+    )
 
 
 class SetPointStage(Stage):
@@ -287,8 +312,8 @@ class ServoStage(Stage):
         self._bench = bench
         self._health = health
         self._emergency = stop
-        self._lower = np.asarray(bench.robot.joint_lower)
-        self._upper = np.asarray(bench.robot.joint_upper)
+        self._lower = np.asarray(bench.cell.robot.joint_lower)
+        self._upper = np.asarray(bench.cell.robot.joint_upper)
         self.reset()
 
     def reset(self) -> None:

@@ -77,6 +77,10 @@ class Health:
         """Note why a stage cannot do its work at the moment."""
         self._faults[stage] = reason
 
+    def faults(self) -> dict[str, str]:
+        """Why stages cannot do their work at the moment, by stage."""
+        return dict(self._faults)
+
     def note(self, now: float, kind: str, stage: str, reason: str) -> None:
         """Write a line into the log."""
         self.log.append(Event(now, kind, stage, reason))

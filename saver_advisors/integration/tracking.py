@@ -144,8 +144,6 @@ class FilterStage(Stage):
     seen. After that the arms are to hold still.
 
     :param base_position: (arms, 3) of the arms' bases, metres
-    :param wrist_height: of wrists and targets (m) where the policy knows no other; None leaves it
-        as it is seen
     :param camera_position: (3,) metres, bench frame
     :param settings: see there
     :param forearm: from a tool to the arm's elbow along the hand, metres
@@ -155,7 +153,6 @@ class FilterStage(Stage):
     def __init__(
         self,
         base_position: NDArray[np.float64],
-        wrist_height: float | None = None,
         camera_position: NDArray[np.float64] = BENCH_POSE.position,
         settings: FilterSettings = FilterSettings(),
         forearm: float = 0.32,
@@ -163,7 +160,6 @@ class FilterStage(Stage):
     ) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
         self._base = base_position
-        self._height = wrist_height
         self._camera = camera_position
         self._settings = settings
         self._forearm = forearm
@@ -218,12 +214,10 @@ class FilterStage(Stage):
     def _person(self, pose: SpacePose) -> Person:
         wrists = np.stack([track.position for track in self._wrists])
         hips = np.stack([track.position for track in self._hips])
-        targets = hips.copy()
+        # Targets lie where wrists lie, on the stretcher.
+        targets = np.concatenate([hips[:, :2], wrists[:, 2:]], axis=1)
         targets[:, 1] += np.where(self._base[:, 1] < 0, -TARGET_DISTANCE, TARGET_DISTANCE)
         velocity = np.stack([track.velocity for track in self._wrists])
-        if self._height is not None:
-            wrists[:, 2] = targets[:, 2] = self._height
-            velocity[:, 2] = 0.0
         return Person(
             stamp=self.stamp(pose.stamp),
             wrists=wrists,

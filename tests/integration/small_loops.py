@@ -95,21 +95,20 @@ class Push:
 def build_loop(policy: Policy, limits: Limits | None = None) -> Loop:
     """The loop with the true state round a policy, at the start of trial 0."""
     bench = EpisodesBench(make_episodes("DualMicoPush-v0"))
+    cell = bench.cell
     names = ("encoders", "true state", "policy", "set-points", "kinematics", "servos")
     health = Health(names, {"encoders": 0.03, "true state": 0.06, "policy": 0.06})
     stop = EmergencyStop()
     limits = limits or Limits(max_speed=0.5, hand_force=1e6, clearance=0.0)
-    graph = Graph(
-        [
-            EncoderStage(bench),
-            TruePersonStage(bench),
-            PolicyStage(policy, bench.robot, bench.base_position, JACO),
-            SetPointStage(bench.workspace, bench.base_position, limits, bench.held_height, health),
-            KinematicsStage(DampedLeastSquares(bench.robot)),
-            ServoStage(bench, health, stop),
-        ],
-        health,
-    )
+    stages = [
+        EncoderStage(bench),
+        TruePersonStage(bench),
+        PolicyStage(policy, cell.robot, cell.base_position, JACO),
+        SetPointStage(cell.workspace, cell.base_position, limits, cell.held_height, health),
+        KinematicsStage(DampedLeastSquares(cell.robot)),
+        ServoStage(bench, health, stop),
+    ]
+    graph = Graph(stages, health)
     bench.reset(0)
     graph.reset()
     return Loop(bench, graph, health, stop)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from saver_advisors.integration.control_stages import as_cubes
 from saver_advisors.integration.messages import ArmReading, SpacePose, Stamp
 from saver_advisors.integration.stage import Inputs, Mailbox, StageFault
 from saver_advisors.integration.tracking import (
@@ -64,6 +67,7 @@ def test_targets_lie_beside_the_hips() -> None:
     np.testing.assert_allclose(
         person.targets[:, 1], [-0.09 - TARGET_DISTANCE, 0.09 + TARGET_DISTANCE]
     )
+    np.testing.assert_allclose(person.targets[:, 2], 0.04)
     np.testing.assert_allclose(person.wrists, joints()[list(WRISTS)])
 
 
@@ -128,11 +132,12 @@ def test_a_jump_is_refused_and_believed_when_it_stays() -> None:
     np.testing.assert_allclose(person.wrists[0], (0.3, 0.1, 0.04))
 
 
-def test_wrists_lie_at_the_height_that_a_policy_knows() -> None:
-    feed = Feed()
-    feed.stage = FilterStage(BASE, wrist_height=0.028)
-    person = feed(joints())
-    assert person.wrists[:, 2].tolist() == person.targets[:, 2].tolist() == [0.028, 0.028]
+def test_a_policy_of_cubes_is_told_of_cubes() -> None:
+    person = Feed()(joints())
+    told = as_cubes(replace(person, wrist_velocity=np.ones((2, 3))), 0.028)
+    assert told.wrists[:, 2].tolist() == told.targets[:, 2].tolist() == [0.028, 0.028]
+    assert told.wrist_velocity[:, 2].tolist() == [0.0, 0.0]
+    np.testing.assert_array_equal(told.wrists[:, :2], person.wrists[:, :2])
 
 
 def test_distance_of_segments() -> None:
