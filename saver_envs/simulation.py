@@ -189,6 +189,8 @@ class Simulation:
             self._batch.step(None, substeps, _VELOCITY_STAGE)
         except SimulationError as error:
             failed.extend(int(i) for i in error.ids)
+        if self._keeps_highest:
+            self.highest[:] = self._sensors
         return self._diverged(failed)
 
     def contact_torque(self) -> NDArray[np.float64]:

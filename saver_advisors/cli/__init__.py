@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "pose": "find the people in a picture or a video",
     "train-pose": "train a network that finds people",
     "model": "model an arm: its data set, inverse models, their hyper-parameters",
+    "run": "run the whole robot, from camera to servos, in one closed loop",
     "demo": "play the shipped policies, learn for two minutes, write a page about it",
     "docs": "write the documentation pages that come from the code",
 }

@@ -99,10 +99,29 @@ def write_mp4(path: Path, recordings: list[Recording], title: str) -> None:
     :param recordings: at least one
     :param title: what the caption begins with
     """
+    first = captioned(recordings[0].frames[0], title, GREY)
+    writer = mp4_writer(path, first.shape[1], first.shape[0])
+    for number, recording in enumerate(recordings, start=1):
+        caption = f"{title}   episode {number} of {len(recordings)}"
+        for frame in recording.frames:
+            writer.send(np.ascontiguousarray(captioned(frame, caption, GREY)))
+        outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
+        last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
+        for _ in range(HOLD):
+            writer.send(np.ascontiguousarray(last))
+    writer.close()
+
+
+def mp4_writer(path: Path, width: int, height: int) -> Any:
+    """A writer of H.264 in real time: `send` it frames, then `close` it.
+
+    :param path: ending in ``.mp4``
+    :param width: of a frame, pixels
+    :param height: of a frame, pixels
+    :return: a generator that is ready for the first frame
+    """
     import imageio_ffmpeg
 
-    first = captioned(recordings[0].frames[0], title, GREY)
-    height, width = first.shape[:2]
     writer = imageio_ffmpeg.write_frames(
         str(path),
         (width, height),
@@ -115,15 +134,7 @@ def write_mp4(path: Path, recordings: list[Recording], title: str) -> None:
         output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart"],
     )
     writer.send(None)
-    for number, recording in enumerate(recordings, start=1):
-        caption = f"{title}   episode {number} of {len(recordings)}"
-        for frame in recording.frames:
-            writer.send(np.ascontiguousarray(captioned(frame, caption, GREY)))
-        outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
-        last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
-        for _ in range(HOLD):
-            writer.send(np.ascontiguousarray(last))
-    writer.close()
+    return writer
 
 
 def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
@@ -163,13 +174,16 @@ def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:
     picture = Image.new("RGB", (width, height + BAR_HEIGHT), colour)
     picture.paste(Image.fromarray(frame), (0, 0))
     draw = ImageDraw.Draw(picture)
-    draw.text((12, height + 8), text, fill=(255, 255, 255), font=_font())
+    draw.text((12, height + 8), text, fill=(255, 255, 255), font=font(16))
     return np.asarray(picture)
 
 
-def _font() -> Any:
-    """DejaVu Sans, which Matplotlib brings along, so that captions look alike everywhere."""
+def font(size: int) -> Any:
+    """DejaVu Sans, which Matplotlib brings along, so that captions look alike everywhere.
+
+    :param size: pixels
+    """
     from matplotlib import font_manager
     from PIL import ImageFont
 
-    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), 16)
+    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size)

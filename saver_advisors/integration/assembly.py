@@ -35,6 +35,7 @@ from saver_advisors.integration.tracking import FilterSettings, FilterStage
 from saver_envs.control import DampedLeastSquares, InverseKinematics
 from saver_envs.perception.camera import KINECT_V2
 from saver_envs.robots import ROBOTS
+from saver_envs.robots.description import Fingers
 
 SEEING: Final = ("camera", "picture check", "pose", "lift", "bench frame", "filter")
 ACTING: Final = ("policy", "set-points", "kinematics")
@@ -135,6 +136,27 @@ class LoopSettings:
             else:
                 allowed[name] = allowed_silence(POLICY_RATE, self.silent_periods)
         return allowed
+
+
+def settings_for(policy: str) -> LoopSettings:
+    """The settings that fit a policy: what its hand was, and whether it has only pushed cubes.
+
+    :param policy: name of a shipped one, or a weight file
+    :raises ValueError: for an unknown one, or one that does not drive two arms by displacements
+    """
+    from saver_advisors.pretrained import load_policy
+    from saver_envs.registration import row_of
+
+    card = load_policy(policy).card
+    row = row_of(card.env_id)
+    if row.n_arms != 2 or row.task.fingers is not Fingers.LOCKED:
+        raise ValueError(f"policy={policy!r} is of {card.env_id}: must push with two arms")
+    knows_people = row.task.moves_person
+    return LoopSettings(
+        policy=policy,
+        trained_on=row.robot,
+        wrist_height=None if knows_people else CUBE_HEIGHT,
+    )
 
 
 @dataclass

@@ -129,22 +129,22 @@ class EpisodesBench:
             episodes.task.held_height,
         )
         self.diverged = False
-        self._substeps = 0
+        self.substeps = 0
 
     def reset(self, seed: int) -> None:
         """Begin a trial: the episode that the environment begins with this seed."""
         self.episodes.set_generator(0, seeding.np_random(seed)[0])
         self.episodes.reset()
         self.diverged = False
-        self._substeps = 0
+        self.substeps = 0
 
     def advance_to(self, time: float) -> None:
         """Simulate up to a time; nothing moves any more once the simulation has broken down."""
         target = int(time / TIMESTEP + 1e-6)
-        if target > self._substeps and not self.diverged:
-            self.diverged = bool(self.episodes.simulation.advance(target - self._substeps)[0])
+        if target > self.substeps and not self.diverged:
+            self.diverged = bool(self.episodes.simulation.advance(target - self.substeps)[0])
+            self.substeps = target
             self._after_substeps()
-        self._substeps = target
 
     def _after_substeps(self) -> None:
         """Look at what has changed; for benches that keep count of something."""
@@ -174,6 +174,11 @@ class EpisodesBench:
             hand_force=tool_force(state.jacobian[0], simulation.contact_torque()[0]),
             torso_force=self.torso_force(),
         )
+
+    def hand_force(self) -> Floats:
+        """What presses against each tool, (arms,) newtons."""
+        simulation = self.episodes.simulation
+        return tool_force(simulation.arm_state().jacobian[0], simulation.contact_torque()[0])
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """There is no camera over this bench.

@@ -8,6 +8,9 @@ from typing import Final
 
 #: A topic has fallen silent after so many of its periods.
 SILENT_PERIODS: Final = 1.5
+#: Before the first results have passed through (s), nobody is called silent; the arms have nothing
+#: to do yet.
+GRACE: Final = 0.5
 _TOLERANCE: Final = 1e-9
 
 
@@ -62,7 +65,7 @@ class Health:
         """Begin a trial."""
         self.log.clear()
         self._faults: dict[str, str] = {}
-        self._heard = dict.fromkeys(self._silence, 0.0)
+        self._heard = dict.fromkeys(self._silence, GRACE)
 
     def heard(self, stage: str, now: float) -> None:
         """Note that a result of a stage has arrived."""
