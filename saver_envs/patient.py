@@ -162,7 +162,7 @@ class Patient:
         angular = cross(along, velocity - velocities[:, :, 1]) / squared
         # The bases are not turned: their frames differ from the world's by where they are alone.
         position = wrist - self._scene.base_position
-        return ObjectState(position, _heading(along), velocity, angular, wrist)
+        return ObjectState(position, heading(along), velocity, angular, wrist)
 
     def hips(self) -> NDArray[np.float64]:
         """Return where the hip joints are, (n, arms, 3), world frame, metres."""
@@ -196,7 +196,7 @@ def _fields_of_bodies(models: tuple[mujoco.MjModel, ...]) -> dict[str, NDArray[n
     return fields
 
 
-def _heading(along: NDArray[np.float64]) -> NDArray[np.float64]:
+def heading(along: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return quaternions (..., 4), w >= 0, whose x axis is ``along`` and whose y axis is level."""
     level = np.hypot(along[..., 0], along[..., 1])
     yaw = np.arctan2(along[..., 1], along[..., 0]) / 2

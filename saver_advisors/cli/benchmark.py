@@ -23,6 +23,7 @@ KINDS: Final = {
     "kinematics": ("saver_advisors.benchmarks.kinematics", "learned inverse kinematics in use"),
     "tracking": ("saver_advisors.benchmarks.tracking", "feed-forward torques on the twins"),
     "constraints": ("saver_advisors.benchmarks.constraints", "chapter 6: rates and findings"),
+    "wrist-push": ("saver_advisors.benchmarks.wrist_push", "the whole robot, beside chapter 8"),
     "safe": ("saver_advisors.benchmarks.safe", "CPO and Lagrangians where the optimum is known"),
 }
 """What can be measured: the module, which has `add_arguments(parser)` and `run(args) -> int` as a

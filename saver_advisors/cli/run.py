@@ -57,7 +57,7 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
         "--policy",
         default="dual-jaco-push",
         metavar="POLICY",
-        help="a shipped policy or a weight file (default: dual-jaco-push)",
+        help="a shipped policy, a weight file, or expert (default: dual-jaco-push)",
     )
     parser.add_argument(
         "--max-speed", type=float, metavar="M/S", help="of the tools (default: 0.2, Table 5.3)"

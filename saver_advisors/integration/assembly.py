@@ -14,6 +14,7 @@ from saver_advisors.integration.control_stages import (
     POLICY_RATE,
     EncoderStage,
     KinematicsStage,
+    Policy,
     PolicyStage,
     ServoStage,
     SetPointStage,
@@ -53,6 +54,9 @@ LATENCIES: Final[Mapping[str, float]] = {
     "set-points": 0.0003,
     "kinematics": 0.0005,
 }
+#: The scripted policy of the environment, to tell faults of the loop from those of a learned one.
+EXPERT: Final = "expert"
+ENV_ID: Final = "WristPush-v0"
 #: The robot whose hand the shipped push policies know, and the height of the cubes' centres (m).
 TRAINED_ON: Final = "jaco"
 CUBE_HEIGHT: Final = 0.028
@@ -141,12 +145,14 @@ class LoopSettings:
 def settings_for(policy: str) -> LoopSettings:
     """The settings that fit a policy: what its hand was, and whether it has only pushed cubes.
 
-    :param policy: name of a shipped one, or a weight file
+    :param policy: name of a shipped one, a weight file, or ``expert``: the scripted one
     :raises ValueError: for an unknown one, or one that does not drive two arms by displacements
     """
     from saver_advisors.pretrained import load_policy
     from saver_envs.registration import row_of
 
+    if policy == EXPERT:
+        return LoopSettings(policy=policy, trained_on=None, wrist_height=None)
     card = load_policy(policy).card
     row = row_of(card.env_id)
     if row.n_arms != 2 or row.task.fingers is not Fingers.LOCKED:
@@ -261,10 +267,8 @@ def build_stage(name: str, settings: LoopSettings, cell: Cell, health: Health) -
 
 
 def _policy_stage(settings: LoopSettings, cell: Cell, latency: Latency) -> PolicyStage:
-    from saver_advisors.pretrained import load_policy
-
     trained_on = None if settings.trained_on is None else ROBOTS[settings.trained_on]
-    policy = load_policy(settings.policy)
+    policy = _policy(settings)
     return PolicyStage(
         policy,
         cell.robot,
@@ -273,6 +277,16 @@ def _policy_stage(settings: LoopSettings, cell: Cell, latency: Latency) -> Polic
         settings.wrist_height,
         latency=latency,
     )
+
+
+def _policy(settings: LoopSettings) -> Policy:
+    if settings.policy == EXPERT:
+        from saver_envs.experts import make_expert
+
+        return make_expert(ENV_ID, max_speed=settings.limits.max_speed)
+    from saver_advisors.pretrained import load_policy
+
+    return load_policy(settings.policy)
 
 
 def _kinematics(settings: LoopSettings, cell: Cell) -> InverseKinematics:

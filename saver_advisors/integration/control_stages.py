@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -45,8 +44,10 @@ STOPPED: Final = "stopped"
 class Policy(Protocol):
     """What `saver_advisors.pretrained.load_policy` and Stable-Baselines3's models are."""
 
-    def predict(self, observation: Mapping[str, NDArray[Any]]) -> tuple[NDArray[Any], Any]:
-        """Return actions (n, size) for observations (n, size), and a state that is not used."""
+    def predict(self, observation: Any) -> tuple[NDArray[Any], Any]:
+        """Return actions (n, size) for a mapping of observations (n, size), and a state that is
+        not used.
+        """
 
 
 class EncoderStage(Stage):

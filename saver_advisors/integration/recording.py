@@ -23,6 +23,10 @@ Frame = NDArray[np.uint8]
 #: Sizes (pixels): of the camera's view and of the scene beside it, and of a plot below.
 CAMERA_SIZE: Final = (512, 424)
 SCENE_SIZE: Final = (564, 424)
+#: The scene is drawn so large (width, height), and its middle is shown, where hands and wrists are.
+_DRAWN: Final = (1016, 762)
+_COLUMNS: Final = slice(226, 226 + SCENE_SIZE[0])
+_ROWS: Final = slice(250, 250 + SCENE_SIZE[1])
 PLOT_SIZE: Final = (538, 190)
 FRAME_SIZE: Final = (
     CAMERA_SIZE[0] + SCENE_SIZE[0],
@@ -48,7 +52,7 @@ class Panel:
         self._bench = bench
         self._loop = loop
         self._seconds = seconds
-        self._scene = SceneRenderer(bench.episodes.scene, *SCENE_SIZE, camera="front")
+        self._scene = SceneRenderer(bench.episodes.scene, *_DRAWN, camera="front")
         loop.graph.observers.append(self)
         self.begin()
 
@@ -77,10 +81,10 @@ class Panel:
         bench = self._bench
         truth = bench.truth()
         right, left = np.linalg.norm(truth.wrists - truth.targets, axis=-1)
-        self._history.append((now, float(right), float(left), bench.torso_force()))
+        self._history.append((now, float(right), float(left), bench.last_peak))
         episodes = bench.episodes
         self._scene.update(episodes.simulation, 0, truth.targets, episodes.people)
-        top = np.concatenate([self._seen(), self._scene.rgb()], axis=1)
+        top = np.concatenate([self._seen(), self._scene.rgb()[_ROWS, _COLUMNS]], axis=1)
         times, *columns = np.array(self._history).T
         distance = plot(
             "distance of the wrists from their targets (cm)",
@@ -188,7 +192,9 @@ def plot(
         draw.line((*place(0, value), *place(seconds, value)), fill=_LINE)
         draw.text((8, place(0, value)[1] - 7), f"{value:.0f}", fill=_INK, font=small)
         time = share * seconds
-        draw.text((place(time, 0)[0] - 8, height - 20), f"{time:g} s", fill=_INK, font=small)
+        draw.text(
+            (place(time, 0)[0] - 22 * share, height - 20), f"{time:g} s", fill=_INK, font=small
+        )
     draw.line((*place(0, limit), *place(seconds, limit)), fill=_LIMIT)
     for line, colour in zip(lines, colours, strict=True):
         points = [place(float(t), float(v)) for t, v in zip(times, line, strict=True)]

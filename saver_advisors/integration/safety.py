@@ -10,17 +10,16 @@ import numpy as np
 from saver_advisors.integration.messages import Floats
 from saver_envs.control import Workspace
 from saver_envs.core import ACTION_DURATION, LEASH, RATED_SPEED, shortened
+from saver_envs.tasks.wrist_push import FORCE_LIMIT, STANDOFF
 
-#: What may press on a person's trunk (N), and by how much it may move (m): SPEC 5.6.
-TORSO_FORCE: Final = 50.0
-TORSO_DISPLACEMENT: Final = 0.020
 #: What may press against a hand of the robot (N): the quasi-static limit of ISO/TS 15066 for a
 #: person's lower arm is 160 N, of which we take less than half.
 HAND_FORCE: Final = 70.0
 #: From this share of a limit on, set-points are drawn nearer to the tools.
 YIELDING: Final = 0.5
-#: Lateral distance of the set-points from the hip joints (m): the flesh beside the joint is 0.09.
-CLEARANCE: Final = 0.10
+#: Lateral distance of the set-points from the hip joints (m): motion stops 15 cm from the body
+#: (SPEC 5.5), and half of a finger's thickness more, so that this holds for the hand's inner side.
+CLEARANCE: Final = STANDOFF + 0.02
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Limits:
     """
 
     max_speed: float = RATED_SPEED
-    torso_force: float = TORSO_FORCE
+    torso_force: float = FORCE_LIMIT
     hand_force: float = HAND_FORCE
     clearance: float = CLEARANCE
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
 from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
+from saver_envs.patient import heading
 from saver_envs.perception.camera import BENCH_POSE
 from saver_envs.perception.skeleton import JOINTS
 
@@ -17,6 +18,7 @@ from saver_envs.perception.skeleton import JOINTS
 #: the back with the head towards -x has the right side.
 SIDES: Final = ("right", "left")
 WRISTS: Final = tuple(JOINTS.index(f"{side}_wrist") for side in SIDES)
+ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
 #: Lateral distance of a wrist's target from its hip joint (m), SPEC 5.5.
 TARGET_DISTANCE: Final = 0.15
@@ -171,6 +173,9 @@ class FilterStage(Stage):
         self._wrists = [
             Track(settings.wrist_gain, settings.wrist_speed_gain, settings) for _ in SIDES
         ]
+        self._elbows = [
+            Track(settings.wrist_gain, settings.wrist_speed_gain, settings) for _ in SIDES
+        ]
         self._hips = [Track(settings.hip_gain, 0.0, settings) for _ in SIDES]
 
     def process(self, inputs: Inputs, now: float) -> Person:
@@ -180,7 +185,8 @@ class FilterStage(Stage):
         known = pose.scores >= LEAST_SCORE
         positions = np.where(known[:, None], pose.positions, np.nan)
         time = pose.stamp.time
-        for places, tracks in ((WRISTS, self._wrists), (HIPS, self._hips)):
+        every = ((WRISTS, self._wrists), (ELBOWS, self._elbows), (HIPS, self._hips))
+        for places, tracks in every:
             for place, track in zip(places, tracks, strict=True):
                 track.update(positions[place], time)
         self._check(time, arms)
@@ -218,16 +224,33 @@ class FilterStage(Stage):
         targets = np.concatenate([hips[:, :2], wrists[:, 2:]], axis=1)
         targets[:, 1] += np.where(self._base[:, 1] < 0, -TARGET_DISTANCE, TARGET_DISTANCE)
         velocity = np.stack([track.velocity for track in self._wrists])
+        quaternion, angular = self._forearms(wrists, velocity)
         return Person(
             stamp=self.stamp(pose.stamp),
             wrists=wrists,
             wrist_velocity=velocity,
-            wrist_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(wrists), 1)),
-            wrist_angular_velocity=np.zeros_like(wrists),
+            wrist_quaternion=quaternion,
+            wrist_angular_velocity=angular,
             hips=hips,
             targets=targets,
             held=np.array([bool(track.lost) for track in self._wrists]),
         )
+
+    def _forearms(self, wrists: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """How the forearms lie and turn, as `saver_envs.patient.Patient.wrists` has it.
+
+        An elbow that was never seen leaves its wrist unturned; one that is not seen now keeps its
+        place, since forearms turn slowly.
+        """
+        quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(wrists), 1))
+        angular = np.zeros_like(wrists)
+        for arm, elbow in enumerate(self._elbows):
+            if elbow.known:
+                along = wrists[arm] - elbow.position
+                quaternion[arm] = heading(along)
+                swing = np.cross(along, velocity[arm] - elbow.velocity)
+                angular[arm] = swing / max(float(along @ along), 1e-4)
+        return quaternion, angular
 
 
 def segment_distance(start: Floats, direction: Floats, begin: Floats, end: Floats) -> float:

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.integration.assembly import ENV_ID
 from saver_advisors.integration.bench import EpisodesBench, Truth
 from saver_envs.core import Episodes
 from saver_envs.patient import Patient
@@ -18,7 +19,6 @@ from saver_envs.registration import make_episodes
 from saver_envs.robots.stretcher import STRETCHER
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
-ENV_ID: Final = "WristPush-v0"
 #: Substeps between two samples of what the torso goes through: 100 Hz, as the environment has it.
 _SAMPLE_EVERY: Final = SUBSTEPS // CONTACT_SAMPLES
 #: Added to a trial's seed for the noise of its camera, which is not the episode's randomness.
@@ -45,12 +45,14 @@ class WristBench(EpisodesBench):
         #: What the torso has gone through since the last look: newtons, metres.
         self.peak_force = 0.0
         self.displacement = 0.0
+        #: The highest force before that look, for those who only watch.
+        self.last_peak = 0.0
 
     def reset(self, seed: int) -> None:
         """Begin a trial, drawn from a seed, the camera's noise included."""
         super().reset(seed)
         self._random = np.random.default_rng(seed + _CAMERA_SEED)
-        self._force = self.peak_force = self.displacement = 0.0
+        self._force = self.peak_force = self.displacement = self.last_peak = 0.0
 
     def _after_substeps(self) -> None:
         if self.substeps % _SAMPLE_EVERY:
@@ -63,6 +65,7 @@ class WristBench(EpisodesBench):
     def taken_peaks(self) -> tuple[float, float]:
         """The highest torso force (N) and displacement (m) since the last call."""
         peaks = self.peak_force, self.displacement
+        self.last_peak = self.peak_force
         self.peak_force = self.displacement = 0.0
         return peaks
 

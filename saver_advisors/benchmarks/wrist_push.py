@@ -1,0 +1,151 @@
+"""The whole robot over many trials, part by part, and with faults, beside chapter 8's table.
+
+Four loops play the same trials: with the true state or the camera and the pose network, with exact
+or learned inverse kinematics. Then every fault is injected into the loop with everything learned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from saver_advisors.threads import one_thread_of_algebra
+
+if TYPE_CHECKING:
+    from saver_advisors.integration.assembly import LoopSettings
+
+EXAMPLES = """\
+examples:
+  saver benchmark wrist-push --trials 200 --processes 2 --json wrist-push.json --table page.md
+  saver benchmark wrist-push --trials 20 --rows true-state-exact everything-learned
+  saver benchmark wrist-push --policy expert --injections 0
+  saver benchmark wrist-push --from wrist-push.json --table page.md"""
+
+#: Name of a row -> whether it sees by camera and network, and whether its kinematics are learned.
+ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
+    "true-state-exact": (False, False),
+    "true-state-learned": (False, True),
+    "network-exact": (True, False),
+    "everything-learned": (True, True),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import add_json, at_least
+    from saver_advisors.cli.run import add_loop_arguments
+
+    parser.add_argument(
+        "--trials", type=at_least(1), default=200, metavar="N", help="of each row (default: 200)"
+    )
+    parser.add_argument(
+        "--seed", type=at_least(0), default=0, metavar="S", help="of trial 0 (default: 0)"
+    )
+    parser.add_argument(
+        "--rows", nargs="+", choices=tuple(ROWS), default=list(ROWS), help="which (default: all)"
+    )
+    parser.add_argument(
+        "--injections",
+        type=at_least(0),
+        default=20,
+        metavar="N",
+        help="of each fault; 0 leaves that table out (default: 20)",
+    )
+    parser.add_argument(
+        "--processes", type=at_least(1), default=1, metavar="N", help="that share the trials"
+    )
+    add_loop_arguments(parser)
+    parser.add_argument(
+        "--table",
+        nargs="?",
+        const=Path("wrist-push.md"),
+        type=Path,
+        metavar="FILE",
+        help="write the figures as a Markdown page too (default: wrist-push.md)",
+    )
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show an earlier measurement's JSON file instead of measuring",
+    )
+    add_json(parser)
+
+
+@one_thread_of_algebra()
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    from saver_advisors.benchmarks.wrist_push_page import render
+    from saver_advisors.provenance import provenance, write_json_atomic
+
+    if args.from_json is None:
+        origin = provenance()
+        figures = {**measure(args), "provenance": origin}
+    else:
+        figures = _read(args.from_json)
+    page = render(figures)
+    print(page)
+    if args.json is not None:
+        write_json_atomic(args.json, figures)
+        print(f"wrote {args.json}")
+    if args.table is not None:
+        args.table.write_text(page, encoding="utf-8")
+        print(f"wrote {args.table}")
+    return 0
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """Play every row's trials, and inject every fault.
+
+    :param args: see :func:`add_arguments`
+    :return: JSON-able: ``rows``, ``faults``, and what was asked for
+    """
+    from dataclasses import replace
+
+    from saver_advisors.benchmarks.wrist_push_trials import fault_row, play_row, shares
+    from saver_advisors.cli.run import settings_of
+    from saver_advisors.integration.faults import FAULTS
+
+    base = settings_of(args)
+    figures: dict[str, Any] = {
+        "title": "Wrist push",
+        "kind": "wrist-push",
+        "trials": args.trials,
+        "seed": args.seed,
+        "processes": args.processes,
+        "settings": base.to_mapping(),
+        "rows": [],
+        "faults": [],
+    }
+    with shares(args.processes) as share:
+        for name in args.rows:
+            seeing, learned = ROWS[name]
+            settings: LoopSettings = replace(base, seeing=seeing, learned_kinematics=learned)
+            figures["rows"].append(
+                {"row": name, **play_row(share, settings, args.trials, args.seed)}
+            )
+        for fault in FAULTS if args.injections else ():
+            figures["faults"].append(fault_row(share, base, fault, args.injections, args.seed))
+    return figures
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """An earlier measurement."""
+    from saver_advisors.cli.errors import UsageError, user_mistakes
+
+    with user_mistakes("argument --from"):
+        try:
+            figures = json.loads(path.read_text(encoding="utf-8"))
+        except json.JSONDecodeError as error:
+            raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != "wrist-push":
+        raise UsageError(f"argument --from: {path} was not written by `saver benchmark wrist-push`")
+    return figures
