@@ -55,9 +55,9 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that the benchmark has as well."""
     parser.add_argument(
         "--policy",
-        default="dual-jaco-push",
+        default="wrist-push",
         metavar="POLICY",
-        help="a shipped policy, a weight file, or expert (default: dual-jaco-push)",
+        help="a shipped policy, a weight file, or expert (default: wrist-push)",
     )
     parser.add_argument(
         "--max-speed", type=float, metavar="M/S", help="of the tools (default: 0.2, Table 5.3)"
