@@ -27,11 +27,12 @@ examples:
   saver benchmark safe --from safe.json --table page.md       an earlier one as a table"""
 
 NAMES: Final = ("cpo", "trpolag", "ppolag")
-SEEDS: Final = (0, 1, 2)
+SEEDS: Final = (6, 7, 8)
+"""That had no part in finding the settings below, which was done on seeds 0 to 5."""
 N_ENVS: Final = 100
 EPISODES: Final = 2000
 EVALUATION_SEED: Final = 1_000_000
-MARGIN: Final = 0.04
+MARGIN: Final = 0.03
 """Share of the limit that is left as a margin when learning: a rollout of 100 episodes tells the
 cost to a few per cent, and the limit is to hold, not to be met on average.
 """
@@ -52,15 +53,21 @@ PRICED: Final[dict[str, Any]] = {
     # Integral control: the price must move more slowly than the policy that answers it.
     "multiplier_lr": 0.002,
     # On top of that, what the cost exceeds the limit by now: without it price and cost swing.
-    "multiplier_gain": 0.1,
+    "multiplier_gain": 0.3,
 }
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "cpo": {"n_critic_updates": 20},
     "trpolag": {**PRICED, "multiplier_init": 0.65, "n_critic_updates": 20},
-    "ppolag": {**PRICED, "multiplier_init": 0.6, "n_epochs": 20, "learning_rate": 2e-3},
+    "ppolag": {
+        **PRICED,
+        "multiplier_init": 0.65,
+        "n_epochs": 20,
+        # Its steps have no trust region: unless they shrink, the cost of its last one is chance.
+        "learning_rate": lambda remaining: 5e-5 + 2e-3 * remaining,
+    },
 }
 """Beside the classes' defaults."""
-STEPS: Final[dict[str, int]] = {"cpo": 120_000, "trpolag": 160_000, "ppolag": 160_000}
+STEPS: Final[dict[str, int]] = {"cpo": 120_000, "trpolag": 160_000, "ppolag": 240_000}
 
 BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
 
@@ -82,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=at_least(0),
         default=list(SEEDS),
         metavar="N",
-        help="one run each (default: 0 1 2)",
+        help="one run each (default: 6 7 8)",
     )
     parser.add_argument(
         "--steps",

@@ -1,4 +1,4 @@
-"""Play the shipped policies, learn for two minutes, and write one page about it.
+"""Play the whole robot and the shipped policies, learn for two minutes, write a page about it.
 
 The page is a single file: pictures, videos and figures are inside. Beside it lie the videos and
 the figures as JSON.
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.arguments import add_json, at_least, positive_seconds
+from saver_advisors.cli.demo_robot import VIDEO
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.threads import one_thread_of_algebra
 
@@ -46,6 +47,8 @@ STUDENTS: Final = {
 }
 #: Far more than fit into the time: the clock ends it.
 LESSON_STEPS: Final = 10_000_000
+#: Of the whole robot; ten seconds each, and a minute to compute.
+ROBOT_TRIALS: Final = 1
 VIDEO_SIZE: Final = (480, 360)
 PICTURE_WIDTH: Final = 480
 #: A process that was asked to stop finishes its block and its checkpoint within this (s).
@@ -92,23 +95,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do all of it; whoever interrupts it loses nothing but the page."""
     from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
+    from saver_advisors.cli.demo_robot import whole_robot
     from saver_advisors.provenance import provenance, write_json_atomic
 
     start = time.perf_counter()
     if args.output.exists() and not args.output.is_dir():
         raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
     args.output.mkdir(parents=True, exist_ok=True)
-    print(f"[1/4] evaluating the shipped policies, {args.episodes} episodes each")
+    print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
+    robot = whole_robot(args.output, ROBOT_TRIALS, args.seed)
+    print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
     evaluations = _evaluate(args)
-    print(f"[2/4] recording {args.video_episodes} episodes of each")
-    videos, scenes = _record(args, evaluations), _scenes()
+    print(f"[3/5] recording {args.video_episodes} episodes of each")
+    videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
     print(
-        f"[3/4] learning for {args.train_seconds:.0f} seconds: one student is taught, one is alone"
+        f"[4/5] learning for {args.train_seconds:.0f} seconds: one student is taught, one is alone"
     )
     learning = _learn(args)
-    print("[4/4] writing the page")
+    print("[5/5] writing the page")
     figures: dict[str, Any] = {
         "kind": "demo",
+        "robot": robot,
         "evaluations": evaluations,
         "learning": learning,
         "total_s": round(time.perf_counter() - start, 1),
@@ -168,8 +175,10 @@ def _baselines(envs: list[str]) -> list[tuple[str, str]]:
     return pairs + ([("random", envs[0])] if envs else [])
 
 
-def _record(args: argparse.Namespace, evaluations: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A video of each shipped policy."""
+def _record(
+    args: argparse.Namespace, evaluations: list[dict[str, Any]], robot_env: str
+) -> list[dict[str, Any]]:
+    """A video of each shipped policy, but for the whole robot's, which has one of its own."""
     from saver_advisors.cli.policies import resolve
     from saver_advisors.cli.video import GREY, captioned, record, write_mp4
     from saver_advisors.pretrained import shipped_policies
@@ -177,7 +186,7 @@ def _record(args: argparse.Namespace, evaluations: list[dict[str, Any]]) -> list
     videos = []
     for one in evaluations:
         name, env = one["policy"], one["env"]
-        if name not in shipped_policies():
+        if name not in shipped_policies() or env == robot_env:
             continue
         recordings = record(
             resolve(name, env, {}).predict,
@@ -196,7 +205,7 @@ def _record(args: argparse.Namespace, evaluations: list[dict[str, Any]]) -> list
                 "env": env,
                 "episodes": len(recordings),
                 "successes": sum(one.success for one in recordings),
-                "data": _data_uri("video/mp4", path.read_bytes()),
+                "data": _video_uri(path),
                 "poster": _jpeg_uri(captioned(recordings[0].frames[0], name, GREY)),
             }
         )
@@ -321,6 +330,7 @@ def _render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> 
         result_rows=rows,
         baselines=_described_baselines(evaluations),
         bars=_figure_uri(_bars(evaluations)) if evaluations else "",
+        robot={**figures["robot"], "data": _video_uri(args.output / VIDEO)},
         learning={
             **learning,
             "env": LESSON_ENV,
@@ -397,6 +407,10 @@ def _jpeg_uri(picture: Any) -> str:
     buffer = io.BytesIO()
     image.save(buffer, format="JPEG", quality=88)
     return _data_uri("image/jpeg", buffer.getvalue())
+
+
+def _video_uri(path: Path) -> str:
+    return _data_uri("video/mp4", path.read_bytes())
 
 
 def _data_uri(kind: str, content: bytes) -> str:

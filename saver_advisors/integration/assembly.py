@@ -80,7 +80,7 @@ class LoopSettings:
 
     seeing: bool = True
     learned_kinematics: bool = True
-    policy: str = "wrist-push"
+    policy: str = "dual-jaco-push"
     trained_on: str | None = TRAINED_ON
     wrist_height: float | None = CUBE_HEIGHT
     limits: Limits = field(default_factory=Limits)

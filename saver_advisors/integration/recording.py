@@ -128,10 +128,13 @@ class VideoRecorder:
 
     :param path: ending in ``.mp4``
     :param panel: what is drawn
+    :param every: actions from one drawing to the next, which is shown so long: drawing is slow
     """
 
-    def __init__(self, path: Path, panel: Panel) -> None:
+    def __init__(self, path: Path, panel: Panel, every: int = 1) -> None:
         self._panel = panel
+        self._every = every
+        self._calls = 0
         self._writer: Any = mp4_writer(path, *FRAME_SIZE)
         self._last: Frame | None = None
 
@@ -139,7 +142,10 @@ class VideoRecorder:
         """Write a frame; what `run_trial` takes as ``look``."""
         if now == 0:
             self._panel.begin()
-        self._last = self._panel.draw(now)
+            self._calls = 0
+        if self._calls % self._every == 0 or self._last is None:
+            self._last = self._panel.draw(now)
+        self._calls += 1
         self._writer.send(np.ascontiguousarray(self._last))
 
     def end(self, record: TrialRecord) -> None:
