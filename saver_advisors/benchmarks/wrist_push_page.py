@@ -22,9 +22,9 @@ INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark wrist-push`, never typed. All rows play the same
 trials of `WristPush-v0` (other bodies, postures and places from trial to trial) through the loop
 of [Integration](integration.md). A trial *succeeded* where both wrists end within 5 cm of their
-targets and the trunk was never pressed with more than 50 N nor moved by more than 20 mm. It *failed in
-reaching* where a wrist that missed was never brought 2 cm nearer to its target: the hand never came
-to push it. Else it *failed in pushing*. *Harmed* counts trials beyond a limit of the trunk's.
+targets and the trunk was never pressed with more than 50 N nor moved by more than 20 mm. It *failed
+in reaching* where a wrist that missed was never brought 2 cm nearer to its target: the hand never
+came to push it. Else it *failed in pushing*. *Harmed* counts trials beyond a limit of the trunk's.
 """
 
 FAULTS: Final = """\
