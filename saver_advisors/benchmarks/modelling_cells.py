@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Task = Literal["ik", "id"]
+Precision = Literal["float32", "bfloat16"]
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k is the first k x 10,000 consecutive samples."""
 
 SIZES: Final = (1, 2, 3, 4, 5, 6)
 SIGMAS: Final = (0.0, 0.2, 0.4, 0.6)
+
+PAPER_EPOCHS: Final = 100
+"""What the paper trains for."""
 
 REFINED: Final = 2
 """Newton steps behind a network, for the refined figures."""
@@ -40,6 +44,7 @@ class Cell:
     :param seed: of split, weights and noise
     :param epochs: of the training
     :param supervised_weight: of the squared error in an adversarial model's loss
+    :param precision: of the products while training
     :param data_seed: of the data set
     """
 
@@ -49,17 +54,20 @@ class Cell:
     size: int
     sigma: float
     seed: int
-    epochs: int = 100
+    epochs: int = PAPER_EPOCHS
     supervised_weight: float = 0.0
+    precision: Precision = "float32"
     data_seed: int = 0
 
     @property
     def file_name(self) -> str:
         """The name of its JSON file."""
         supervised = f"-supervised{self.supervised_weight:g}" if self.supervised_weight else ""
+        epochs = f"-epochs{self.epochs}" if self.epochs != PAPER_EPOCHS else ""
+        precision = f"-{self.precision}" if self.precision != "float32" else ""
         return (
-            f"{self.robot}-{self.task}-{self.model}{supervised}-size{self.size}"
-            f"-sigma{self.sigma:g}-seed{self.seed}.json"
+            f"{self.robot}-{self.task}-{self.model}{supervised}{epochs}{precision}"
+            f"-size{self.size}-sigma{self.sigma:g}-seed{self.seed}.json"
         )
 
 
@@ -83,6 +91,7 @@ def run_cell(cell: Cell) -> dict[str, Any]:
         epochs=cell.epochs,
         sigma=cell.sigma,
         supervised_weight=cell.supervised_weight,
+        precision=cell.precision,
         seed=cell.seed,
     )
     wall, cpu = time.perf_counter(), time.process_time()

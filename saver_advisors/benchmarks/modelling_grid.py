@@ -10,9 +10,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.benchmarks.modelling_cells import Cell, Task, run_cell
+from saver_advisors.benchmarks.modelling_cells import Cell, Precision, Task, run_cell
 from saver_advisors.provenance import provenance, write_json_atomic
 
+#: Models whose networks are trained in the precision that is asked for.
+_IN_EITHER_PRECISION = frozenset({"mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional"})
 #: A result has these besides the cell's own fields; one that lacks them is made again.
 _COMPLETE = frozenset({"test_rmse", "validation_rmse", "latency_ms", "provenance"})
 
@@ -26,6 +28,7 @@ def cells_of(
     seeds: Sequence[int],
     epochs: int,
     supervised_weight: float = 0.0,
+    precision: Precision = "float32",
 ) -> list[Cell]:
     """The cells of a grid, cheapest sizes first.
 
@@ -40,6 +43,7 @@ def cells_of(
     :param seeds: of the training
     :param epochs: of the training
     :param supervised_weight: of the adversarial models
+    :param precision: of the networks' products while training
     """
     from saver_envs.modelling.models import ADVERSARIAL
 
@@ -50,7 +54,8 @@ def cells_of(
             for sigma in sigmas if adversarial else (0.0,):
                 for seed in seeds if model != "analytic" else seeds[:1]:
                     weight = supervised_weight if adversarial else 0.0
-                    cells.append(Cell(robot, task, model, size, sigma, seed, epochs, weight))
+                    kind = precision if model in _IN_EITHER_PRECISION else "float32"
+                    cells.append(Cell(robot, task, model, size, sigma, seed, epochs, weight, kind))
     return cells
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from saver_advisors.benchmarks.modelling_cells import PAPER_EPOCHS
 from saver_advisors.benchmarks.modelling_claims import ADVERSARIAL, paper, paper_cells
 from saver_advisors.cli.tables import markdown
 
@@ -47,11 +48,24 @@ def _introduction(robot: str, task: str, figures: Mapping[str, Any]) -> str:
     table = "7.4" if robot == "mico" else "7.5"
     return (
         f"Root mean square errors in {_UNIT[task]}, over the joints, on the validation share and "
-        f"on the unseen trajectory; {figures['epochs']} epochs. Of size k are the first k x 10,000 "
+        f"on the unseen trajectory; {_training(figures)}. Of size k are the first k x 10,000 "
         f"consecutive samples. Several seeds give the mean and, in brackets, their range. The "
         f"paper's figures (Table {table}) were measured on its arm, ours on the simulated twin: "
         f"orders and ratios compare, not sizes.{joints}\n"
     )
+
+
+def _training(figures: Mapping[str, Any]) -> str:
+    """How long, and in what precision."""
+    epochs = int(figures["epochs"])
+    text = (
+        f"{epochs} epochs"
+        if epochs == PAPER_EPOCHS
+        else f"{epochs} of the paper's {PAPER_EPOCHS} epochs"
+    )
+    if figures.get("precision", "float32") != "float32":
+        text += f", products between hidden layers in {figures['precision']} while training"
+    return text
 
 
 def _claims(claims: Sequence[Mapping[str, Any]]) -> str:

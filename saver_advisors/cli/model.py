@@ -88,7 +88,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         action="extend",
         metavar="NAME=VALUE",
         help="settings of the training and the architecture: epochs, batch_size, learning_rate, "
-        "sigma, supervised_weight, seed, layers, width, activation, leak",
+        "sigma, supervised_weight, precision, seed, layers, width, activation, leak",
     )
 
 

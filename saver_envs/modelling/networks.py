@@ -9,14 +9,17 @@ from typing import Final, Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
+from torch.nn import functional
 
 Float32 = NDArray[np.float32]
 Activation = Literal["leaky_relu", "relu", "sigmoid"]
+Precision = Literal["float32", "bfloat16"]
 
 #: What the paper's search chose from (Table 7.3).
 LAYERS: Final = (3, 4, 5, 6, 7, 8)
 WIDTHS: Final = (128, 256, 512, 1024)
+PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
 ACTIVATIONS: Final[tuple[Activation, ...]] = ("relu", "sigmoid", "leaky_relu")
 LEAKS: Final = (0.1, 0.3, 0.4, 0.5, 0.7, 0.9)
 
@@ -48,14 +51,42 @@ class Architecture:
             raise ValueError(f"leak={self.leak!r}: must be at least 0 and below 1")
 
 
-def build_network(inputs: int, outputs: int, architecture: Architecture) -> nn.Sequential:
-    """Return a fresh network: hidden layers with activations, then a linear layer."""
-    layers: list[nn.Module] = []
-    size = inputs
-    for _ in range(architecture.layers):
-        layers += [nn.Linear(size, architecture.width), _activation(architecture)]
-        size = architecture.width
-    return nn.Sequential(*layers, nn.Linear(size, outputs))
+class Bfloat16Linear(nn.Linear):
+    """A linear layer whose products are in bfloat16; its weights stay in float32."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        """Return (n, outputs) in bfloat16 for (n, inputs)."""
+        half = torch.bfloat16
+        return functional.linear(input.to(half), self.weight.to(half), self.bias.to(half))
+
+
+class Float32Linear(nn.Linear):
+    """A linear layer in float32, whatever it is given."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        """Return (n, outputs) in float32 for (n, inputs)."""
+        return super().forward(input.to(self.weight.dtype))
+
+
+def build_network(
+    inputs: int, outputs: int, architecture: Architecture, precision: Precision = "float32"
+) -> nn.Sequential:
+    """Return a fresh network: hidden layers with activations, then a linear layer.
+
+    :param inputs: numbers that it reads.
+    :param outputs: numbers that it gives.
+    :param architecture: of the hidden layers.
+    :param precision: of the products between hidden layers, where nearly all the work is. What is
+        read, what is given and all weights are in float32 either way.
+    """
+    width = architecture.width
+    between, last = (
+        (Bfloat16Linear, Float32Linear) if precision == "bfloat16" else (nn.Linear, nn.Linear)
+    )
+    layers: list[nn.Module] = [nn.Linear(inputs, width), _activation(architecture)]
+    for _ in range(architecture.layers - 1):
+        layers += [between(width, width), _activation(architecture)]
+    return nn.Sequential(*layers, last(width, outputs))
 
 
 def _activation(architecture: Architecture) -> nn.Module:

@@ -7,14 +7,15 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from saver_envs.modelling.models.adversarial import AdversarialModel, squared_distance
+from saver_envs.modelling.models.adversarial import (
+    LOOP_WEIGHT,
+    AdversarialModel,
+    squared_distance,
+)
 
 #: Weights of the discriminators are kept this small, as by the dual GAN that the paper cites (Yi et
 #: al., 2017): a Wasserstein distance needs a Lipschitz bound.
 WEIGHT_BOUND = 0.1
-#: Weight of the two loops beside the Wasserstein losses, in the direction of the same work, where
-#: it is 100 to 1000 for images.
-LOOP_WEIGHT = 100.0
 
 
 class Dualgan(AdversarialModel):
@@ -22,7 +23,7 @@ class Dualgan(AdversarialModel):
 
     The discriminators minimise l_A = D_A([I* || A(I*)]) - D_A([I || O]) and
     l_B = D_B([B(O*) || O*]) - D_B([I || O]); the generators minimise -D_A - D_B of what they
-    generate, and ||I - B(A(I))||^2 + ||O - A(B(O))||^2.
+    generate, and ||I - B(A(I))||^2 + ||O - A(B(O))||^2 by ``LOOP_WEIGHT``.
     """
 
     name: ClassVar[str] = "dualgan"

@@ -14,7 +14,12 @@ from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
-from saver_envs.modelling.networks import Architecture, FrozenNetwork, build_network
+from saver_envs.modelling.networks import (
+    Architecture,
+    FrozenNetwork,
+    Precision,
+    build_network,
+)
 
 #: A forward pass over standardised values (n, inputs).
 Frozen = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -61,6 +66,7 @@ class NetworkModel(InverseModel):
         super().__init__(robot, task)
         self.architecture = architecture or Architecture(layers=PAPER_LAYERS[task])
         self._input_scale = self._output_scale = Standardiser(np.zeros(1), np.ones(1))
+        self._precision: Precision = "float32"
         self._weights: dict[str, Tensor] | None = None
         self._frozen: Frozen | None = None
 
@@ -105,6 +111,7 @@ class NetworkModel(InverseModel):
         torch.manual_seed(training.seed)
         x = torch.from_numpy(self._input_scale.forward(inputs[used]))
         y = torch.from_numpy(self._output_scale.forward(outputs[used]))
+        self._precision = training.precision
         network = self._prepare(training)
         schedules = [_cosine(one, training) for one in self._optimisers()]
         history, kept = History(), None
@@ -142,7 +149,7 @@ class NetworkModel(InverseModel):
         return self.input_size
 
     def _new_network(self, inputs: int, outputs: int) -> nn.Sequential:
-        return build_network(inputs, outputs, self.architecture)
+        return build_network(inputs, outputs, self.architecture, self._precision)
 
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         if self._weights is None:
