@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from saver_envs.control import bounded, least_squares_step
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.models import InverseModel, load_model
-from saver_envs.modelling.solvers import error_at, judge, nearest, newton
+from saver_envs.modelling.multilinear import MultilinearTool
+from saver_envs.modelling.solvers import judge, nearest, newton, pose_error
+from saver_envs.modelling.steps import newton_step, search
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
 
@@ -25,15 +27,15 @@ WEIGHTS = Path(__file__).parent / "weights"
 #: Newton steps behind a shipped model's guess.
 REFINEMENT = 2
 _TURN = 2 * math.pi
-#: Squared damping of the steps with the present Jacobian, next to nothing.
-_DAMPING = 1e-6
-#: Guesses farther off than this (m, rad), those that a step would change by more than this (rad,
-#: m), as out of reach, and those that meet a joint limit are left to `solve`.
-_FAR, _LONG = 0.05, 0.3
-#: Unless they are this near after all (m, rad).
-_ENOUGH = 0.005
-#: Errors below this need no further step (m, rad): the first has made them about a tenth.
-_CLOSE = 0.02
+#: Larger errors of a refined guess get another way to the target (m, rad).
+POSITION_ENOUGH, ORIENTATION_ENOUGH = 0.008, 0.03
+#: Longest step of a joint (rad, m), the squared damping of one from the present joints, and the
+#: greatest number of steps of a search.
+_LONG, _DAMPING, _SEARCH = 0.3, 3e-4, 8
+#: A step leaves an error of up to a fifth of a metre times its length and the way from where its
+#: Jacobian is. Beyond this product (rad^2), as near singular postures, the present joints are the
+#: better start.
+_UNSURE = 0.02
 
 
 @dataclass(frozen=True)
@@ -98,67 +100,95 @@ class LearnedInverseKinematics:
         self.refinement = refinement
         self._nearest = refinement > 0 if nearest is None else nearest
         self._chain = self.arm.tool_chain
-        self._endless = ~np.isfinite(self.arm.joint_lower)
+        self._tool = MultilinearTool(self._chain, self.arm.target_size)
+        self._lower, self._upper = self.arm.joint_lower[:, None], self.arm.joint_upper[:, None]
+        tolerance = np.repeat((POSITION_ENOUGH, ORIENTATION_ENOUGH), 3)[: self.arm.target_size]
+        self._enough = tolerance[:, None]
+        self._turns = np.where(np.isfinite(self._lower), 0.0, _TURN)
         self._idle = np.array(self.arm.idle_joints, dtype=np.intp)
-        self._idle_at = np.asarray(self.arm.robot.home)[self._idle]
+        self._moving: NDArray[np.intp] | slice = slice(None)
+        if self._idle.size:
+            self._moving = np.setdiff1d(np.arange(self.arm.dof), self._idle)
+        self._idle_at = np.asarray(self.arm.robot.home)[self._idle, None]
         #: Which targets of the latest call were out of reach: its leading shape, (n, arms).
         self.unreachable: NDArray[np.bool_] = np.zeros(0, dtype=bool)
 
     def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof); see `saver_envs.control.InverseKinematics`.
 
-        The refinement uses the Jacobian of the present joints, which the state has anyway: a
-        set-point is a step of some centimetres away. Where that is not enough, :meth:`solve` is.
+        The refinement starts with the Jacobian of the present joints, which the state has anyway:
+        a set-point is a step of some centimetres away. Whatever a step may leave too far off is
+        checked by the forward map; what misses by more than 8 mm or 30 mrad is searched for from
+        the present joints, some steps a call, and counts as out of reach if it still does: the next
+        call goes on from there.
         """
-        dof = self.arm.dof
-        present = state.joint_position.reshape(-1, dof)
         targets = self._full(target.reshape(-1, 3))
-        if self.refinement:
-            jacobian = state.jacobian.reshape(-1, 6, dof)[:, : self.arm.target_size]
-            joints, left = self._chord(targets, present, jacobian)
-        else:
-            joints, left = self._guess(targets, present), np.ones(len(targets), dtype=bool)
+        present = np.ascontiguousarray(state.joint_position.reshape(-1, self.arm.dof).T)
         unreachable = np.zeros(len(targets), dtype=bool)
-        if left.any():
-            solution = self.solve(targets[left], present[left])
-            joints[left], unreachable[left] = solution.joints, ~solution.reachable
+        if self.refinement:
+            columns, missed = self._refined(targets, present, state)
+            joints, unreachable[missed] = columns.T.copy(), True
+        else:
+            solution = self.solve(targets, present.T)
+            joints, unreachable = solution.joints, ~solution.reachable
         self.unreachable = unreachable.reshape(target.shape[:-1])
-        return joints.reshape(*target.shape[:-1], dof)
+        return joints.reshape(*target.shape[:-1], self.arm.dof)
 
-    def _chord(
-        self, targets: FloatArray, present: FloatArray, jacobian: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Refine guesses by steps with one Jacobian; say for which that does not do (n,)."""
-        joints = self._guess(targets, present)
-        left = np.zeros(len(targets), dtype=bool)
-        rows: NDArray[np.intp] | slice = slice(None)
-        for _ in range(self.refinement):
-            error = error_at(joints[rows], targets[rows], self._chain)
-            step = least_squares_step(jacobian[rows], error, _DAMPING)
-            wanted = joints[rows] + step
-            joints[rows] = bounded(wanted, self.arm.joint_lower, self.arm.joint_upper)
-            largest = np.abs(error).max(axis=1)
-            if largest.max() > _FAR or np.abs(step).max() > _LONG or (joints[rows] != wanted).any():
-                bad = (largest > _FAR) | (np.abs(step).max(axis=1) > _LONG)
-                left[rows] |= bad | (joints[rows] != wanted).any(axis=1)
-            if largest.max() < _CLOSE:
-                break
-            rows = np.arange(len(targets))[rows][largest >= _CLOSE]
-        if left.any():
-            # Most of these are near enough all the same: a glance is cheaper than a search.
-            doubtful = np.flatnonzero(left)
-            error = error_at(joints[doubtful], targets[doubtful], self._chain)
-            left[doubtful] = np.abs(error).max(axis=1) > _ENOUGH
-        return joints, left
+    def _refined(
+        self, targets: FloatArray, present: FloatArray, state: ArmState
+    ) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Refine guesses by a step with the present Jacobian.
+
+        :param targets: (n, target_size).
+        :param present: (dof, n).
+        :param state: the arms'.
+        :return: joints (dof, n), and which columns miss all the same.
+        """
+        tool, wanted = self._tool, targets.T
+        jacobian = state.jacobian.reshape(-1, 6, len(present))[:, : len(wanted), self._moving]
+        guess = self._guess(targets, present)
+        step = newton_step(jacobian, wanted - tool.pose(tool.features(guess)))
+        joints, kept = self._moved(guess, step)
+        # What a step leaves is bounded by its length and the way from where its Jacobian is.
+        left = np.maximum.reduce(np.abs(step)) * np.maximum.reduce(np.abs(joints - present))
+        unsure = np.flatnonzero(~(kept & (left < _UNSURE)))  # a step may be no number
+        if not unsure.size:
+            return joints, unsure
+        lack = pose_error(
+            state.tool_position.reshape(-1, 3)[unsure],
+            state.tool_rotation.reshape(-1, 3, 3)[unsure],
+            targets[unsure],
+        )
+        step = least_squares_step(jacobian[unsure], lack, _DAMPING).T
+        joints[:, unsure] = self._moved(present[:, unsure], step)[0]
+        joints[:, unsure], error = search(
+            tool,
+            wanted[:, unsure],
+            joints[:, unsure],
+            (self._lower, self._upper),
+            self._enough,
+            _SEARCH if self.refinement > 1 else 0,
+        )
+        return joints, unsure[(np.abs(error) > self._enough).any(axis=0)]
+
+    def _moved(self, joints: FloatArray, step: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Joints (dof, n) after a step of those that move the tool, and which met no limit (n,)."""
+        moved = joints.copy()
+        moved[self._moving] += bounded(step, -_LONG, _LONG)
+        if self._idle.size:
+            moved[self._idle] = self._idle_at
+        within = bounded(moved, self._lower, self._upper)
+        return within, np.logical_and.reduce(within == moved)
 
     def _guess(self, targets: FloatArray, present: FloatArray | None) -> FloatArray:
-        """The model's joints, endless ones nearest to the present, all within the limits."""
-        guess = self.model.predict(targets, present)
+        """The model's joints (dof, n), endless ones nearest to the present, within the limits."""
+        rows = None if present is None else present.T
+        guess = np.ascontiguousarray(self.model.predict(targets, rows).T)
         if present is not None:
-            guess += self._whole_turns(present - guess)
-        guess = bounded(guess, self.arm.joint_lower, self.arm.joint_upper)
+            guess += np.rint((present - guess) * (1 / _TURN)) * self._turns
+        guess = bounded(guess, self._lower, self._upper)
         if self._idle.size and self.refinement:
-            guess[:, self._idle] = self._idle_at
+            guess[self._idle] = self._idle_at
         return guess
 
     def solve(self, targets: FloatArray, present: FloatArray | None = None) -> Solution:
@@ -172,7 +202,7 @@ class LearnedInverseKinematics:
         :raises ValueError: for a wrong shape or a value that is not finite.
         """
         targets = self._full(targets)
-        guess = self._guess(targets, present)
+        guess = self._guess(targets, None if present is None else np.asarray(present).T).T
         joints = newton(self.arm, targets, guess, self.refinement, self._chain)
         found = judge(targets, joints, self._chain)
         reached = found.reached
@@ -200,10 +230,6 @@ class LearnedInverseKinematics:
         if targets.shape[1] < size:
             targets = np.concatenate([targets, np.zeros((len(targets), size - 3))], axis=1)
         return targets
-
-    def _whole_turns(self, difference: FloatArray) -> FloatArray:
-        """Whole turns of endless joints that make up most of a difference (n, dof)."""
-        return np.where(self._endless, _TURN * np.rint(difference / _TURN), 0.0)
 
     def _nearer(self, targets: FloatArray, joints: FloatArray, present: FloatArray) -> FloatArray:
         """Of guesses and present joints, those from which the target is nearer."""

@@ -13,6 +13,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 Float32 = NDArray[np.float32]
+#: Mean and standard deviation of channels.
+Scale = tuple[NDArray[np.float64], NDArray[np.float64]]
 Activation = Literal["leaky_relu", "relu", "sigmoid"]
 Precision = Literal["float32", "bfloat16"]
 
@@ -104,12 +106,28 @@ class FrozenNetwork:
 
     :param weights: the state of the network, copied.
     :param architecture: as it was built with.
+    :param inputs: mean and standard deviation of what it reads, or None where that is
+        standardised already.
+    :param outputs: mean and standard deviation of what it gives, or None likewise.
     """
 
-    def __init__(self, weights: Mapping[str, torch.Tensor], architecture: Architecture) -> None:
-        arrays = [value.detach().cpu().numpy().astype(np.float32) for value in weights.values()]
-        self._weights = [np.ascontiguousarray(weight.T) for weight in arrays[::2]]
-        self._biases = arrays[1::2]
+    def __init__(
+        self,
+        weights: Mapping[str, torch.Tensor],
+        architecture: Architecture,
+        inputs: Scale | None = None,
+        outputs: Scale | None = None,
+    ) -> None:
+        arrays = [value.detach().cpu().numpy().astype(np.float64) for value in weights.values()]
+        matrices, biases = [weight.T for weight in arrays[::2]], arrays[1::2]
+        if inputs is not None:
+            matrices[0] = matrices[0] / inputs[1][:, None]
+            biases[0] = biases[0] - inputs[0] @ matrices[0]
+        if outputs is not None:
+            matrices[-1] = matrices[-1] * outputs[1]
+            biases[-1] = biases[-1] * outputs[1] + outputs[0]
+        self._weights = [np.ascontiguousarray(matrix, dtype=np.float32) for matrix in matrices]
+        self._biases = [bias.astype(np.float32) for bias in biases]
         self._kind = architecture.activation
         self._leak = np.float32(architecture.leak if self._kind == "leaky_relu" else 0.0)
 

@@ -138,6 +138,11 @@ class Flow(NetworkModel):
     def _frozen_of(self, weights: Mapping[str, Tensor]) -> FrozenFlow:
         return FrozenFlow(weights, self.architecture, self.output_size)
 
+    def _forward(self, inputs: FloatArray) -> FloatArray:
+        if self._frozen is None:
+            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        return self._output_scale.backward(self._frozen(self._input_scale.forward(inputs)))
+
     def _network_to_load(self) -> nn.Module:
         return ConditionalFlow(self.input_size, self.output_size, self.architecture)
 

@@ -21,7 +21,7 @@ from saver_envs.modelling.networks import (
     build_network,
 )
 
-#: A forward pass over standardised values (n, inputs).
+#: A forward pass over values (n, inputs) in original units.
 Frozen = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 #: Hidden layers that the paper chose for each task (Table 7.3).
 PAPER_LAYERS: Final[Mapping[Task, int]] = {"ik": 3, "id": 5}
@@ -136,12 +136,13 @@ class NetworkModel(InverseModel):
         return self._forward(self._checked(inputs, self.input_size, "inputs"))
 
     def _frozen_of(self, weights: Mapping[str, Tensor]) -> Frozen:
-        return FrozenNetwork(weights, self.architecture)
+        scales = self._input_scale, self._output_scale
+        return FrozenNetwork(weights, self.architecture, *((one.mean, one.std) for one in scales))
 
     def _forward(self, inputs: FloatArray) -> FloatArray:
         if self._frozen is None:
             raise ValueError(f"{self.name} of {self.robot} is not fitted")
-        return self._output_scale.backward(self._frozen(self._input_scale.forward(inputs)))
+        return self._frozen(inputs.astype(np.float32)).astype(np.float64)
 
     @property
     def network_input_size(self) -> int:
