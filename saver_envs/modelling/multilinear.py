@@ -64,7 +64,7 @@ class MultilinearTool:
         first = self._first @ _all_products(features[:, : self._half])
         second = self._second @ _all_products(features[:, self._half :])
         shape = (self._rows, len(second), -1)
-        return np.add.reduce(first.reshape(shape) * second, axis=1)  # type: ignore[no-any-return]
+        return np.add.reduce(first.reshape(shape) * second, axis=1)
 
     def jacobian(self, features: Float32) -> Float32:
         """Return (rows, dof, n): derivatives of :meth:`pose` by the joints."""
@@ -101,7 +101,7 @@ def _terms(chain: Chain) -> FloatArray:
             constant[2, 2] = constant[3, 3] = 1.0
             first[0, 0] = first[1, 1] = 1.0
             second[1, 0], second[0, 1] = 1.0, -1.0
-    return chain.before[:, None] @ parts @ chain.after[:, None]  # type: ignore[no-any-return]
+    return chain.before[:, None] @ parts @ chain.after[:, None]
 
 
 def _products(terms: FloatArray) -> FloatArray:

@@ -82,7 +82,7 @@ def _by_cramers_rule(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     crossed = (a * b - c * d).reshape(3, 3, -1)
     volume = np.add.reduce(columns[:3] * crossed[0])
     volume = np.where(np.abs(volume) < _LEAST_VOLUME, _LEAST_VOLUME, volume)
-    return np.add.reduce(crossed * error, axis=1) / volume  # type: ignore[no-any-return]
+    return np.add.reduce(crossed * error, axis=1) / volume
 
 
 #: Squared damping of a search: first, and its changes after a good and a bad step.
@@ -141,4 +141,4 @@ def _damped_step(
     matrix = (jacobian * ~stuck).transpose(2, 0, 1).astype(np.float64)
     transposed = matrix.swapaxes(-1, -2)
     gram = matrix @ transposed + damping[:, None, None] * np.eye(len(error))
-    return (transposed @ np.linalg.solve(gram, error.T[..., None]))[..., 0].T  # type: ignore[no-any-return]
+    return (transposed @ np.linalg.solve(gram, error.T[..., None]))[..., 0].T
