@@ -1,36 +1,18 @@
-"""Inverse dynamics of chapter 7: the paper's networks and their peers, beside its own tables.
-
-Every cell (model, data size, sigma, seed) is trained once and kept as a JSON file: a run that was
-killed goes on where it was.
-"""
+"""Inverse dynamics of chapter 7: the paper's networks and their peers, beside its own tables."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Final
 
-from saver_advisors.benchmarks.modelling_command import declare, execute
+from saver_advisors.benchmarks.modelling_command import declare, examples, execute
 
-EXAMPLES: Final = """\
-examples:
-  saver benchmark id --robot mico --table mico-id.md --json mico-id.json
-  saver benchmark id --robot mico --sizes 1 --sigmas 0 --models mlp cgan --epochs 10
-  saver benchmark id --robot fetch --sizes 1 6 --sigmas 0 0.2 --seeds 0 1 --processes 2"""
-
-MODELS: Final = (
-    "mlp",
-    "cgan",
-    "lsgan",
-    "bigan",
-    "dualgan",
-    "analytic",
-    "identified",
-)
+EXAMPLES: Final = examples("id")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    declare(parser, MODELS)
+    declare(parser, "id")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,26 +1,48 @@
-"""What `saver benchmark ik` and `saver benchmark id` share: arguments and procedure."""
+"""Inverse kinematics and dynamics of chapter 7: the networks and their peers, beside the tables.
+
+Every cell (model, data size, sigma, seed) is trained once and kept as a JSON file: a run that was
+killed goes on where it was. `ik.py` and `id.py` bind the task.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmarks.modelling_cells import PAPER_EPOCHS, SIGMAS, SIZES, Task
 
 ROBOTS: Final = ("mico", "fetch")
+MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
+    "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
+    "id": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "identified"),
+}
 RESULTS: Final = Path("runs/modelling")
 
 
-def declare(parser: argparse.ArgumentParser, models: Sequence[str]) -> None:
+def examples(task: Task) -> str:
+    """The examples of a task's command.
+
+    :param task: "ik" or "id"
+    """
+    return f"""\
+examples:
+  saver benchmark {task} --robot mico --table mico-{task}.md --json mico-{task}.json
+  saver benchmark {task} --robot mico --sizes 1 --sigmas 0 --models mlp cgan --epochs 10
+  saver benchmark {task} --robot fetch --sizes 1 6 --sigmas 0 0.2 --seeds 0 1 --processes 2"""
+
+
+def declare(parser: argparse.ArgumentParser, task: Task) -> None:
     """Declare the arguments.
 
     :param parser: the command's
-    :param models: that the task has
+    :param task: "ik" or "id"
     """
     from saver_advisors.cli.arguments import add_json, at_least, new_file
+
+    models = MODELS[task]
 
     parser.add_argument("--robot", choices=ROBOTS, default="mico", help="which arm (default: mico)")
     parser.add_argument(

@@ -38,9 +38,10 @@ class MultilinearTool:
         self._direction = chain.direction.astype(np.float32)[:, None]
         terms = _terms(chain)
         half = (chain.dof + 1) // 2
-        first, second = _products(terms[:half]), _products(terms[half:]) @ chain.tool
-        first, self._second = _maps(first, second, rows)
-        self._half, self._first = half, first.reshape(-1, first.shape[-1])
+        tables, self._second = _maps(
+            _products(terms[:half]), _products(terms[half:]) @ chain.tool, rows
+        )
+        self._half, self._first = half, tables.reshape(-1, tables.shape[-1])
 
     def features(self, joints: FloatArray) -> Float32:
         """Return (3, dof, n) for joints (dof, n), radians and metres."""
