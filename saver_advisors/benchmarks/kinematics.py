@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -40,6 +40,7 @@ _STEPS: Final = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    from saver_advisors.benchmarks.modelling_command import add_precision
     from saver_advisors.cli.arguments import add_json, at_least, new_file
 
     parser.add_argument(
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=NETWORKS,
         default=[],
         metavar="NAME",
-        help="models that are trained here, on the workspace's targets, and used raw and refined",
+        help="models that are trained here, on the workspace's targets, and used raw",
     )
     parser.add_argument(
         "--samples",
@@ -68,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--epochs", type=at_least(1), default=100, metavar="N", help="of those (default: 100)"
     )
+    add_precision(parser)
     parser.add_argument(
         "--episodes", type=at_least(1), default=100, metavar="N", help="(default: 100)"
     )
@@ -95,7 +97,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.from_json is None:
         with one_thread_of_algebra():
-            figures = measure(args.robots, args.models, args.samples, args.epochs, args.episodes)
+            training = {"epochs": args.epochs, "precision": args.precision}
+            figures = measure(args.robots, args.models, args.samples, training, args.episodes)
     else:
         figures = read_figures(args.from_json, "kinematics")
     page = render(figures)
@@ -126,40 +129,49 @@ def read_figures(path: Path, kind: str) -> dict[str, Any]:
 
 
 def measure(
-    robots: Sequence[str], models: Sequence[str], samples: int, epochs: int, episodes: int
+    robots: Sequence[str],
+    models: Sequence[str],
+    samples: int,
+    training: Mapping[str, Any],
+    episodes: int,
 ) -> dict[str, Any]:
     """Take every measurement.
 
     :param robots: arms by name
     :param models: to train here, besides the shipped ones
     :param samples: to train them on
-    :param epochs: of them
+    :param training: of them: ``epochs`` and ``precision``
     :param episodes: of each evaluation
     :return: JSON-able: ``accuracy``, ``cost`` and ``success``
     """
     accuracies, cost, success = [], [], []
     for robot in robots:
-        inverses = _inverses(robot, models, samples, epochs)
+        inverses = _inverses(robot, models, samples, training)
         accuracies += [accuracy(robot, name, model) for name, model in inverses.items()]
         if robot not in ENVS:
             continue
         cost += [_cost(robot, inverses["shipped"], n_envs) for n_envs in _N_ENVS]
         for name, model in {"damped least squares": None, **inverses}.items():
-            for steps in (0, _STEPS) if model is not None else (None,):
-                for policy in POLICIES[robot]:
+            # Networks that are trained here are of interest raw, behind the arm's own policy.
+            trained = name in models
+            raw_and_refined = (0,) if trained else (0, _STEPS)
+            for steps in raw_and_refined if model is not None else (None,):
+                for policy in POLICIES[robot][-1:] if trained else POLICIES[robot]:
                     success.append(_success(robot, policy, name, model, steps, episodes))
     return {
         "title": "Learned inverse kinematics in use",
         "kind": "kinematics",
         "samples": samples,
-        "epochs": epochs,
+        **training,
         "accuracy": accuracies,
         "cost": cost,
         "success": success,
     }
 
 
-def _inverses(robot: str, names: Sequence[str], samples: int, epochs: int) -> dict[str, Any]:
+def _inverses(
+    robot: str, names: Sequence[str], samples: int, training: Mapping[str, Any]
+) -> dict[str, Any]:
     """The shipped model, and those that are trained here."""
     from tqdm import tqdm
 
@@ -172,7 +184,7 @@ def _inverses(robot: str, names: Sequence[str], samples: int, epochs: int) -> di
         data = workspace_samples(robot, samples, 0)
         for name in tqdm(names, desc=f"{robot}: training", unit="model"):
             found[name] = new_model(name, robot, "ik")
-            found[name].fit(data.targets, data.joints, Training(epochs=epochs))
+            found[name].fit(data.targets, data.joints, Training(**training))
     return found
 
 

@@ -86,14 +86,7 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
         metavar="N",
         help=f"(default: {PAPER_EPOCHS}, the paper's)",
     )
-    parser.add_argument(
-        "--precision",
-        choices=("float32", "bfloat16"),
-        default="float32",
-        metavar="NAME",
-        help="of the products between hidden layers while training: float32, or bfloat16, which "
-        "takes two thirds of the time where the processor has it (default: float32)",
-    )
+    add_precision(parser)
     parser.add_argument(
         "--supervised-weight",
         type=_weight,
@@ -135,6 +128,21 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
         help="show what an earlier --json wrote, and train nothing",
     )
     add_json(parser)
+
+
+def add_precision(parser: argparse.ArgumentParser) -> None:
+    """Declare in what precision networks are trained.
+
+    :param parser: a command's that trains inverse models
+    """
+    parser.add_argument(
+        "--precision",
+        choices=("float32", "bfloat16"),
+        default="float32",
+        metavar="NAME",
+        help="of the products between hidden layers while training: float32, or bfloat16, which "
+        "takes two thirds of the time where the processor has it (default: float32)",
+    )
 
 
 def _weight(text: str) -> float:

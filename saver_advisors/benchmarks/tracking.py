@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ _TRAJECTORIES: Final = 4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmarks.modelling_command import ROBOTS
+    from saver_advisors.benchmarks.modelling_command import ROBOTS, add_precision
     from saver_advisors.cli.arguments import add_json, at_least, new_file
 
     parser.add_argument(
@@ -45,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--epochs", type=at_least(1), default=100, metavar="N", help="of those (default: 100)"
     )
+    add_precision(parser)
     parser.add_argument(
         "--weights",
         nargs="*",
@@ -68,13 +69,14 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.arguments import write_json
     from saver_advisors.threads import one_thread_of_algebra
 
+    training = {"epochs": args.epochs, "precision": args.precision}
     with one_thread_of_algebra():
         rows = [
             row
             for robot in args.robots
-            for row in _rows(robot, args.models, args.epochs, args.weights)
+            for row in _rows(robot, args.models, training, args.weights)
         ]
-    figures = {"title": "Tracking on the twins", "kind": "tracking", "rows": rows}
+    figures = {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
     page = render(figures)
     print(page)
     if args.table is not None:
@@ -85,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _feed_forwards(
-    robot: str, models: Sequence[str], epochs: int, weights: Sequence[Path]
+    robot: str, models: Sequence[str], training: Mapping[str, Any], weights: Sequence[Path]
 ) -> dict[str, Any]:
     """Feed-forwards by name; None is feedback alone."""
     from saver_advisors.benchmarks.modelling_command import prepare_data
@@ -101,7 +103,7 @@ def _feed_forwards(
         samples = samples_of(twin_data_set(robot).train, "id")
         for name in models:
             model = new_model(name, robot, "id")
-            model.fit(*samples, Training(epochs=epochs))
+            model.fit(*samples, Training(**training))
             found[name] = LearnedInverseDynamics(robot, model)
     for path in weights:
         with user_mistakes("argument --weights"):
@@ -112,7 +114,7 @@ def _feed_forwards(
 
 
 def _rows(
-    robot: str, models: Sequence[str], epochs: int, weights: Sequence[Path]
+    robot: str, models: Sequence[str], training: Mapping[str, Any], weights: Sequence[Path]
 ) -> list[dict[str, Any]]:
     import numpy as np
 
@@ -128,7 +130,7 @@ def _rows(
     ]
     twin = Twin(robot)
     rows = []
-    for name, feed_forward in _feed_forwards(robot, models, epochs, weights).items():
+    for name, feed_forward in _feed_forwards(robot, models, training, weights).items():
         for gain in GAINS:
             error = tracking_error(twin, ways, feed_forward, _UNSEEN, gain)
             rows.append(
@@ -169,6 +171,7 @@ def render(figures: dict[str, Any]) -> str:
     return (
         f"# {figures['title']}\n\n"
         "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
-        "trajectories. A gain of 1 is the twin's own feedback; less is softer.\n\n"
+        "trajectories. A gain of 1 is the twin's own feedback; less is softer. Networks "
+        f"were trained on the whole data set for {figures.get('epochs', 100)} epochs.\n\n"
         f"{markdown(columns, cells)}"
     )

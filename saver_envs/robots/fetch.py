@@ -1,10 +1,10 @@
 """The 8-DOF Fetch: torso lift and seven arm joints, its head fixed.
 
 Model and meshes are those of the gymnasium-robotics wheel (``envs/assets/fetch``; NOTICE says under
-which terms), read by path when the arm is built: the package's simulator code is not imported. What made that model a
-mocap puppet is taken out: the weld, the base's three slides, joint damping of 50 to 1e7, armature
-of 1, fingers of 4 kg. Servo gains, armature and damping are ours; torque and speed limits are the
-maker's (fetch_description 0.8.3, ``robots/fetch.urdf``: effort and velocity).
+which terms), read by path when the arm is built: the package's simulator code is not imported. What
+made that model a mocap puppet is taken out: the weld, the base's three slides, joint damping of 50
+to 1e7, armature of 1, fingers of 4 kg. Servo gains, armature and damping are ours; torque and speed
+limits are the maker's (fetch_description 0.8.3, ``robots/fetch.urdf``: effort and velocity).
 """
 
 from __future__ import annotations

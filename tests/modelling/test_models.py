@@ -102,6 +102,22 @@ def test_what_is_supervised_comes_near(name: str) -> None:
     assert np.sqrt(np.square(error).mean()) < 0.3 * joints[:, :3].std(axis=0).mean()
 
 
+def test_bfloat16_keeps_weights_and_ends_in_float32() -> None:
+    torch.manual_seed(0)
+    half = build_network(5, 3, Architecture(layers=3, width=64), "bfloat16")
+    full = build_network(5, 3, Architecture(layers=3, width=64))
+    full.load_state_dict(half.state_dict(), strict=True)
+    values = torch.randn(50, 5)
+    assert half(values).dtype == torch.float32
+    assert all(parameter.dtype == torch.float32 for parameter in half.parameters())
+    difference = (half(values) - full(values)).abs().max()
+    assert 0 < difference < 0.02
+    half(values).square().mean().backward()
+    assert all(parameter.grad is not None for parameter in half.parameters())
+    with pytest.raises(ValueError, match="precision='half'"):
+        Training(precision="half")  # type: ignore[arg-type]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 @pytest.mark.parametrize("name", ADVERSARIAL)
