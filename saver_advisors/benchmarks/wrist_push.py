@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,7 +22,7 @@ examples:
   saver benchmark wrist-push --trials 200 --processes 2 --json wrist-push.json --table page.md
   saver benchmark wrist-push --trials 20 --rows true-state-exact everything-learned
   saver benchmark wrist-push --policy expert --injections 0
-  saver benchmark wrist-push --from wrist-push.json --table page.md"""
+  saver benchmark wrist-push --from rows.json faults.json --table page.md"""
 
 #: Name of a row -> whether it sees by camera and network, and whether its kinematics are learned.
 ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
@@ -69,9 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from",
         dest="from_json",
+        nargs="+",
         type=Path,
         metavar="FILE",
-        help="show an earlier measurement's JSON file instead of measuring",
+        help="show earlier measurements' JSON files instead of measuring; what was measured apart "
+        "comes into one table",
     )
     add_json(parser)
 
@@ -90,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         origin = provenance()
         figures = {**measure(args), "provenance": origin}
     else:
-        figures = _read(args.from_json)
+        figures = joined([_read(path) for path in args.from_json])
     page = render(figures)
     print(page)
     if args.json is not None:
@@ -135,6 +137,37 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         for fault in FAULTS if args.injections else ():
             figures["faults"].append(fault_row(share, base, fault, args.injections, args.seed))
     return figures
+
+
+def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Measurements that were made apart as one.
+
+    :param measured: each with its own origin; all with the same settings, the policy apart
+    :return: rows and faults of all; a row whose policy is not the first's tells it
+    :raises UsageError: for other settings, or another first seed
+    """
+    from saver_advisors.cli.errors import UsageError
+
+    first = measured[0]
+    if len(measured) == 1:
+        return first
+    rows, faults = [], []
+    for one in measured:
+        policy = one["settings"]["policy"]
+        for name in ("limits", "filter", "latencies"):
+            if one["settings"][name] != first["settings"][name]:
+                raise UsageError(f"argument --from: measured with other {name}: no one table")
+        if one["seed"] != first["seed"]:
+            raise UsageError(
+                f"argument --from: trials from seed {one['seed']} and from {first['seed']}: no one "
+                "table"
+            )
+        told = {} if policy == first["settings"]["policy"] else {"policy": policy}
+        rows += [{**row, **told} for row in one["rows"]]
+        faults += one["faults"]
+    origins = [one["provenance"] for one in measured]
+    rows.sort(key=lambda row: ("policy" in row, list(ROWS).index(row["row"])))
+    return {**first, "rows": rows, "faults": faults, "sources": origins}
 
 
 def _read(path: Path) -> dict[str, Any]:

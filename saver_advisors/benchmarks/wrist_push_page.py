@@ -65,7 +65,7 @@ def _table(figures: Mapping[str, Any]) -> str:
         low, high = one["ci95"]
         rows.append(
             [
-                WORDS[one["row"]],
+                _words(one),
                 str(one["trials"]),
                 str(one["succeeded"]),
                 f"{one['succeeded'] / one['trials']:.2f}",
@@ -132,7 +132,7 @@ def _speed(rows: Sequence[Mapping[str, Any]]) -> str:
         columns,
         [
             [
-                WORDS[one["row"]],
+                _words(one),
                 f"{one['real_time_share']:.2f}",
                 f"{one['throughput']:.2f}",
                 f"{one['wall_s_per_trial']:.1f}",
@@ -160,17 +160,25 @@ def _stages(figures: Mapping[str, Any]) -> list[str]:
         ]
         for name, one in fullest["stages"].items()
     ]
-    return [f"Stages of *{WORDS[fullest['row']]}*:\n", markdown(columns, rows)]
+    return [f"Stages of *{_words(fullest)}*:\n", markdown(columns, rows)]
 
 
 def _latency(value: float | str) -> str:
     return value if isinstance(value, str) else f"{1000 * value:g}"
 
 
+def _words(row: Mapping[str, Any]) -> str:
+    """What a row is called; with its policy where that is another than the table's."""
+    words = WORDS[row["row"]]
+    return f"{words}, policy `{row['policy']}`" if "policy" in row else words
+
+
 def _origin(figures: Mapping[str, Any]) -> str:
-    origin = figures["provenance"]
-    machine = origin["machine"]
-    return (
-        f"`{origin['command']}`, commit {origin['commit'] or 'unknown'}, {origin['time']}, "
-        f"{machine['cpu']}, {machine['cores']} cores, {figures['processes']} processes.\n"
-    )
+    lines = []
+    for origin in figures.get("sources") or [figures["provenance"]]:
+        machine = origin["machine"]
+        lines.append(
+            f"`{origin['command']}`, commit {origin['commit'] or 'unknown'}, {origin['time']}, "
+            f"{machine['cpu']}, {machine['cores']} cores.\n"
+        )
+    return "\n".join(lines)
