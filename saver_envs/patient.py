@@ -108,7 +108,7 @@ class Patient:
         nobody = np.zeros((len(rows), self._scene.n_arms, 0))
         simulation.reset(rows, joints, nobody, nobody, refresh=False)
         trunk = np.zeros((len(rows), 4))
-        trunk[:, :2] = people.hips - HIPS[:2]
+        trunk[:, :2] = people.hips - HIPS[:2] + self._turned_off(people)
         trunk[:, 2] = people.yaw
         simulation.qpos[rows[:, None], where.trunk_qpos] = trunk
         simulation.qpos[rows[:, None, None], where.shoulder_qpos] = people.shoulder
@@ -117,6 +117,24 @@ class Patient:
         simulation.refresh(rows)
         self.people.put(rows, people)
         self._remember(rows)
+
+    def _turned_off(self, people: People) -> NDArray[np.float64]:
+        """Return by how much (k, 2) the turn of the pelvis moves the middle of the hips, metres.
+
+        It turns about its own joint, which is some millimetres away.
+        """
+        pelvis = self._where.models[0].body("pelvis").id
+        lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
+        cosine, sine = np.cos(people.yaw), np.sin(people.yaw)
+        turned = np.stack(
+            [
+                cosine * lever[:, 0] - sine * lever[:, 1],
+                sine * lever[:, 0] + cosine * lever[:, 1],
+            ],
+            axis=-1,
+        )
+        moved: NDArray[np.float64] = turned - lever
+        return moved
 
     def _give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
         where, fields = self._where, self._fields
@@ -186,7 +204,7 @@ class Patient:
 
 
 @lru_cache(maxsize=4)
-def _fields_of_bodies(models: tuple[mujoco.MjModel, ...]) -> dict[str, NDArray[np.generic]]:
+def _fields_of_bodies(models: tuple[mujoco.MjModel, ...]) -> dict[str, NDArray[Any]]:
     """Return the fields in which models differ, (models, ...) each."""
     fields = {}
     for name in sorted(one for one in MODEL_FIELDS if "." not in one):

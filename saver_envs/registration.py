@@ -120,6 +120,8 @@ def _rows() -> dict[str, Row]:
 
 
 ENVIRONMENTS: dict[str, Row] = _rows()
+#: Ids whose observation is the camera's picture alone, and the ids behind them.
+PIXELS: dict[str, str] = {f"WristPushPixels-v{VERSION}": f"WristPush-v{VERSION}"}
 
 
 def row_of(env_id: str) -> Row:
@@ -267,3 +269,9 @@ def register_all() -> None:
                 entry_point="saver_envs.envs.parallel_env:parallel_env",
                 kwargs={"env_id": env_id},
             )
+    for env_id, behind in PIXELS.items():
+        gymnasium.register(
+            id=env_id,
+            entry_point="saver_envs.envs.pixel_env:SaverPixelEnv",
+            kwargs={"env_id": behind},
+        )

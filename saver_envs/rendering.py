@@ -26,6 +26,8 @@ class SceneRenderer:
     :param width: pixels.
     :param height: pixels.
     :param camera: name of a camera of the scene.
+    :param plain: as a sensor's picture, which is taken often: no targets, no shadows, and edges as
+        the pixels have them.
     :raises ValueError: for a camera that the scene does not have; the message lists those it has.
     """
 
@@ -35,6 +37,7 @@ class SceneRenderer:
         width: int = DEFAULT_SIZE[0],
         height: int = DEFAULT_SIZE[1],
         camera: str = DEFAULT_CAMERA,
+        plain: bool = False,
     ) -> None:
         names = [scene.model.camera(index).name for index in range(scene.model.ncam)]
         if camera not in names:
@@ -44,6 +47,8 @@ class SceneRenderer:
         self._camera = camera
         self._options = mujoco.MjvOption()
         self._options.geomgroup[COLLISION_GROUP] = 0
+        self._options.sitegroup[0] = not plain
+        self._plain = plain
         self._renderer: mujoco.Renderer | None = None
         self._body = 0
         self._take_model(0)
@@ -54,6 +59,8 @@ class SceneRenderer:
         self._body = body
         # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
         self._model = copy.copy(self._scene.drawing_model(body))
+        if self._plain:
+            self._model.vis.quality.offsamples = 0
         self._data = mujoco.MjData(self._model)
 
     def update(
@@ -62,6 +69,7 @@ class SceneRenderer:
         index: int,
         target: NDArray[np.float64],
         people: People | None = None,
+        qpos: NDArray[np.float64] | None = None,
     ) -> None:
         """Take over the state of simulation ``index`` and its targets (arms, 3), world frame, m.
 
@@ -69,6 +77,7 @@ class SceneRenderer:
         :param index: which one.
         :param target: (arms, 3), world frame, metres.
         :param people: who lies on the bench, in a scene with a person.
+        :param qpos: positions to draw instead of the present ones.
         """
         if people is not None:
             if people.body[index] != self._body:
@@ -78,7 +87,7 @@ class SceneRenderer:
             yaw = people.yaw[index] / 2
             self._model.body_pos[stretcher, :2] = people.hips[index]
             self._model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
-        self._data.qpos[:] = simulation.qpos[index]
+        self._data.qpos[:] = simulation.qpos[index] if qpos is None else qpos
         self._model.site_pos[self._scene.target_site] = target
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -100,6 +109,8 @@ class SceneRenderer:
         else:
             self._renderer.disable_depth_rendering()
         self._renderer.update_scene(self._data, self._camera, self._options)
+        if self._plain:
+            self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         picture: NDArray[Any] = self._renderer.render()
         return picture
 

@@ -121,6 +121,10 @@ class Simulation:
         #: (n, sensors) highest of an action's samples, in scenes with a person.
         self.highest = np.zeros(self._sensors.shape)
         self._constraint_torque = self._batch.bind("qfrc_constraint")
+        #: Whether to keep positions at an action's samples, for pictures taken in between.
+        self.keep_samples = False
+        #: (samples + 1, n, positions) at the beginning of an action and at each of its samples.
+        self.samples = np.zeros((CONTACT_SAMPLES + 1, *self.qpos.shape))
         kinds = scene.model.jnt_type[scene.joint_id]
         self._slides = (kinds == int(mujoco.mjtJoint.mjJNT_SLIDE))[..., None]
         self._has_slides = bool(self._slides.any())
@@ -157,6 +161,8 @@ class Simulation:
         if self._keeps_highest:
             self.highest[rows] = -np.inf
         failed: list[int] = []
+        if self.keep_samples:
+            self.samples[0] = self.qpos
         for sample in range(1, CONTACT_SAMPLES + 1):
             if previous is not None:
                 part = sample / CONTACT_SAMPLES
@@ -167,6 +173,8 @@ class Simulation:
             except SimulationError as error:
                 failed.extend(int(i) for i in error.ids)
             contacts += self._sensors
+            if self.keep_samples:
+                self.samples[sample] = self.qpos
             if self._keeps_highest:
                 self.highest[rows] = np.maximum(self.highest[rows], self._sensors[rows])
         collided = np.logical_or.reduce(contacts.take(self.scene.collision_sensor, 1), axis=-1)

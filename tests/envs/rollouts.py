@@ -12,6 +12,8 @@ from saver_envs.registration import ENVIRONMENTS, make_episodes
 
 ALL_IDS = list(ENVIRONMENTS)
 SPARSE_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.reward_type == "sparse"]
+#: Those whose objects are cubes; the others' starts have rules of their own.
+CUBE_IDS = [env_id for env_id in SPARSE_IDS if not ENVIRONMENTS[env_id].task.moves_person]
 DUAL_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.n_arms > 1]
 #: One id of each kind of scene, for what would take too long on all of them.
 FEW_IDS = [

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from rollouts import ALL_IDS, FEW_IDS, SPARSE_IDS, assert_same, begun, random_actions
+from rollouts import ALL_IDS, CUBE_IDS, FEW_IDS, SPARSE_IDS, assert_same, begun, random_actions
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from saver_envs.envs.goal_env import SaverGoalEnv
@@ -49,6 +49,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
         "DualJacoPush-v0": (56, 6, 6),
         "DualJacoPickAndPlace-v0": (56, 8, 6),
         "DualJacoDistance-v0": (56, 8, 7),
+        "WristPush-v0": (56, 6, 6),
     }
     jaco = env_id.replace("Mico", "Jaco")
     env = gymnasium.make(env_id)
@@ -71,6 +72,9 @@ def test_episode_api(env_id: str) -> None:
     _, info = env.reset(seed=0)
     names = {"is_success", "goal_reached", "diverged", "cost", "cost_collision"}
     names |= {"cost_distance"} if "Distance" in env_id else set()
+    if "Wrist" in env_id:
+        names |= {"torso_force", "torso_displacement"}
+        names |= {"cost_torso_force", "cost_torso_displacement"}
     assert set(info) == names
     assert not info["is_success"]
     for step in range(1, 5):
@@ -135,7 +139,7 @@ def test_observations_are_no_views(env_id: str) -> None:
         np.testing.assert_array_equal(handed_out, copied)
 
 
-@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@pytest.mark.parametrize("env_id", CUBE_IDS)
 def test_orientation_has_a_positive_real_part(env_id: str) -> None:
     """Also when the cube lies on its head, where the simulation's own quaternion has w < 0."""
     episodes = begun(env_id, 4)
@@ -251,7 +255,7 @@ def test_going_back_to_a_state_twice_repeats_it() -> None:
 
 @pytest.mark.parametrize("env_id", SPARSE_IDS)
 def test_specs_can_be_pickled_and_made_again(env_id: str) -> None:
-    env = gymnasium.make(env_id, horizon=7, object_mass=0.3)
+    env = gymnasium.make(env_id, horizon=7, max_speed=0.3)
     again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
     assert again.unwrapped.episodes.settings == env.unwrapped.episodes.settings
     assert gymnasium.make(copy.deepcopy(env.spec)).spec == env.spec

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import SPARSE_IDS, begun
+from rollouts import CUBE_IDS, SPARSE_IDS, begun
 
 from saver_envs.core import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
@@ -54,7 +54,7 @@ def cubes_on_table_alone(model: mujoco.MjModel, data: mujoco.MjData) -> bool:
     return all("table" in pair and len(pair & cubes) == 1 for pair in pairs)
 
 
-@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@pytest.mark.parametrize("env_id", CUBE_IDS)
 @given(seed=SEEDS)
 def test_regions_distances_and_reach(env_id: str, seed: int) -> None:
     episodes = started(env_id, seed)
@@ -85,7 +85,7 @@ def test_regions_distances_and_reach(env_id: str, seed: int) -> None:
     assert (target[:, 2] <= (0.028 if task.name == "push" else 0.25) + EPS).all()
 
 
-@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if ENVIRONMENTS[one].n_arms > 1])
+@pytest.mark.parametrize("env_id", [one for one in CUBE_IDS if ENVIRONMENTS[one].n_arms > 1])
 @given(seed=SEEDS)
 def test_objects_and_targets_keep_apart(env_id: str, seed: int) -> None:
     episodes = started(env_id, seed)
@@ -126,7 +126,7 @@ def test_the_distance_task_starts_and_ends_within_the_band(seed: int) -> None:
     assert not episodes._constraint_broken.any()
 
 
-@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@pytest.mark.parametrize("env_id", CUBE_IDS)
 @given(seed=SEEDS)
 def test_nothing_is_solved_nor_touches_anything(env_id: str, seed: int) -> None:
     """No object within eps of its target; the only contacts are those of cubes on the table."""
@@ -159,7 +159,7 @@ def test_hands_are_where_they_were_drawn(env_id: str, seed: int) -> None:
     np.testing.assert_array_equal(controls, state.joint_position)
 
 
-@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if "PickAndPlace" in one])
+@pytest.mark.parametrize("env_id", [one for one in CUBE_IDS if "PickAndPlace" in one])
 def test_half_of_the_pick_and_place_targets_are_in_the_air(env_id: str) -> None:
     n = 256
     heights = begun(env_id, n).target[..., 2]
@@ -168,7 +168,7 @@ def test_half_of_the_pick_and_place_targets_are_in_the_air(env_id: str) -> None:
     assert heights.max() > 0.2
 
 
-@pytest.mark.parametrize("env_id", [one for one in SPARSE_IDS if ENVIRONMENTS[one].n_arms > 1])
+@pytest.mark.parametrize("env_id", [one for one in CUBE_IDS if ENVIRONMENTS[one].n_arms > 1])
 def test_something_lies_in_the_overlap_in_a_fifth_of_the_episodes(env_id: str) -> None:
     """An object or a target lies on the far side of the middle line or near enough to it."""
     episodes = begun(env_id, 200)
@@ -179,7 +179,7 @@ def test_something_lies_in_the_overlap_in_a_fifth_of_the_episodes(env_id: str) -
     assert inside.any(axis=1).mean() >= 0.20
 
 
-@pytest.mark.parametrize("env_id", SPARSE_IDS)
+@pytest.mark.parametrize("env_id", CUBE_IDS)
 def test_cubes_of_nine_centimetres_start_untouched(env_id: str) -> None:
     """Those of the physical push runs."""
     episodes = begun(env_id, 24, object_size=0.09)

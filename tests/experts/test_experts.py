@@ -24,6 +24,7 @@ from saver_envs.registration import make_episodes
         ("DualJacoPickAndPlace-v0", 30, 0.85),
         ("DualJacoDistance-v0", 30, 0.85),
         ("DualJacoPush-v0", 30, 0.85),
+        ("WristPush-v0", 20, 0.9),
     ],
 )
 def test_an_expert_solves_its_task(env_id: str, episodes: int, least: float) -> None:
@@ -48,6 +49,7 @@ def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
         ("DualJacoPickAndPlace-v0", 0.97),
         ("DualJacoDistance-v0", 0.90),
         ("MicoPush-v0", 0.90),
+        ("WristPush-v0", 0.95),
     ],
 )
 def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:

@@ -1,0 +1,157 @@
+"""The camera's adapter: what the RGB-D camera over the bench sees, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from saver_envs.control import InverseKinematics
+from saver_envs.core import ACTION_DURATION
+from saver_envs.envs.goal_env import SaverGoalEnv
+from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES
+from saver_envs.perception.camera import KINECT_V2, measured_depth
+from saver_envs.person_scene import CAMERA
+from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.simulation import CONTACT_SAMPLES
+
+Picture = dict[str, NDArray[Any]]
+
+#: Tells the noise's source of randomness from that of the episode with the same seed.
+_NOISE_STREAM = 0x905E
+#: Actions and pictures meet at round times; this much (s) is rounding.
+_ROUNDING = 1e-9
+
+
+class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
+    """An episode of an id with a camera, seen as the camera sees it.
+
+    The observation is the newest picture: ``rgb`` (424, 512, 3) and ``depth`` (424, 512), in
+    metres along the view, with the Kinect's noise, and 0 where it measures nothing. The camera
+    takes 30 pictures a second and an agent acts 25 times, so a picture is up to 0.033 s old, which
+    ``info["picture_age"]`` tells. It shows the state at one of the four samples of an action, the
+    last before the picture is due.
+
+    The goal is where the hips are, which the picture shows: there is no ``desired_goal``, and the
+    reward is that of the id behind. Episodes, actions, rewards and ``info`` are those of that id
+    from the same seed. It can be pickled and deep-copied in the midst of an episode.
+
+    :param env_id: the id behind; ``gymnasium.make`` fills it in.
+    :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
+    :param width: pixels of a rendered picture.
+    :param height: pixels of a rendered picture.
+    :param camera_name: of rendered pictures.
+    :param depth_noise: whether depth has the sensor's noise.
+    :param inverse_kinematics: replaces damped least squares.
+    :param options: see :class:`saver_envs.registration.Options`.
+    :raises ValueError: for an id without a camera, an unknown render mode or camera, or an option
+        out of range.
+    :raises TypeError: for an unknown option.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  (Gymnasium's base class declares it like this)
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+    }
+
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera_name: str = DEFAULT_CAMERA,
+        depth_noise: bool = True,
+        inverse_kinematics: InverseKinematics | None = None,
+        **options: Any,
+    ) -> None:
+        self.render_mode = render_mode
+        self._world = SaverGoalEnv(
+            env_id, render_mode, width, height, camera_name, inverse_kinematics, **options
+        )
+        self.episodes = self._world.episodes
+        if self.episodes.people is None:
+            raise ValueError(f"env_id={env_id!r}: the scene has no camera {CAMERA!r}")
+        self.episodes.simulation.keep_samples = True
+        size = (KINECT_V2.height, KINECT_V2.width)
+        self.observation_space: spaces.Space[Any] = spaces.Dict(
+            {
+                "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
+                "depth": spaces.Box(0.0, KINECT_V2.farthest, size, np.float32),
+            }
+        )
+        self.action_space: spaces.Space[NDArray[Any]] = self._world.action_space
+        self._depth_noise = depth_noise
+        self._noise = np.random.default_rng()
+        self._steps = 0
+        self._eye: SceneRenderer | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_eye": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.episodes.simulation.keep_samples = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Picture, dict[str, Any]]:
+        """Start an episode; the first picture is taken at once.
+
+        :param seed: makes this and the following episodes reproducible, their noise as well.
+        :param options: none are known; given for the API's sake.
+        :return: observation and info.
+        """
+        super().reset(seed=seed)
+        _, info = self._world.reset(seed=seed, options=options)
+        if seed is not None:
+            self._noise = np.random.default_rng([seed, _NOISE_STREAM])
+        self._steps = 0
+        picture = self._picture(self.episodes.simulation.qpos[0])
+        return picture, {**info, "picture_age": 0.0}
+
+    def step(
+        self, action: NDArray[np.floating]
+    ) -> tuple[Picture, float, bool, bool, dict[str, Any]]:
+        """Apply one action for 0.04 s.
+
+        :param action: (6,), clipped to [-1, 1].
+        :return: observation, reward, terminated (never), truncated, info.
+        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        """
+        _, reward, terminated, truncated, info = self._world.step(action)
+        self._steps += 1
+        now = self._steps * ACTION_DURATION
+        taken = math.floor(now * KINECT_V2.rate + _ROUNDING) / KINECT_V2.rate
+        since_action = taken - (now - ACTION_DURATION)
+        sample = math.floor(since_action / ACTION_DURATION * CONTACT_SAMPLES + _ROUNDING)
+        simulation = self.episodes.simulation
+        picture = self._picture(simulation.samples[sample, 0])
+        return picture, reward, terminated, truncated, {**info, "picture_age": now - taken}
+
+    def _picture(self, qpos: NDArray[np.float64]) -> Picture:
+        if self._eye is None:
+            size = KINECT_V2.width, KINECT_V2.height
+            self._eye = SceneRenderer(self.episodes.scene, *size, CAMERA, plain=True)
+        episodes = self.episodes
+        target = episodes.simulation.to_world(episodes.target)[0]
+        self._eye.update(episodes.simulation, 0, target, episodes.people, qpos)
+        exact = self._eye.depth().astype(np.float64)
+        depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
+        seen = np.clip(depth, 0.0, KINECT_V2.farthest).astype(np.float32)
+        return {"rgb": self._eye.rgb(), "depth": seen}
+
+    def render(self) -> Any:
+        """Draw the scene as the id behind does."""
+        return self._world.render()
+
+    def close(self) -> None:
+        """Free windows and graphics contexts."""
+        self._world.close()
+        if self._eye is not None:
+            self._eye.close()
+            self._eye = None
