@@ -14,6 +14,7 @@ from importlib import resources
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 ADVERSARIAL: Final = ("cgan", "lsgan", "bigan", "dualgan")
 _SIMILAR: Final = 0.25
@@ -243,12 +244,60 @@ def claims(robot: str, task: str, results: Iterable[Mapping[str, Any]]) -> list[
             "validation": one[_column(task, "validation")],
         }
         for one in results
+        if not one.get("supervised_weight")
     )
     theirs = Table(paper_cells(robot, task))
     return [
         {"claim": claim, "paper": _judged(rule, theirs), "here": _judged(rule, ours)}
         for claim, rule in CLAIMS[robot, task]
     ]
+
+
+def little_data(task: str, results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Adversarial models less the MLP on the unseen trajectory, with 10,000 samples.
+
+    :param task: "ik" or "id"
+    :param results: of cells
+    :return: for each (model, sigma, supervised weight) the mean over seeds of its RMSE less that
+        of the MLP of the same seed, the number of ``seeds``, and with at least two of them the 95%
+        ``interval`` of Student's t
+    """
+    column = _column(task, "test")
+    base: dict[int, float] = {}
+    groups: dict[tuple[str, float, float], dict[int, float]] = defaultdict(dict)
+    for one in results:
+        if one["size"] != 1:
+            continue
+        if one["model"] == "mlp":
+            base[one["seed"]] = one[column]
+        elif one["model"] in ADVERSARIAL:
+            key = one["model"], one["sigma"], float(one.get("supervised_weight", 0.0))
+            groups[key][one["seed"]] = one[column]
+    found = []
+    for (model, sigma, weight), values in groups.items():
+        less = np.array([value - base[seed] for seed, value in values.items() if seed in base])
+        if less.size:
+            found.append(
+                {
+                    "model": model,
+                    "sigma": sigma,
+                    "supervised_weight": weight,
+                    "seeds": int(less.size),
+                    "difference": float(less.mean()),
+                    "interval": _interval(less),
+                }
+            )
+    return found
+
+
+def _interval(values: NDArray[np.float64]) -> list[float] | None:
+    """The 95% interval of a mean; None for one value."""
+    if values.size < 2:
+        return None
+    from scipy.stats import t as student
+
+    half = student.ppf(0.975, values.size - 1) * values.std(ddof=1) / np.sqrt(values.size)
+    return [float(values.mean() - half), float(values.mean() + half)]
 
 
 def _column(task: str, kind: str) -> str:

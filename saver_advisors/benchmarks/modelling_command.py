@@ -89,11 +89,12 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
     add_precision(parser)
     parser.add_argument(
         "--supervised-weight",
+        nargs="+",
         type=_weight,
-        default=0.0,
+        default=[0.0],
         metavar="W",
-        help="of a squared error in the adversarial losses, which the paper's equations lack "
-        "(default: 0)",
+        help="of a squared error in the adversarial losses, which the paper's equations lack; "
+        "several are shown apart (default: 0)",
     )
     parser.add_argument(
         "--processes",
@@ -178,21 +179,13 @@ def execute(args: argparse.Namespace, task: Task) -> int:
 
 
 def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
-    from saver_advisors.benchmarks.modelling_claims import claims
+    from saver_advisors.benchmarks.modelling_claims import claims, little_data
     from saver_advisors.benchmarks.modelling_grid import cells_of, results_of, run_grid
     from saver_advisors.cli.errors import UsageError
 
-    cells = cells_of(
-        args.robot,
-        task,
-        args.models,
-        args.sizes,
-        args.sigmas,
-        args.seeds,
-        args.epochs,
-        args.supervised_weight,
-        args.precision,
-    )
+    grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
+    weighted = [cells_of(*grid, weight, args.precision) for weight in args.supervised_weight]
+    cells = list(dict.fromkeys(cell for part in weighted for cell in part))
     if not args.no_training:
         prepare_data(args.robot)
         _train(cells, args.results, args.processes, run_grid)
@@ -208,6 +201,7 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
         "precision": args.precision,
         "cells": results,
         "claims": claims(args.robot, task, results),
+        "little_data": little_data(task, results),
     }
 
 

@@ -28,9 +28,13 @@ def render(figures: Mapping[str, Any]) -> str:
     robot, task = figures["robot"], figures["task"]
     groups: Group = defaultdict(list)
     for cell in figures["cells"]:
-        groups[cell["model"], cell["size"], cell["sigma"]].append(cell)
+        weight = cell.get("supervised_weight", 0.0)
+        label = cell["model"] + (f" + {weight:g} MSE" if weight else "")
+        groups[label, cell["size"], cell["sigma"]].append(cell)
     parts = [f"# {figures['title']}\n", _introduction(robot, task, figures)]
     parts += ["## What the paper says, and what is found here\n", _claims(figures["claims"])]
+    if rows := figures.get("little_data"):
+        parts += ["## With 10,000 samples\n", _little_data(task, rows)]
     if comparison := _comparison(robot, task, groups):
         parts += ["## Beside the paper's table\n", comparison]
     parts += ["## Every cell\n", _cells(task, groups)]
@@ -74,6 +78,28 @@ def _claims(claims: Sequence[Mapping[str, Any]]) -> str:
         for one in claims
     ]
     return markdown(["the paper's claim", "by its table", "here"], rows)
+
+
+def _little_data(task: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    """Adversarial models beside the MLP, with intervals where there are seeds."""
+    note = (
+        f"RMSE on the unseen trajectory less that of the MLP of the same seed ({_UNIT[task]}): "
+        "below 0 the adversarial model is better. Means over seeds, 95% intervals (Student's t). "
+        "*MSE weight* is that of a squared error beside the adversarial loss.\n"
+    )
+    cells = [
+        [
+            one["model"],
+            f"{one['sigma']:g}",
+            f"{one['supervised_weight']:g}",
+            str(one["seeds"]),
+            f"{one['difference']:+.3f}",
+            "-" if one["interval"] is None else "[{:+.3f}, {:+.3f}]".format(*one["interval"]),
+        ]
+        for one in sorted(rows, key=lambda one: (one["supervised_weight"], one["difference"]))
+    ]
+    columns = ["model", "sigma", "MSE weight", "seeds", "less the MLP", "95% interval"]
+    return f"{note}\n{markdown(columns, cells)}"
 
 
 def _word(judged: Mapping[str, Any]) -> str:
@@ -121,7 +147,7 @@ def _cells(task: str, groups: Group) -> str:
     columns += ["one prediction (ms)", "one of 4096 (us)", "training (min of CPU)"]
     order = {name: index for index, name in enumerate((*_COLUMNS, *_PEERS))}
     rows = []
-    for key in sorted(groups, key=lambda one: (one[1], order[one[0]], one[2])):
+    for key in sorted(groups, key=lambda one: (one[1], order[one[0].split()[0]], one[2], one[0])):
         results = groups[key]
         suffix = "_moving" if task == "ik" else ""
         row = [key[0], str(key[1]), f"{key[2]:g}", str(len(results))]

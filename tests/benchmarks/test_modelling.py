@@ -18,6 +18,7 @@ from saver_advisors.benchmarks.modelling_claims import (
     Missing,
     Table,
     claims,
+    little_data,
     paper,
     paper_cells,
 )
@@ -204,6 +205,39 @@ def test_the_command(
     empty = ["--no-training", "--results", str(tmp_path / "none")]
     assert main(["benchmark", "ik", "--sizes", "2", *empty]) == 2
     assert "has none of the cells" in capsys.readouterr().err
+
+
+def test_little_data_is_judged_by_pairs_of_seeds() -> None:
+    cells = cells_of("mico", "ik", ["mlp", "cgan"], [1, 2], [0.2], [0, 1, 2], 100)
+    cells += cells_of("mico", "ik", ["cgan"], [1], [0.2], [0], 100, 1.0)
+    figures = {"mlp": (0.5, 0.6, 0.7), "cgan": (0.4, 0.55, 0.6)}
+    results = [result(one, figures[one.model][one.seed]) for one in cells]
+    plain, supervised = little_data("ik", results)
+    assert (plain["seeds"], plain["supervised_weight"]) == (3, 0.0)
+    assert plain["difference"] == pytest.approx(-0.25 / 3)
+    low, high = plain["interval"]
+    # Student's t of (-0.1, -0.05, -0.1): 4.303 x 0.02887 / sqrt(3) either way.
+    assert (high - low) / 2 == pytest.approx(4.303 * 0.028868 / 3**0.5, rel=1e-3)
+    assert supervised["interval"] is None
+    assert little_data("ik", [one for one in results if one["size"] == 2]) == []
+    page = render(
+        {"title": "T", "robot": "mico", "task": "ik", "epochs": 30, "cells": results}
+        | {"claims": [], "little_data": [plain, supervised], "precision": "bfloat16"}
+    )
+    assert "| cgan | 0.2 | 0 | 3 | -0.083 | [-0.155, -0.012] |" in page
+    assert "30 of the paper's 100 epochs, products between hidden layers in bfloat16" in page
+    assert "| cgan + 1 MSE | 1 |" in page
+
+
+def test_epochs_and_precision_have_files_of_their_own() -> None:
+    cells = [
+        cells_of("mico", "ik", ["mlp"], [1], [0.0], [0], epochs, 0.0, precision)[0]
+        for epochs in (30, 100)
+        for precision in ("float32", "bfloat16")
+    ]
+    assert len({cell.file_name for cell in cells}) == 4
+    flow = cells_of("mico", "ik", ["flow"], [1], [0.0], [0], 100, 0.0, "bfloat16")
+    assert flow[0].precision == "float32"
 
 
 def test_other_pages_come_from_their_figures() -> None:
