@@ -103,11 +103,11 @@ def run(args: argparse.Namespace) -> int:
         figures = read_figures(args.from_json, "kinematics")
     page = render(figures)
     print(page)
+    if args.from_json is None:
+        write_json(args.json, figures)  # before the page, which changes the checkout
     if args.table is not None:
         Path(args.table).write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
-    if args.from_json is None:
-        write_json(args.json, figures)
     return 0
 
 

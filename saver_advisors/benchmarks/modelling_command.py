@@ -170,11 +170,11 @@ def execute(args: argparse.Namespace, task: Task) -> int:
     figures = _measure(args, task) if earlier is None else _read(earlier, task)
     page = render(figures)
     print(page)
+    if args.from_json is None:
+        write_json(args.json, figures)  # before the page, which changes the checkout
     if args.table is not None:
         args.table.write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
-    if args.from_json is None:
-        write_json(args.json, figures)
     return 0
 
 

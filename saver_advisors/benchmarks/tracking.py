@@ -79,10 +79,10 @@ def run(args: argparse.Namespace) -> int:
     figures = {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
     page = render(figures)
     print(page)
+    write_json(args.json, figures)  # before the page, which changes the checkout
     if args.table is not None:
         Path(args.table).write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
-    write_json(args.json, figures)
     return 0
 
 
