@@ -134,9 +134,6 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     :param seed: of the first
     :return: JSON-able
     """
-    from saver_envs.core import ACTION_DURATION
-    from saver_envs.tasks.wrist_push import HORIZON
-
     seeds = range(seed, seed + trials)
     name = f"{'network' if settings.seeing else 'true state'}, "
     name += "learned kinematics" if settings.learned_kinematics else "exact kinematics"
@@ -145,7 +142,7 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     results = share(name, [("play", settings.to_mapping(), chunk, "") for chunk in chunks])
     elapsed = time.perf_counter() - began
     played = [one for result in results for one in result["trials"]]
-    simulated = trials * HORIZON * ACTION_DURATION
+    simulated = sum(one["seconds"] for one in played)
     busy = sum(result["wall_s"] for result in results)
     ages = 1000 * np.concatenate([result["ages"] for result in results])
     return {

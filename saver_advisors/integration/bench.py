@@ -104,6 +104,9 @@ class Bench(Protocol):
     def joint_position(self) -> Floats:
         """Read the joint encoders alone, (arms, dof) radians."""
 
+    def joint_velocity(self) -> Floats:
+        """Read the joints' speeds alone, (arms, dof) radians per second."""
+
     def reading(self, stamp: Stamp) -> ArmReading:
         """Read encoders and force sensors."""
 
@@ -158,6 +161,11 @@ class EpisodesBench:
         """Read the joint encoders alone."""
         simulation = self.episodes.simulation
         return simulation.qpos.take(simulation.scene.joint_qpos, 1)[0]
+
+    def joint_velocity(self) -> Floats:
+        """Read the joints' speeds alone."""
+        simulation = self.episodes.simulation
+        return simulation.qvel.take(simulation.scene.joint_dof, 1)[0]
 
     def reading(self, stamp: Stamp) -> ArmReading:
         """Read encoders and force sensors."""

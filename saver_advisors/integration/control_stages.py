@@ -320,6 +320,7 @@ class ServoStage(Stage):
     def reset(self) -> None:
         """Hold until there is something to do."""
         self._held: Floats | None = None
+        self._moving = np.zeros(1)
         self._cause: Cause | None = None
         self._stopped = -1.0
         self._sequence = 0
@@ -351,15 +352,27 @@ class ServoStage(Stage):
         upper = np.minimum(self._upper, present + LARGEST_JOINT_STEP)
         return np.minimum(np.maximum(targets, lower), upper)
 
+    def _braked(self, held: Floats | None) -> Floats:
+        """Where to hold the joints.
+
+        First where they are, not where they were to go: they brake at once, and overshoot a little.
+        Then each where it has turned round, since to come back would take twice as long.
+        """
+        position, velocity = self._bench.joint_position(), self._bench.joint_velocity()
+        if held is None:
+            self._moving = velocity
+            return position
+        turned = velocity * self._moving < 0
+        self._moving = np.where(turned, 0.0, self._moving)
+        return np.where(turned, position, held)
+
     def _why(self, now: float) -> Cause | None:
         if self._emergency.pressed:
             return Cause("emergency stop", self._emergency.reason)
         return self._health.cause(now)
 
     def _hold(self, stamp: Stamp, cause: Cause) -> ServoCommand:
-        if self._held is None:
-            # Where the joints are, not where they were to go: they brake at once.
-            self._held = self._bench.joint_position()
+        self._held = self._braked(self._held)
         if self._cause is None or self._cause.stage != cause.stage:
             self._health.note(stamp.time, STOPPED, cause.stage, cause.reason)
         self._cause = cause

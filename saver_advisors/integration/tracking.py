@@ -47,9 +47,9 @@ class FilterSettings:
     hip_gain: float = 0.15
     jump: float = 0.08
     top_speed: float = 1.0
-    reacquire: float = 0.3
+    reacquire: float = 1.0
     hold: float = 0.0
-    hold_hidden: float = 2.0
+    hold_hidden: float = 0.0
     hold_hip: float = 2.0
     arm_radius: float = 0.10
 
@@ -141,9 +141,9 @@ class Track:
 class FilterStage(Stage):
     """From the joints of single pictures to a person with velocities.
 
-    A joint that is missing, or jumps, keeps its last place for a limited time. That is short for a
-    wrist, unless an arm of the robot is between it and the camera, which explains why it is not
-    seen. After that the arms are to hold still.
+    A joint that is missing, or jumps, keeps its last place for a limited time. After that the arms
+    are to hold still. There is none for a wrist by default, since 100 ms are soon over; a time of
+    its own can be given for one that an arm of the robot hides.
 
     :param base_position: (arms, 3) of the arms' bases, metres
     :param camera_position: (3,) metres, bench frame
@@ -200,7 +200,8 @@ class FilterStage(Stage):
         settings = self._settings
         for side, wrist, hip in zip(SIDES, self._wrists, self._hips, strict=True):
             hidden = wrist.known and arms is not None and self._hidden(wrist.position, arms)
-            hold = settings.hold_hidden if hidden else settings.hold
+            # A jump has been seen, whatever may hide the wrist.
+            hold = settings.hold_hidden if hidden and "hidden" in wrist.lost else settings.hold
             for name, track, limit in (("wrist", wrist, hold), ("hip", hip, settings.hold_hip)):
                 if track.lost and time - track.seen > limit:
                     raise StageFault(f"the {side} {name} {track.lost}")

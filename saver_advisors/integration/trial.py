@@ -99,6 +99,7 @@ class TrialRecord:
         """Plain values, for JSON."""
         return {
             "seed": self.seed,
+            "seconds": (len(self.distance) - 1) * ACTION_DURATION,
             "outcome": self.outcome,
             "cause": self.cause,
             "distance_m": [float(one) for one in self.distance[-1]],

@@ -40,9 +40,13 @@ def test_a_killed_process_is_held_for_and_comes_back() -> None:
         apart.run_until(1.4)
         np.testing.assert_allclose(bench.joint_position(), held, atol=1e-3)
         log = apart.loop.health.log
-        told = [(event.kind, event.stage) for event in log]
-        assert told[:2] == [("crashed", "planning"), ("stopped", "policy")]
-        assert all(f"process {killed} ended by signal 9" in event.reason for event in log[:2])
+        # A busy machine may have kept a process waiting before.
+        told = [event for event in log if event.kind == "crashed"]
+        assert [event.stage for event in told] == ["planning"]
+        assert f"process {killed} ended by signal 9" in told[0].reason
+        cause = apart.loop.health.cause(1.4)
+        assert cause is not None
+        assert (cause.stage, cause.reason) == ("policy", told[0].reason)
         end = 1.4
         while log[-1].kind != "resumed" and end < PATIENCE:
             end += 0.2

@@ -13,6 +13,7 @@ from saver_advisors.integration.control_stages import as_cubes
 from saver_advisors.integration.messages import ArmReading, SpacePose, Stamp
 from saver_advisors.integration.stage import Inputs, Mailbox, StageFault
 from saver_advisors.integration.tracking import (
+    ELBOWS,
     HIPS,
     TARGET_DISTANCE,
     WRISTS,
@@ -24,6 +25,8 @@ from saver_advisors.integration.tracking import (
 
 BASE = np.array([[0.0, -0.36, 0.0], [0.0, 0.36, 0.0]])
 PERIOD = 1 / 30
+#: Longer than the default, to see that it is a limit.
+HOLD_HIDDEN = 0.5
 
 
 def joints(right_wrist: tuple[float, ...] = (0.3, -0.45, 0.04)) -> np.ndarray:
@@ -48,7 +51,7 @@ class Feed:
     """A filter, and pictures at 30 Hz."""
 
     def __init__(self, tool: tuple[float, float, float] = (0.6, 0.0, 0.3)) -> None:
-        self.stage = FilterStage(BASE)
+        self.stage = FilterStage(BASE, settings=FilterSettings(hold_hidden=HOLD_HIDDEN))
         self.boxes = {"bench_pose": Mailbox(), "arms": Mailbox()}
         self.boxes["arms"].put(reading(tool), 0.0)
         self.number = 0
@@ -105,12 +108,32 @@ def test_a_wrist_under_the_robots_arm_is_held_for_a_while() -> None:
     feed = Feed(tool=(0.28, -0.45, 0.06))
     feed(joints())
     hidden = joints((np.nan, np.nan, np.nan))
-    for _ in range(int(FilterSettings().hold_hidden / PERIOD)):
+    for _ in range(int(HOLD_HIDDEN / PERIOD)):
         person = feed(hidden)
     np.testing.assert_allclose(person.wrists[0], (0.3, -0.45, 0.04))
     assert person.held.tolist() == [True, False]
     with pytest.raises(StageFault, match="the right wrist is hidden"):
         feed(hidden)
+
+
+def test_by_default_a_hidden_wrist_stops_at_once_in_any_case() -> None:
+    feed = Feed(tool=(0.28, -0.45, 0.06))
+    feed.stage = FilterStage(BASE)
+    feed(joints())
+    with pytest.raises(StageFault, match="the right wrist is hidden"):
+        feed(joints((np.nan, np.nan, np.nan)))
+
+
+def test_forearms_lie_as_elbows_and_wrists_tell() -> None:
+    feed, positions = Feed(), joints()
+    np.testing.assert_array_equal(feed(positions).wrist_quaternion[0], [1, 0, 0, 0])
+    positions[ELBOWS[0]] = (0.1, -0.45, 0.04)  # the forearm along x
+    positions[ELBOWS[1]] = (0.3, 0.25, 0.04)  # and along y
+    person = feed(positions)
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(
+        person.wrist_quaternion, [[1, 0, 0, 0], [half, 0, 0, half]], atol=1e-9
+    )
 
 
 def test_a_jump_is_refused_and_believed_when_it_stays() -> None:
