@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saver_advisors.cli import wrist_page
 from saver_envs.core import Episodes
-from saver_envs.registration import ENVIRONMENTS, make_episodes
+from saver_envs.registration import ENVIRONMENTS, PIXELS, make_episodes
 from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE
 
 DENSE = "Dense"
@@ -111,6 +112,14 @@ def dense_twin(env_id: str) -> str:
     return f"{name}{DENSE}-{version}"
 
 
+def pixel_ids() -> list[str]:
+    """A sentence for each id that gives the camera's picture alone."""
+    return [
+        f"`{name}` is `{behind}` with the picture of its RGB-D camera as the only observation."
+        for name, behind in PIXELS.items()
+    ]
+
+
 def cost_names(episodes: Episodes) -> set[str]:
     """The costs that ``info`` reports, without their prefix."""
     goal = np.zeros((1, episodes.goal_size))
@@ -125,6 +134,8 @@ def succeeds(episodes: Episodes) -> str:
     """
     task = episodes.task
     centimetres = f"{100 * task.success_threshold:g} cm"
+    if task.moves_person:
+        return wrist_page.SUCCEEDS.format(centimetres)
     what = "the cube is" if task.n_arms == 1 else "every cube is"
     text = f"{what} within {centimetres} of its target"
     text += " on the table" if task.held_height is not None else ", on the table or in the air"

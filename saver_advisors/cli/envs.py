@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import asdict
 
     from saver_advisors.cli import tables
-    from saver_advisors.cli.catalogue import COLUMNS, dense_twin, entry, sparse_ids
+    from saver_advisors.cli.catalogue import COLUMNS, dense_twin, entry, pixel_ids, sparse_ids
 
     names = sparse_ids()
     entries = [entry(name) for name in names + [dense_twin(name) for name in names] * args.all]
@@ -36,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
         tables.show(COLUMNS, rows)
         if not args.all:
             print(f"Each id has a twin with a dense reward, such as {dense_twin(names[0])}.")
+        for sentence in pixel_ids():
+            print(sentence.replace("`", ""))
         print('Make one with gymnasium.make("saver_envs:' + names[0] + '").')
     write_json(args.json, {"environments": [asdict(one) for one in entries]})
     return 0

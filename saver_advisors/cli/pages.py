@@ -13,8 +13,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmarks.pose_page import pose_page
-from saver_advisors.cli import evaluate, runs
-from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, entry, sparse_ids
+from saver_advisors.cli import evaluate, runs, wrist_page
+from saver_advisors.cli.catalogue import (
+    COLUMNS,
+    Entry,
+    dense_twin,
+    entry,
+    pixel_ids,
+    sparse_ids,
+)
 from saver_advisors.cli.tables import markdown
 from saver_envs.core import ACTION_DURATION, Episodes
 from saver_envs.registration import Options, make_episodes
@@ -95,7 +102,9 @@ def environments_page(entries: list[Entry]) -> str:
     """The page that lists the environments."""
     lines = ["# Environments", "", environments_table(entries, "")]
     twin = dense_twin(entries[0].env_id)
-    lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", "", GENERATED]
+    lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", ""]
+    lines += [f"{sentence}\n" for sentence in pixel_ids()]
+    lines.append(GENERATED)
     return "\n".join(lines)
 
 
@@ -124,11 +133,12 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         spaces=_spaces(one),
         observation=_observation(one.arms),
         action=_action(episodes),
-        goal=_goal(one),
+        goal=_goal(one, episodes),
         start=_start(episodes),
-        reward=_sparse_reward(one),
-        dense=_dense_reward(one),
-        costs=_costs(one),
+        reward=_sparse_reward(one, _thing(episodes)),
+        dense=_dense_reward(one, _thing(episodes)),
+        costs=_costs(one, episodes),
+        readings=wrist_page.READINGS if episodes.task.moves_person else "",
         keywords=_keywords(),
         results=_results_of(one.env_id, results),
     )
@@ -142,17 +152,23 @@ def _summary(episodes: Episodes) -> str:
 
 def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
     settings = episodes.settings
+    cubes = (
+        "cubes",
+        f"{100 * settings.objects.size:g} cm, {settings.objects.mass:g} kg, friction "
+        f"{settings.objects.friction:g}",
+    )
     return [
         ("robot", f"{one.arms} x {one.robot}" if one.arms > 1 else one.robot),
         ("an action lasts", f"{ACTION_DURATION:g} s"),
         ("horizon", f"{one.horizon} actions, {one.horizon * ACTION_DURATION:g} s"),
         ("top speed of a hand", f"{settings.max_speed:g} m/s"),
-        (
-            "cubes",
-            f"{100 * settings.objects.size:g} cm, {settings.objects.mass:g} kg, friction "
-            f"{settings.objects.friction:g}",
-        ),
+        wrist_page.facts() if episodes.task.moves_person else cubes,
     ]
+
+
+def _thing(episodes: Episodes) -> str:
+    """What an arm moves."""
+    return "wrist" if episodes.task.moves_person else "cube"
 
 
 def _spaces(one: Entry) -> str:
@@ -187,8 +203,8 @@ def _action(episodes: Episodes) -> str:
     return markdown(("index", "what"), rows)
 
 
-def _goal(one: Entry) -> str:
-    what = "centre of the cube (achieved), its target (desired)"
+def _goal(one: Entry, episodes: Episodes) -> str:
+    what = f"centre of the {_thing(episodes)} (achieved), its target (desired)"
     rows = [[_indices(0, 3, 3, one.arms), what, "m"]]
     if one.goal_size > 3 * one.arms:
         rows.append([str(3 * one.arms), "distance between the cubes, and the required one", "m"])
@@ -205,6 +221,8 @@ def _indices(first: int, size: int, block: int, arms: int) -> str:
 def _start(episodes: Episodes) -> list[str]:
     """What the sampler guarantees, each with its figure."""
     task, scene = episodes.task, episodes.scene
+    if task.moves_person:
+        return wrist_page.start()
     rules = task.start_rules(scene.object_rest_height)
     lines = [
         f"A cube {_span(HAND_TO_OBJECT)} from its hand, its target {_span(OBJECT_TO_TARGET)} from "
@@ -269,8 +287,8 @@ def _span(span: tuple[float, float]) -> str:
     return f"{100 * span[0]:g} to {100 * span[1]:g} cm"
 
 
-def _sparse_reward(one: Entry) -> str:
-    reached = "0 where every cube is within the threshold of its target, else -1."
+def _sparse_reward(one: Entry, thing: str) -> str:
+    reached = f"0 where every {thing} is within the threshold of its target, else -1."
     if one.task != "distance":
         return reached
     return (
@@ -280,16 +298,17 @@ def _sparse_reward(one: Entry) -> str:
     )
 
 
-def _dense_reward(one: Entry) -> str:
-    text = "minus the sum of the cubes' distances to their targets, in metres"
+def _dense_reward(one: Entry, thing: str) -> str:
+    text = f"minus the sum of the {thing}s' distances to their targets, in metres"
     if one.task == "distance":
         text += ", and minus how far the cubes are from the required distance"
     return text + "."
 
 
-def _costs(one: Entry) -> str:
+def _costs(one: Entry, episodes: Episodes) -> str:
+    meanings = wrist_page.COST_MEANINGS if episodes.task.moves_person else COST_MEANINGS
     rows = [
-        [f"`cost_{name}`", COST_MEANINGS[name], "yes" if name in one.summed_costs else "no"]
+        [f"`cost_{name}`", meanings[name], "yes" if name in one.summed_costs else "no"]
         for name in one.costs
     ]
     return markdown(("cost", "what", 'part of `info["cost"]`'), rows)

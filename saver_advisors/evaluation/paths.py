@@ -86,7 +86,7 @@ def follow(
         hands, objects, truncated = [], [], False
         while True:
             hands.append(simulation.to_world(simulation.arm_state().tool_position)[0])
-            objects.append(simulation.object_state().world_position[0])
+            objects.append(env.episodes.object_state().world_position[0])
             if truncated:
                 break
             batch = {name: values[None] for name, values in observation.items()}
