@@ -1,4 +1,4 @@
-"""Draw the figures of wrist push: ``python -m tools.wrist_push_figures`` from the repository's root.
+"""Draw the figures of wrist push: ``python -m tools.wrist_push_figures`` from the root.
 
 Writes ``docs/images/wrist-push/scene.jpg``, the scene from four sides, and ``episode.jpg``, an
 episode of the scripted expert's from above. The same seeds give the same pictures.
