@@ -24,6 +24,8 @@ HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
 TARGET_DISTANCE: Final = 0.15
 #: A joint needs this confidence.
 LEAST_SCORE: Final = 0.05
+#: For so long (s) a joint that is not seen may have moved on; after that it must be found anew.
+_MEMORY: Final = 0.1
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class FilterSettings:
     :param wrist_speed_gain: the same of its velocity, times the frame rate
     :param hip_gain: share of a hip's error
     :param jump: metres that a joint may be away from where it is expected ...
-    :param top_speed: ... and metres more for each second since it was seen
+    :param top_speed: ... and metres more for each second since it was seen, up to `_MEMORY`
     :param reacquire: seconds after which a joint that stays away is believed
     :param hold: seconds for which a wrist is held that nothing is known to hide
     :param hold_hidden: seconds for which a wrist is held that an arm of the robot hides
@@ -46,7 +48,7 @@ class FilterSettings:
     wrist_speed_gain: float = 0.15
     hip_gain: float = 0.15
     jump: float = 0.08
-    top_speed: float = 1.0
+    top_speed: float = 0.5
     reacquire: float = 1.0
     hold: float = 0.0
     hold_hidden: float = 0.0
@@ -111,7 +113,8 @@ class Track:
         error = measured - expected
         settings = self.settings
         distance = float(np.linalg.norm(error))
-        if distance > settings.jump + settings.top_speed * (time - self.seen):
+        unseen = min(time - self.seen, _MEMORY)
+        if distance > settings.jump + settings.top_speed * unseen:
             self._doubt(measured, distance, time)
             return
         self.position = expected + self.gain * error

@@ -75,7 +75,7 @@ def test_targets_lie_beside_the_hips() -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4))
 def test_a_steady_motion_is_followed(x: float, y: float) -> None:
     feed = Feed()
     for step in range(45):
@@ -145,7 +145,7 @@ def test_a_jump_is_refused_and_believed_when_it_stays() -> None:
         feed(away)
     assert not feed(joints()).held.any()
     refused = 0
-    for _ in range(30):
+    for _ in range(60):
         try:
             person = feed(away)
             break
@@ -161,6 +161,16 @@ def test_a_policy_of_cubes_is_told_of_cubes() -> None:
     assert told.wrists[:, 2].tolist() == told.targets[:, 2].tolist() == [0.028, 0.028]
     assert told.wrist_velocity[:, 2].tolist() == [0.0, 0.0]
     np.testing.assert_array_equal(told.wrists[:, :2], person.wrists[:, :2])
+
+
+def test_a_small_jump_is_not_believed_sooner_by_waiting() -> None:
+    feed = Feed()
+    for _ in range(3):
+        feed(joints())
+    away = joints((0.3, -0.25, 0.04))
+    for _ in range(int(0.9 * FilterSettings().reacquire / PERIOD)):
+        with pytest.raises(StageFault, match="has jumped"):
+            feed(away)
 
 
 def test_distance_of_segments() -> None:
