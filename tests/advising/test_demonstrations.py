@@ -90,7 +90,7 @@ def test_demonstrations_are_the_teachers_and_what_was_executed(tmp_path: Path) -
     stored = stored.reshape(4, N_ENVS, HORIZON, -1).swapaxes(1, 2).reshape(executed.shape)
     np.testing.assert_allclose(executed, stored, atol=1e-5)
     # The normaliser has seen each of them twice, as it sees the student's own.
-    assert int(model.policy.shared_features.count) == 2 * 4 * BLOCK
+    assert (model.policy.shared_features.count == 2 * 4 * BLOCK).all()
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.5, 32), (0.25, 16), (0.0, 0)])
