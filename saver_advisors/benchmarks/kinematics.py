@@ -8,13 +8,13 @@ through each model instead of through damped least squares.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import median_ratio, timed
+from saver_advisors.benchmarks.measured import read_figures
 
 EXAMPLES: Final = """\
 examples:
@@ -109,23 +109,6 @@ def run(args: argparse.Namespace) -> int:
         Path(args.table).write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
-
-
-def read_figures(path: Path, kind: str) -> dict[str, Any]:
-    """An earlier measurement.
-
-    :param path: of its JSON file
-    :param kind: what it must be of
-    """
-    from saver_advisors.cli.errors import UsageError
-
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"argument --from: {path} cannot be read as JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != kind:
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark {kind}`")
-    return figures
 
 
 def measure(

@@ -7,11 +7,11 @@ killed goes on where it was. `ik.py` and `id.py` bind the task.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.benchmarks.measured import read_figures
 from saver_advisors.benchmarks.modelling_cells import PAPER_EPOCHS, SIGMAS, SIZES, Task
 
 ROBOTS: Final = ("mico", "fetch")
@@ -167,7 +167,11 @@ def execute(args: argparse.Namespace, task: Task) -> int:
     from saver_advisors.cli.arguments import write_json
 
     earlier = args.from_json
-    figures = _measure(args, task) if earlier is None else _read(earlier, task)
+    figures = (
+        _measure(args, task)
+        if earlier is None
+        else read_figures(earlier, f"modelling-{task}", task)
+    )
     page = render(figures)
     print(page)
     if args.from_json is None:
@@ -235,16 +239,3 @@ def _train(cells: Sequence[Any], folder: Path, processes: int, run_grid: Any) ->
         for result in run_grid(cells, folder, processes):
             progress.set_description(f"{result['model']}, size {result['size']}")
             progress.update()
-
-
-def _read(path: Path, task: Task) -> dict[str, Any]:
-    """An earlier measurement."""
-    from saver_advisors.cli.errors import UsageError
-
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"argument --from: {path} cannot be read as JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != f"modelling-{task}":
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark {task}`")
-    return figures

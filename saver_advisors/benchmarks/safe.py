@@ -7,7 +7,6 @@ as a share of the best that any policy can have, and by the cost beside the limi
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -17,6 +16,7 @@ from statistics import mean
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import progress
+from saver_advisors.benchmarks.measured import read_figures
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -135,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
         if args.from_json is None:
             figures = {**measure(args), "provenance": provenance()}
         else:
-            figures = read(args.from_json)
+            figures = read_figures(args.from_json, "safe")
         page = render(figures)
         print(page)
         if args.json is not None:
@@ -147,24 +147,6 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(str(error)) from error
     return 0 if all(one["limit_met"] and one["near_optimum"] for one in figures["rows"]) else 1
-
-
-def read(path: Path) -> dict[str, Any]:
-    """An earlier measurement.
-
-    :param path: its JSON file
-    :return: the figures
-    :raises UsageError: where it is another file
-    """
-    from saver_advisors.cli.errors import UsageError
-
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != "safe":
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark safe`")
-    return figures
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:

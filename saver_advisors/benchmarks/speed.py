@@ -7,11 +7,11 @@ that a machine's other work and its changing clock weigh on all alike.
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import load, progress
+from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.benchmarks.peer_process import PeerError
 from saver_advisors.benchmarks.peers import PEERS, default_cache
 from saver_advisors.threads import one_thread_of_algebra
@@ -100,38 +100,19 @@ def run(args: argparse.Namespace) -> int:
     """
     from saver_advisors.benchmarks.report import render
     from saver_advisors.cli.errors import UsageError
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.provenance import provenance
 
     try:
         if args.from_json is None:
             with one_thread_of_algebra():
                 figures = {**measure(args), "provenance": provenance()}
         else:
-            figures = _read(args.from_json)
+            figures = read_figures(args.from_json, "speed")
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
     page = render(figures)
-    print(page)
-    if args.json is not None:
-        write_json_atomic(args.json, figures)
-        print(f"wrote {args.json}")
-    if args.table is not None:
-        args.table.write_text(page, encoding="utf-8")
-        print(f"wrote {args.table}")
+    hand_over(page, figures, args.json, args.table)
     return 0
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """An earlier measurement."""
-    from saver_advisors.cli.errors import UsageError
-
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != "speed":
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark speed`")
-    return figures
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:

@@ -7,13 +7,13 @@ at a time, then with all of them. A failed trial has one cause, told from its tr
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -104,22 +104,16 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmarks.transfer_report import render
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.provenance import provenance
 
     if args.from_json is None:
         origin = provenance()  # before videos lie in the checkout and make it differ
         figures = {**measure(args), "provenance": origin}
     else:
-        figures = _read(args.from_json)
+        figures = read_figures(args.from_json, "transfer")
     clips = _relative(args.video_dir, args.table)
     page = render(figures, clips)
-    print(page)
-    if args.json is not None:
-        write_json_atomic(args.json, figures)
-        print(f"wrote {args.json}")
-    if args.table is not None:
-        args.table.write_text(page, encoding="utf-8")
-        print(f"wrote {args.table}")
+    hand_over(page, figures, args.json, args.table)
     return 0
 
 
@@ -131,20 +125,6 @@ def _relative(videos: Path | None, table: Path | None) -> str | None:
         return None
     start = Path.cwd() if table is None else table.resolve().parent
     return Path(os.path.relpath(videos.resolve(), start)).as_posix()
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """An earlier measurement."""
-    from saver_advisors.cli.errors import UsageError, user_mistakes
-
-    with user_mistakes("argument --from"):
-        try:
-            figures = json.loads(path.read_text(encoding="utf-8"))
-        except json.JSONDecodeError as error:
-            raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != "transfer":
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark transfer`")
-    return figures
 
 
 def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:

@@ -7,11 +7,11 @@ or learned inverse kinematics. Then every fault is injected into the loop with e
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -86,21 +86,15 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmarks.wrist_push_page import render
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.provenance import provenance
 
     if args.from_json is None:
         origin = provenance()
         figures = {**measure(args), "provenance": origin}
     else:
-        figures = joined([_read(path) for path in args.from_json])
+        figures = joined([read_figures(path, "wrist-push") for path in args.from_json])
     page = render(figures)
-    print(page)
-    if args.json is not None:
-        write_json_atomic(args.json, figures)
-        print(f"wrote {args.json}")
-    if args.table is not None:
-        args.table.write_text(page, encoding="utf-8")
-        print(f"wrote {args.table}")
+    hand_over(page, figures, args.json, args.table)
     return 0
 
 
@@ -168,17 +162,3 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
     origins = [one["provenance"] for one in measured]
     rows.sort(key=lambda row: ("policy" in row, list(ROWS).index(row["row"])))
     return {**first, "rows": rows, "faults": faults, "sources": origins}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """An earlier measurement."""
-    from saver_advisors.cli.errors import UsageError, user_mistakes
-
-    with user_mistakes("argument --from"):
-        try:
-            figures = json.loads(path.read_text(encoding="utf-8"))
-        except json.JSONDecodeError as error:
-            raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
-    if not isinstance(figures, dict) or figures.get("kind") != "wrist-push":
-        raise UsageError(f"argument --from: {path} was not written by `saver benchmark wrist-push`")
-    return figures

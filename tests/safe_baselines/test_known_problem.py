@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from saver_advisors.benchmarks import safe
+from saver_advisors.benchmarks.measured import read_figures
 from saver_advisors.cli import main
 from saver_advisors.safe_baselines import ALGORITHMS
 from saver_advisors.safe_baselines.known_problem import (
@@ -119,7 +120,7 @@ def test_the_page_shows_the_file():
     if not file.exists():
         assert not text.partition(safe.BEGIN)[2].partition(safe.END)[0].strip()
         return
-    figures = safe.read(file)
+    figures = read_figures(file, "safe")
     assert safe.placed(page, safe.render(figures)) == text
     assert safe.BEGIN in text
     assert {one["algorithm"] for one in figures["rows"]} == {

@@ -1,0 +1,53 @@
+"""Figures that were measured earlier, and where measured figures go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def read_figures(path: Path, kind: str, command: str | None = None) -> dict[str, Any]:
+    """An earlier measurement, as ``--from`` asks for it.
+
+    :param path: of its JSON file
+    :param kind: what the file must say that it holds
+    :param command: the benchmark that writes such files; named as the kind where None
+    :return: its content
+    :raises UsageError: for a file that cannot be read, is no JSON, or holds something else
+    """
+    from saver_advisors.cli.errors import UsageError
+
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"argument --from: {error}") from error
+    except ValueError as error:
+        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    if not isinstance(figures, dict) or figures.get("kind") != kind:
+        raise UsageError(
+            f"argument --from: {path} was not written by `saver benchmark {command or kind}`"
+        )
+    return figures
+
+
+def hand_over(
+    page: str, figures: Mapping[str, Any], json_file: Path | None, table: Path | None
+) -> None:
+    """Print a page, and write figures and page where files were asked for.
+
+    :param page: Markdown
+    :param figures: with their provenance
+    :param json_file: of the figures, or None
+    :param table: of the page, or None
+    """
+    from saver_advisors.provenance import write_json_atomic
+
+    print(page)
+    if json_file is not None:
+        write_json_atomic(json_file, figures)
+        print(f"wrote {json_file}")
+    if table is not None:
+        table.write_text(page, encoding="utf-8")
+        print(f"wrote {table}")
