@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from saver_envs.control import bounded, least_squares_step
 from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.joint_steps import newton_step, search
 from saver_envs.modelling.models import InverseModel, load_model
 from saver_envs.modelling.multilinear import MultilinearTool
 from saver_envs.modelling.solvers import judge, nearest, newton, pose_error
-from saver_envs.modelling.steps import newton_step, search
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saver_envs.modelling.arms import ARMS, arm_named
+from saver_envs.modelling.joint_steps import newton_step, search
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.multilinear import MultilinearTool
 from saver_envs.modelling.solvers import error_at
-from saver_envs.modelling.steps import newton_step, search
 from saver_envs.registration import make_episodes
 
 
