@@ -29,16 +29,25 @@ RESULTS: Final = Path("docs/results/advising")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
+    add_result_arguments(parser, RESULTS)
+
+
+def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None:
+    """``--results``, ``--table``, ``--figures`` and ``--json``, of what is told from runs' files.
+
+    :param parser: gets them
+    :param results: the folder that is read by default
+    """
     from saver_advisors.cli.arguments import add_json, new_file
 
     parser.add_argument(
         "--results",
         nargs="+",
         type=Path,
-        default=[RESULTS],
+        default=[results],
         metavar="PATH",
         help="folders of result files, and such files: training runs, the figures of `saver "
-        f"curves`, evaluations of policies to stand beside them (default: {RESULTS})",
+        f"curves`, evaluations of policies to stand beside them (default: {results})",
     )
     parser.add_argument(
         "--table", type=new_file(".md"), metavar="FILE.md", help="write the page there"

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.benchmarks.advising import add_result_arguments, read
+
 if TYPE_CHECKING:
     from saver_advisors.benchmarks.constraints_findings import ConstraintFinding
     from saver_advisors.evaluation.summary import Row
@@ -29,24 +31,7 @@ RESULTS: Final = Path("docs/results/constraints")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, new_file
-
-    parser.add_argument(
-        "--results",
-        nargs="+",
-        type=Path,
-        default=[RESULTS],
-        metavar="PATH",
-        help="folders of result files, and such files: training runs, and evaluations of policies "
-        f"to stand beside them (default: {RESULTS})",
-    )
-    parser.add_argument(
-        "--table", type=new_file(".md"), metavar="FILE.md", help="write the page there"
-    )
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="draw the figures there, made if need be"
-    )
-    add_json(parser)
+    add_result_arguments(parser, RESULTS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,7 +40,6 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.benchmarks.advising import read
     from saver_advisors.benchmarks.constraints_findings import judge_all
     from saver_advisors.benchmarks.constraints_report import draw_all, page, show
     from saver_advisors.cli.arguments import write_json
