@@ -24,10 +24,12 @@ NEVER: Final = 0.05
 
 METHOD: Final = "min"
 NO_EXPLORING: Final = "advising without the third stage"
+#: Rows of the table: the classes' names, which `saver benchmark run` calls them by, and one of the
+#: grid's.
 BASELINES: Final[Mapping[str, str]] = {
-    "cpo": "CPO",
-    "trpolag": "TRPO-Lagrangian",
-    "ppolag": "PPO-Lagrangian",
+    "CPO": "CPO",
+    "TRPOLagrangian": "TRPO-Lagrangian",
+    "PPOLagrangian": "PPO-Lagrangian",
     "hindsight alone": "HER that is conditioned on the constraint",
 }
 

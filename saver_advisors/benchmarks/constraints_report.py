@@ -126,7 +126,8 @@ def _cells(row: Row) -> list[str]:
         for run in row.runs
         if run.final and "cost_distance" in run.final.get("cost_means", {})
     ]
-    training = [cost for run in row.runs if (cost := run.points[-1].get("training_cost"))]
+    told = [run.points[-1].get("training_cost") for run in row.runs]
+    training = [cost for cost in told if cost is not None]
     steps = sorted({run.curve.steps[-1] for run in row.runs})
     return [
         row.name,

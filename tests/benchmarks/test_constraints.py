@@ -52,7 +52,7 @@ def verdicts(folder: Path) -> dict[str, str]:
 
 def test_the_papers_own_figures_give_the_papers_findings(tmp_path: Path) -> None:
     write(tmp_path, "min", 0.7)
-    for name in ("cpo", "trpolag", "ppolag", "hindsight alone"):
+    for name in ("CPO", "TRPOLagrangian", "PPOLagrangian", "hindsight alone"):
         write(tmp_path, name, 0.0)
     decays = points(0.3)
     for point in decays[20:]:
@@ -63,7 +63,7 @@ def test_the_papers_own_figures_give_the_papers_findings(tmp_path: Path) -> None
 
 def test_other_figures_refute_them_and_missing_rows_leave_them_open(tmp_path: Path) -> None:
     write(tmp_path, "min", 0.02)
-    write(tmp_path, "cpo", 0.5)
+    write(tmp_path, "CPO", 0.5)
     write(tmp_path, "advising without the third stage", 0.01)
     assert verdicts(tmp_path) == {
         "The": "does not hold",
