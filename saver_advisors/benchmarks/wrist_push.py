@@ -138,7 +138,7 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     :param measured: each with its own origin; all with the same settings, the policy apart
     :return: rows and faults of all; a row whose policy is not the first's tells it
-    :raises UsageError: for other settings, or another first seed
+    :raises UsageError: for other settings, another first seed, or a row that is there twice
     """
     from saver_advisors.cli.errors import UsageError
 
@@ -159,6 +159,10 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
         told = {} if policy == first["settings"]["policy"] else {"policy": policy}
         rows += [{**row, **told} for row in one["rows"]]
         faults += one["faults"]
+    names = [(row["row"], row.get("policy")) for row in rows]
+    for name, policy in names:
+        if names.count((name, policy)) > 1:
+            raise UsageError(f"argument --from: row {name!r} is there twice: no one table")
     origins = [one["provenance"] for one in measured]
     rows.sort(key=lambda row: ("policy" in row, list(ROWS).index(row["row"])))
     return {**first, "rows": rows, "faults": faults, "sources": origins}

@@ -19,11 +19,11 @@ WORDS: Final = {
 }
 
 INTRODUCTION: Final = """\
-Rendered from the JSON file of `saver benchmark wrist-push`, never typed. All rows play the same
-trials of `WristPush-v0` (other bodies, postures and places from trial to trial) through the loop
-of [Integration](integration.md). A trial *succeeded* where both wrists end within 5 cm of their
-targets and the trunk was never pressed with more than 50 N nor moved by more than 20 mm. It *failed
-in reaching* where a wrist that missed was never brought 2 cm nearer to its target: the hand never
+Rendered from the JSON files of `saver benchmark wrist-push`, never typed. Every row plays the same
+trials of `WristPush-v0` from the first on (other bodies, postures and places from trial to trial),
+as many as it says, through the loop of [Integration](integration.md). A trial *succeeded* where
+both wrists end within 5 cm of their targets and the trunk was never pressed with more than 50 N nor
+moved by more than 20 mm. It *failed in reaching* where a wrist that missed was never brought 2 cm nearer to its target: the hand never
 came to push it. Else it *failed in pushing*. *Harmed* counts trials beyond a limit of the trunk's.
 """
 
@@ -96,7 +96,7 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> str:
         )
         told = "; ".join(f"{words} ({count})" for words, count in stops.most_common(4))
         held = 100 * one["held_share"]
-        lines.append(f"- {WORDS[one['row']]}: held for {held:.1f}% of the time. {told or 'None'}.")
+        lines.append(f"- {_words(one)}: held for {held:.1f}% of the time. {told or 'None'}.")
     return "Stops by the safety layer, the most frequent ones:\n\n" + "\n".join(lines) + "\n"
 
 

@@ -6,7 +6,8 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-POLICY: Final = "wrist-push"
+from saver_advisors.integration import POLICY
+
 VIDEO: Final = "whole-robot.mp4"
 
 
@@ -18,9 +19,9 @@ def whole_robot(folder: Path, trials: int, seed: int) -> dict[str, Any]:
     :param seed: of the first of them
     :return: what is to be told: ``trials``, ``succeeded``, ``seconds``, and each trial's ``causes``
     """
-    from saver_advisors.integration.assembly import build_loop, settings_for
+    from saver_advisors.integration.assembly import ENV_ID, build_loop, settings_for
     from saver_advisors.integration.recording import Panel, VideoRecorder
-    from saver_advisors.integration.trial import run_trial
+    from saver_advisors.integration.trial import SUCCEEDED, run_trial
     from saver_advisors.integration.wrist_bench import WristBench
     from saver_envs.core import ACTION_DURATION
     from saver_envs.tasks.wrist_push import HORIZON
@@ -41,10 +42,10 @@ def whole_robot(folder: Path, trials: int, seed: int) -> dict[str, Any]:
         panel.close()
         bench.close()
     return {
-        "env": "WristPush-v0",
+        "env": ENV_ID,
         "policy": settings.policy,
         "trials": trials,
-        "succeeded": sum(one.outcome == "succeeded" for one in records),
+        "succeeded": sum(one.outcome == SUCCEEDED for one in records),
         "causes": [str(one.cause or one.outcome) for one in records],
         "seconds": round(time.perf_counter() - began, 1),
     }

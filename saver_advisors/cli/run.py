@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
 from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.integration import POLICY
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -55,9 +56,9 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that the benchmark has as well."""
     parser.add_argument(
         "--policy",
-        default="wrist-push",
+        default=POLICY,
         metavar="POLICY",
-        help="a shipped policy, a weight file, or expert (default: wrist-push)",
+        help=f"a shipped policy, a weight file, or expert (default: {POLICY})",
     )
     parser.add_argument(
         "--max-speed", type=float, metavar="M/S", help="of the tools (default: 0.2, Table 5.3)"

@@ -3,3 +3,8 @@
 A `graph.Graph` of `stage.Stage`s runs on the clock of a `bench.Bench`, each stage at its rate and
 with its latency. See docs/integration.md.
 """
+
+from typing import Final
+
+POLICY: Final = "wrist-push"
+"""The shipped policy that drives the loop unless another is asked for."""

@@ -41,7 +41,7 @@ from saver_envs.robots.description import Fingers
 SEEING: Final = ("camera", "picture check", "pose", "lift", "bench frame", "filter")
 ACTING: Final = ("policy", "set-points", "kinematics")
 #: Seconds from a stage's input to its result: what the stages take on one core of an ordinary
-#: machine, rounded up (docs/results/wrist-push.json has the measured ones). Of the camera: exposure
+#: machine, rounded up (docs/wrist-push-results.md has measured ones). Of the camera: exposure
 #: and transfer.
 LATENCIES: Final[Mapping[str, float]] = {
     "camera": 0.010,

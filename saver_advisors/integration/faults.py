@@ -12,6 +12,7 @@ import numpy as np
 from saver_advisors.integration.messages import Action, Message, Picture, PixelPose
 from saver_advisors.integration.stage import Inputs, Stage
 from saver_advisors.integration.tracking import WRISTS
+from saver_envs.perception.camera import KINECT_V2
 
 #: How far a jumping wrist jumps (pixels): 0.2 m on the stretcher.
 JUMP: Final = 70.0
@@ -62,7 +63,7 @@ def _hidden(pose: PixelPose, before: PixelPose | None) -> PixelPose:
 
 def _jumped(pose: PixelPose, before: PixelPose | None) -> PixelPose:
     joints = pose.joints.copy()
-    joints[WRISTS[0], 1] += JUMP if joints[WRISTS[0], 1] < 212 else -JUMP
+    joints[WRISTS[0], 1] += JUMP if joints[WRISTS[0], 1] < KINECT_V2.height / 2 else -JUMP
     return replace(pose, joints=joints)
 
 
@@ -115,8 +116,9 @@ class FaultyStage(Stage):
         self._before: Message | None = None
 
     def reset(self) -> None:
-        """Let the stage forget."""
+        """Let the stage forget, and the last good result with it."""
         self._inner.reset()
+        self._before = None
 
     def process(self, inputs: Inputs, now: float) -> Message | None:
         """Let the stage work; spoil the result when it is time."""

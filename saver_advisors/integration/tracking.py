@@ -13,6 +13,7 @@ from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
 from saver_envs.patient import heading
 from saver_envs.perception.camera import BENCH_POSE
 from saver_envs.perception.skeleton import JOINTS
+from saver_envs.tasks.wrist_push import STANDOFF
 
 #: Wrist and hip on the side of each arm: the right arm's base is at negative y, where a person on
 #: the back with the head towards -x has the right side.
@@ -20,8 +21,6 @@ SIDES: Final = ("right", "left")
 WRISTS: Final = tuple(JOINTS.index(f"{side}_wrist") for side in SIDES)
 ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
-#: Lateral distance of a wrist's target from its hip joint (m), SPEC 5.5.
-TARGET_DISTANCE: Final = 0.15
 #: A joint needs this confidence.
 LEAST_SCORE: Final = 0.05
 #: For so long (s) a joint that is not seen may have moved on; after that it must be found anew.
@@ -226,7 +225,7 @@ class FilterStage(Stage):
         hips = np.stack([track.position for track in self._hips])
         # Targets lie where wrists lie, on the stretcher.
         targets = np.concatenate([hips[:, :2], wrists[:, 2:]], axis=1)
-        targets[:, 1] += np.where(self._base[:, 1] < 0, -TARGET_DISTANCE, TARGET_DISTANCE)
+        targets[:, 1] += np.where(self._base[:, 1] < 0, -STANDOFF, STANDOFF)
         velocity = np.stack([track.velocity for track in self._wrists])
         quaternion, angular = self._forearms(wrists, velocity)
         return Person(

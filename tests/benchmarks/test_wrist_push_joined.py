@@ -40,5 +40,7 @@ def test_what_was_measured_otherwise_is_no_row_of_the_table() -> None:
     first = measured("everything-learned")
     with pytest.raises(UsageError, match="measured with other limits"):
         joined([first, measured("true-state-exact", limits={"max_speed": 0.5})])
+    with pytest.raises(UsageError, match="row 'everything-learned' is there twice"):
+        joined([first, measured("everything-learned")])
     with pytest.raises(UsageError, match="trials from seed 7 and from 0"):
         joined([first, {**measured("true-state-exact"), "seed": 7}])

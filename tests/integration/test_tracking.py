@@ -15,13 +15,13 @@ from saver_advisors.integration.stage import Inputs, Mailbox, StageFault
 from saver_advisors.integration.tracking import (
     ELBOWS,
     HIPS,
-    TARGET_DISTANCE,
     WRISTS,
     FilterSettings,
     FilterStage,
     Track,
     segment_distance,
 )
+from saver_envs.tasks.wrist_push import STANDOFF
 
 BASE = np.array([[0.0, -0.36, 0.0], [0.0, 0.36, 0.0]])
 PERIOD = 1 / 30
@@ -67,9 +67,7 @@ class Feed:
 
 def test_targets_lie_beside_the_hips() -> None:
     person = Feed()(joints())
-    np.testing.assert_allclose(
-        person.targets[:, 1], [-0.09 - TARGET_DISTANCE, 0.09 + TARGET_DISTANCE]
-    )
+    np.testing.assert_allclose(person.targets[:, 1], [-0.09 - STANDOFF, 0.09 + STANDOFF])
     np.testing.assert_allclose(person.targets[:, 2], 0.04)
     np.testing.assert_allclose(person.wrists, joints()[list(WRISTS)])
 
