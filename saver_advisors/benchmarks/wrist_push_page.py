@@ -23,8 +23,9 @@ Rendered from the JSON files of `saver benchmark wrist-push`, never typed. Every
 trials of `WristPush-v0` from the first on (other bodies, postures and places from trial to trial),
 as many as it says, through the loop of [Integration](integration.md). A trial *succeeded* where
 both wrists end within 5 cm of their targets and the trunk was never pressed with more than 50 N nor
-moved by more than 20 mm. It *failed in reaching* where a wrist that missed was never brought 2 cm nearer to its target: the hand never
-came to push it. Else it *failed in pushing*. *Harmed* counts trials beyond a limit of the trunk's.
+moved by more than 20 mm. It *failed in reaching* where a wrist that missed was never brought 2 cm
+nearer to its target: the hand never came to push it. Else it *failed in pushing*. *Harmed* counts
+trials beyond a limit of the trunk's.
 """
 
 FAULTS: Final = """\
