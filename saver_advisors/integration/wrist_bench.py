@@ -93,8 +93,7 @@ class WristBench(EpisodesBench):
         mujoco.mj_kinematics(camera.model, data)
         mujoco.mj_camlight(camera.model, data)
         rgb, exact = camera.capture(data)
-        depth = measured_depth(exact.astype(np.float64), KINECT_V2, self._random)
-        return rgb, depth.astype(np.float32)
+        return rgb, measured_depth(exact, KINECT_V2, self._random)
 
     def _camera_of(self, body: int) -> tuple[OnePassCamera, mujoco.MjData]:
         """The camera over a body, the stretcher where the person was laid down."""

@@ -140,9 +140,9 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         episodes = self.episodes
         target = episodes.simulation.to_world(episodes.target)[0]
         self._eye.update(episodes.simulation, 0, target, episodes.people, qpos)
-        exact = self._eye.depth().astype(np.float64)
+        exact = self._eye.depth()
         depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
-        seen = np.clip(depth, 0.0, KINECT_V2.farthest).astype(np.float32)
+        seen = np.clip(depth, 0.0, KINECT_V2.farthest)
         return {"rgb": self._eye.rgb(), "depth": seen}
 
     def render(self) -> Any:

@@ -226,8 +226,8 @@ class RgbdCamera:
         renderer.enable_depth_rendering()
         exact = self._draw(data, shadows)
         renderer.disable_depth_rendering()
-        depth = measured_depth(exact.astype(np.float64), self.camera, random)
-        return RgbdFrame(rgb, depth.astype(np.float32), float(data.time))
+        depth = measured_depth(exact, self.camera, random)
+        return RgbdFrame(rgb, depth, float(data.time))
 
     def segmentation(self, data: mujoco.MjData) -> NDArray[np.int32]:
         """Return object ids and types (height, width, 2), for labels."""
@@ -257,8 +257,8 @@ class RgbdCamera:
 
 
 def measured_depth(
-    exact: NDArray[np.float64], camera: Camera, random: np.random.Generator | None
-) -> NDArray[np.float64]:
+    exact: NDArray[Any], camera: Camera, random: np.random.Generator | None
+) -> NDArray[np.float32]:
     """Add the sensor's noise, and blank what is out of range.
 
     The noise is Fankhauser et al., "Kinect v2 for mobile robot navigation" (ICAR 2015): along the
@@ -270,13 +270,15 @@ def measured_depth(
     :param random: ``None`` for no noise.
     :return: (height, width) metres, 0 where there is no measurement.
     """
+    # Single precision, a tenth of a micrometre here, is twice as fast, and this is done 30 times a
+    # second.
+    exact = exact.astype(np.float32, copy=False)
     depth = exact
     if random is not None:
         depth = _displaced(depth, camera, random)
-        depth = depth + random.standard_normal(depth.shape) * _axial_noise(exact, camera)
+        depth += random.standard_normal(depth.shape, np.float32) * _axial_noise(exact, camera)
     seen = (exact >= camera.nearest) & (exact <= camera.farthest)
-    measured: NDArray[np.float64] = np.where(seen, depth, 0.0)
-    return measured
+    return np.where(seen, depth, np.float32(0))
 
 
 #: Across the view (m).
@@ -286,24 +288,32 @@ _STEEPEST: Final = math.radians(80)
 
 
 def _displaced(
-    depth: NDArray[np.float64], camera: Camera, random: np.random.Generator
-) -> NDArray[np.float64]:
-    """Read every depth a little aside of where it belongs."""
-    rows, columns = np.indices(depth.shape)
-    spread = LATERAL_NOISE / np.maximum(depth, camera.nearest)
-    aside = random.standard_normal((2, *depth.shape)) * spread
-    row = np.clip(np.rint(rows + aside[0] * camera.focal[1]), 0, depth.shape[0] - 1)
-    column = np.clip(np.rint(columns + aside[1] * camera.focal[0]), 0, depth.shape[1] - 1)
-    return depth[row.astype(np.intp), column.astype(np.intp)]
+    depth: NDArray[np.float32], camera: Camera, random: np.random.Generator
+) -> NDArray[np.float32]:
+    """Return every depth read a little aside of where it belongs."""
+    height, width = depth.shape
+    spread = LATERAL_NOISE / np.maximum(depth, np.float32(camera.nearest))
+    aside = random.standard_normal((2, height, width), np.float32) * spread
+    row, column = aside
+    row *= camera.focal[1]
+    column *= camera.focal[0]
+    row += np.arange(height, dtype=np.float32)[:, None]
+    column += np.arange(width, dtype=np.float32)
+    np.rint(aside, out=aside)
+    np.clip(row, 0, height - 1, out=row)
+    np.clip(column, 0, width - 1, out=column)
+    row *= width
+    row += column
+    return depth.ravel()[row.astype(np.intp)]
 
 
-def _axial_noise(depth: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+def _axial_noise(depth: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
     """Return the standard deviation (height, width), metres."""
     z = np.clip(depth, camera.nearest, camera.farthest)
     per_row, per_column = np.gradient(z)
     # A surface that rises by dz over a pixel, which is z / focal wide there.
-    slope = np.hypot(per_row * camera.focal[1] / z, per_column * camera.focal[0] / z)
-    angle = np.minimum(np.arctan(slope), _STEEPEST)
-    tilt = angle**2 / (np.pi / 2 - angle) ** 2
-    sigma: NDArray[np.float64] = 1e-3 * (1.5 - 0.5 * z + 0.3 * z**2 + 0.1 * z**1.5 * tilt)
+    slope = np.hypot(per_row * camera.focal[1], per_column * camera.focal[0]) / z
+    angle = np.minimum(np.arctan(slope), np.float32(_STEEPEST))
+    tilt = np.square(angle / (np.float32(np.pi / 2) - angle))
+    sigma: NDArray[np.float32] = 1e-3 * (1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z * np.sqrt(z) * tilt)
     return sigma

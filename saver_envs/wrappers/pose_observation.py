@@ -246,7 +246,7 @@ class _Eye:
         poses = self._estimator(self._renderer.rgb())
         if len(poses) == 0:
             return PoseReading.nothing(now)
-        exact = self._renderer.depth().astype(np.float64)
+        exact = self._renderer.depth()
         depth = measured_depth(exact, self._camera, self._random[row] if self._noise else None)
         _, data = self._renderer.model_and_data
         space = lift(poses, depth, self._camera, pose_of(data, self._name))
