@@ -15,6 +15,9 @@ from saver_envs.tasks.wrist_push import FORCE_LIMIT, STANDOFF
 #: What may press against a hand of the robot (N): the quasi-static limit of ISO/TS 15066 for a
 #: person's lower arm is 160 N, of which we take less than half.
 HAND_FORCE: Final = 70.0
+#: What may press on the trunk (N), at which set-points have come back to the tools. Servos press on
+#: for a tenth of a second after that: with half of what counts as harm, peaks stay below it.
+TORSO_FORCE: Final = FORCE_LIMIT / 2
 #: From this share of a limit on, set-points are drawn nearer to the tools.
 YIELDING: Final = 0.5
 #: Lateral distance of the set-points from the hip joints (m): motion stops 15 cm from the body
@@ -35,7 +38,7 @@ class Limits:
     """
 
     max_speed: float = RATED_SPEED
-    torso_force: float = FORCE_LIMIT
+    torso_force: float = TORSO_FORCE
     hand_force: float = HAND_FORCE
     clearance: float = CLEARANCE
 

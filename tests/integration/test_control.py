@@ -83,7 +83,7 @@ def test_no_set_point_leaves_the_limits(
 
 
 @pytest.mark.parametrize(
-    ("force", "share"), [(0.0, 1.0), (25.0, 1.0), (37.5, 0.5), (50.0, 0.0), (80.0, 0.0)]
+    ("force", "share"), [(0.0, 1.0), (12.5, 1.0), (18.75, 0.5), (25.0, 0.0), (80.0, 0.0)]
 )
 def test_force_shortens_the_leash(force: float, share: float) -> None:
     assert Limits().freedom(np.zeros(2), force) == pytest.approx([share, share])
