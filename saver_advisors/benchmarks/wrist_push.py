@@ -45,7 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=at_least(0), default=0, metavar="S", help="of trial 0 (default: 0)"
     )
     parser.add_argument(
-        "--rows", nargs="+", choices=tuple(ROWS), default=list(ROWS), help="which (default: all)"
+        "--rows",
+        nargs="*",
+        choices=tuple(ROWS),
+        default=list(ROWS),
+        help="which; none leaves that table out (default: all)",
     )
     parser.add_argument(
         "--injections",
