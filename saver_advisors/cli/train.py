@@ -85,7 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     zoo.add_argument(
         "--zoo",
         metavar="ALGO",
-        help="run under RL Zoo: ddpg, td3, sac, tqc, or a goal learner such as goal_td3",
+        help="run under RL Zoo: ddpg, td3, sac, tqc, a goal learner such as goal_td3, or cpo, "
+        "trpolag, ppolag",
     )
     zoo.add_argument(
         "zoo_arguments", nargs="*", metavar="ARG", help="RL Zoo's own arguments, after --"

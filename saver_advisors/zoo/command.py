@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+from saver_advisors.safe_baselines import ALGORITHMS as SAFE
 from saver_advisors.zoo.algorithms import ADVISED, ALGORITHMS, STOCK
 
 ADVICE_KEY: Final = "advice"
@@ -40,7 +41,7 @@ OURS: Final = {
 class ZooRun:
     """What a run under RL Zoo is to be.
 
-    :param algorithm: a key of `ALGORITHMS`, or one of `STOCK`
+    :param algorithm: a key of `ALGORITHMS`, one of `STOCK`, or a safe one
     :param env_id: a registered id
     :param config: the settings file, in RL Zoo's format
     :param output: RL Zoo's log folder
@@ -118,12 +119,18 @@ def settings_path(algorithm: str) -> Path:
 def algorithm_name(name: str, advised: bool) -> str:
     """The name in RL Zoo's table.
 
-    :param name: a stock algorithm's, or a key of `ALGORITHMS`
+    :param name: a stock or safe algorithm's, or a key of `ALGORITHMS`
     :param advised: whether advice is to be given: a stock algorithm then becomes its advised twin
-    :raises UsageError: for an unknown one
+    :raises UsageError: for an unknown one, or one that cannot be advised
     """
-    if name not in (*STOCK, *ALGORITHMS):
-        raise UsageError(f"argument --zoo: {unknown('algorithm', name, (*STOCK, *ALGORITHMS))}")
+    known = (*STOCK, *ALGORITHMS, *SAFE)
+    if name not in known:
+        raise UsageError(f"argument --zoo: {unknown('algorithm', name, known)}")
+    if advised and name in SAFE:
+        raise UsageError(
+            f"argument --advice: {name} learns on policy, from its own actions alone; advice works "
+            f"with {', '.join((*STOCK, *ALGORITHMS))}"
+        )
     return f"{ADVISED}{name}" if advised and name in STOCK else name
 
 

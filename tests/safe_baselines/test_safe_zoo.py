@@ -12,6 +12,7 @@ from rl_zoo3 import ALGOS
 from rl_zoo3.exp_manager import ExperimentManager
 from stable_baselines3.common.vec_env import VecEnv
 
+from saver_advisors.cli import main
 from saver_advisors.safe_baselines import ALGORITHMS, LagrangianMixin
 from saver_advisors.zoo import register_algorithms
 
@@ -55,6 +56,25 @@ def test_both_rewards_have_an_entry_and_a_rollout_holds_whole_episodes(name):
         entry = content[env_id]
         assert entry["n_steps"] % 50 == 0
         assert (entry["n_steps"] * entry["n_envs"]) % entry["batch_size"] == 0
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_the_command_trains_by_the_file_and_leaves_a_model(name, tmp_path):
+    words = ["train", "--zoo", name, "--env", IDS[0], "--output", str(tmp_path), "--steps", "40"]
+    words += ["--env-kwargs", "horizon=10", "--set", "n_envs=2", "n_steps=10", "batch_size=10"]
+    assert main([*words, "--", "--eval-freq", "-1"]) == 0
+    (saved,) = (tmp_path / name).glob(f"*/{IDS[0]}.zip")
+    model = ALGORITHMS[name].load(saved, device="cpu")
+    assert model.num_timesteps == 40
+    assert model.cost_limit == 1.0
+
+
+def test_what_learns_on_policy_is_not_advised(tmp_path, capsys):
+    words = ["train", "--zoo", "cpo", "--env", IDS[0], "--output", str(tmp_path)]
+    words += ["--advice", "early", "--teacher", "jaco-pick-and-place", "--budget", "10"]
+    assert main(words) == 2
+    assert "argument --advice: cpo learns on policy" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS.values())

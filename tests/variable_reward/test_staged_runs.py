@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -85,6 +89,32 @@ def test_stopped_in_each_stage_a_run_goes_on_as_if_it_had_not(tmp_path: Path, ap
     assert stages == [name for name in ("teaching", "stretching", "exploring") for _ in range(3)]
     assert [point["advice_spent"] for point in whole][2:] == [3 * BLOCK] * 7
     assert {"goal_success_rate", "constraint_met_rate"} <= whole[0].keys()
+
+
+@pytest.mark.long
+def test_killed_in_each_stage_a_run_goes_on_as_if_it_had_not(tmp_path: Path) -> None:
+    """Kill -9 at any moment: what was done since the last checkpoint is done once more."""
+    config = tmp_path / "config.yml"
+    long = {"eval_episodes": 100, "total_steps": 9 * BLOCK}
+    config.write_text(json.dumps({**SETTINGS, **long}), encoding="utf-8")
+    train(settings(**long), tmp_path / "whole", progress=False)
+    folder = tmp_path / "killed"
+    words = [sys.executable, "-m", "saver_advisors.cli", "train", "--no-progress"]
+    words += ["--config", str(config), "--output", str(folder), "--resume"]
+    killed = []
+    for points in (1, 4, 7):  # teaching, stretching and exploring have three each
+        process = subprocess.Popen(words, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        deadline = time.monotonic() + 120
+        while len(done := read_curve(folder) if folder.exists() else []) < points:
+            assert process.poll() is None, "it must run until it is killed"
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        process.kill()
+        process.wait()
+        killed.append(done[-1]["stage"])
+    assert killed == ["teaching", "stretching", "exploring"]
+    subprocess.run(words, check=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert without_clock(folder) == without_clock(tmp_path / "whole")
 
 
 def test_advice_ends_with_teaching_even_where_budget_is_left(tmp_path: Path) -> None:
