@@ -123,7 +123,10 @@ def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
     assert policy.get("n_values", 1) == len(replay.get("goal_parts", [1]))
     assert sum(replay.get("goal_parts", [])) in (0, make_episodes(env_id).goal_size)
     contested = {"contested_share": 0.4}  # the default, which saver.yml says once more
-    assert {**contested, **entry.get("env_kwargs", {})} == {**contested, **config.train_env_kwargs}
+    training = {**contested, **config.env_kwargs, **config.train_env_kwargs}
+    assert {**contested, **entry.get("env_kwargs", {})} == training
+    read = policy.get("features_extractor_kwargs", {}).get("achieved_goal", False)
+    assert read == config.achieved_goal_input
     if config.advice is None:
         assert advice is None
     else:
