@@ -27,19 +27,20 @@ examples:
   saver benchmark safe --from safe.json --table page.md       an earlier one as a table"""
 
 NAMES: Final = ("cpo", "trpolag", "ppolag")
-SEEDS: Final = (6, 7, 8)
-"""That had no part in finding the settings below, which was done on seeds 0 to 5."""
+SEEDS: Final = (9, 10, 11)
+"""That had no part in finding the settings below, which was done on seeds 0 to 8."""
 N_ENVS: Final = 100
 EPISODES: Final = 2000
 EVALUATION_SEED: Final = 1_000_000
 MARGIN: Final = 0.03
-"""Share of the limit that is left as a margin when learning: a rollout of 100 episodes tells the
+"""Share of the limit that is left as a margin when learning: a rollout of 200 episodes tells the
 cost to a few per cent, and the limit is to hold, not to be met on average.
 """
 WITHIN: Final = 0.05
 """The return may fall short of the optimum by this share."""
 COMMON: Final[dict[str, Any]] = {
-    "n_steps": 20,
+    # Two episodes of each environment: by one, the cost that the price answers to is noise.
+    "n_steps": 40,
     "batch_size": 500,
     "gamma": 1.0,
     "cost_gamma": 1.0,
@@ -57,7 +58,13 @@ PRICED: Final[dict[str, Any]] = {
 }
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "cpo": {"n_critic_updates": 20},
-    "trpolag": {**PRICED, "multiplier_init": 0.65, "n_critic_updates": 20},
+    "trpolag": {
+        **PRICED,
+        "multiplier_init": 0.65,
+        "n_critic_updates": 20,
+        # A step of the usual 0.01 changes the cost by more than the margin.
+        "target_kl": 0.005,
+    },
     "ppolag": {
         **PRICED,
         "multiplier_init": 0.65,
@@ -67,7 +74,7 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     },
 }
 """Beside the classes' defaults."""
-STEPS: Final[dict[str, int]] = {"cpo": 120_000, "trpolag": 160_000, "ppolag": 240_000}
+STEPS: Final[dict[str, int]] = {"cpo": 240_000, "trpolag": 320_000, "ppolag": 480_000}
 
 BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
 
@@ -89,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=at_least(0),
         default=list(SEEDS),
         metavar="N",
-        help="one run each (default: 6 7 8)",
+        help="one run each (default: 9 10 11)",
     )
     parser.add_argument(
         "--steps",
