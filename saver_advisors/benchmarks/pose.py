@@ -6,6 +6,7 @@ Training and test pictures are rendered; people and patterns of the test are hel
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -131,9 +132,15 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
         for name in SETS
     }
     sets = {name: test_set(name, count, args.cache) for name, count in counts.items()}
-    models: dict[str, dict[str, Any]] = {"saver": {}}
-    for name, data in sets.items():
-        models["saver"][name] = accuracy(of_network(estimator, data, counts[name]), data)
+    estimators = {"saver": estimator}
+    with contextlib.suppress(ValueError):  # branches without their mirror images
+        estimators["saver_mirror"] = PoseEstimator(estimator.network, mirror=True)
+    models: dict[str, dict[str, Any]] = {
+        model: {
+            name: accuracy(of_network(one, data, counts[name]), data) for name, data in sets.items()
+        }
+        for model, one in estimators.items()
+    }
     for variant in VARIANTS if args.peers else ():
         with BlazePose(variant, args.peer_cache) as peer:
             models[f"blazepose_{variant}"] = {

@@ -12,6 +12,7 @@ SETS: Final = {
 }
 MODELS: Final = {
     "saver": "parallel ensemble (light)",
+    "saver_mirror": "the same, mirror image too",
     "blazepose_lite": "BlazePose lite",
     "blazepose_full": "BlazePose full",
     "blazepose_heavy": "BlazePose heavy",

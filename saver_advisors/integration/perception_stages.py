@@ -12,7 +12,7 @@ from saver_advisors.integration.messages import Picture, PixelPose, SpacePose, S
 from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
 from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.perception.lifting import lift
-from saver_envs.perception.parsing import Poses
+from saver_envs.perception.parsing import CAUTIOUS_PARSING, Poses
 
 #: A picture is looked at in every so many pixels to tell whether it is black or frozen.
 _COARSE: Final = 8
@@ -158,8 +158,12 @@ class BenchFrameStage(Stage):
 def shipped_estimator(**options: Any) -> Estimator:
     """The pose network that comes along, for the camera over the bench; imports torch.
 
+    It gives sure joints alone: for arms that touch a person, a joint that is missing is better than
+    a wrong one.
+
     :param options: of `saver_envs.perception.estimator.PoseEstimator`
     """
     from saver_envs.perception.estimator import PoseEstimator
 
+    options = {"options": CAUTIOUS_PARSING, **options}
     return PoseEstimator.shipped(limbs=list(LIMBS), turn=2, **options)

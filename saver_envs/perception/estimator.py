@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from saver_envs.perception.backbones import DEVIATION, MEAN
-from saver_envs.perception.fields import STRIDE
+from saver_envs.perception.fields import AFFINITY_X, STRIDE
 from saver_envs.perception.network import PoseNetwork
 from saver_envs.perception.parsing import DEFAULT_PARSING, ParsingOptions, Poses, parse
+from saver_envs.perception.skeleton import LIMB_NAMES, MIRRORED_LIMBS
 from saver_envs.perception.weights import SHIPPED, load_network
 
 #: Height and width that pictures are fitted into before the network looks at them.
@@ -31,8 +32,11 @@ class PoseEstimator:
     :param turn: quarter turns, anticlockwise, after which heads are about at the top: 2 for the
         camera over the bench, which sees people upside down.
     :param options: of the parsing.
+    :param mirror: look at the picture's mirror image too, and take the mean of both: better, at
+        twice the cost. All limbs are needed, or both of every pair.
     :param run: runs the network in another way, such as :class:`~.onnx.OnnxNetwork`.
-    :raises ValueError: for a size that is no multiple of 8.
+    :raises ValueError: for a size that is no multiple of 8, or limbs whose mirror images are not
+        among them.
     """
 
     def __init__(
@@ -41,6 +45,7 @@ class PoseEstimator:
         size: tuple[int, int] = NETWORK_SIZE,
         turn: int = 0,
         options: ParsingOptions = DEFAULT_PARSING,
+        mirror: bool = False,
         run: Run | None = None,
     ) -> None:
         if size[0] % STRIDE or size[1] % STRIDE or min(size) <= 0:
@@ -50,6 +55,7 @@ class PoseEstimator:
         self.size = size
         self.turn = turn % 4
         self.options = options
+        self._mirrored = _mirrored_places(self.limbs) if mirror else None
         self._run = run or self._torch
 
     @staticmethod
@@ -74,7 +80,7 @@ class PoseEstimator:
         :raises ValueError: for another shape or type.
         """
         picture, scale, offset = self.prepare(image)
-        fields = self._run(picture[None])[0]
+        fields = self.fields(picture)
         return self.finish(fields, scale, offset, image.shape[:2])
 
     def prepare(
@@ -86,6 +92,20 @@ class PoseEstimator:
         """
         pixels = np.rot90(checked(image), self.turn)
         return normalised(pixels, self.size)
+
+    def fields(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Run the network.
+
+        :param picture: (3, h, w) from :meth:`prepare`.
+        :return: (limbs, 3, h / 8, w / 8).
+        """
+        if self._mirrored is None:
+            return self._run(picture[None])[0]
+        plain, mirrored = self._run(np.stack([picture, picture[:, :, ::-1]]))
+        back = mirrored[self._mirrored, :, :, ::-1].copy()
+        back[:, AFFINITY_X] *= -1
+        mean: NDArray[np.float32] = 0.5 * (plain + back)
+        return mean
 
     def finish(
         self,
@@ -116,6 +136,19 @@ class PoseEstimator:
             fields: Tensor = self.network(torch.from_numpy(pictures).to(device))[1]
         values: NDArray[np.float32] = fields.float().cpu().numpy()
         return values
+
+
+def _mirrored_places(limbs: Sequence[int]) -> list[int]:
+    """Return where the mirror image of each limb is among ``limbs``.
+
+    :raises ValueError: where one is missing; the message says which.
+    """
+    wanted = [int(MIRRORED_LIMBS[limb]) for limb in limbs]
+    missing = [LIMB_NAMES[limb] for limb in wanted if limb not in limbs]
+    if missing:
+        raise ValueError(f"mirror=True: needs the limbs {', '.join(missing)} as well")
+    places = list(limbs)
+    return [places.index(limb) for limb in wanted]
 
 
 def checked(image: NDArray[Any]) -> NDArray[np.uint8]:

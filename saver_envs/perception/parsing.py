@@ -24,25 +24,34 @@ _NEIGHBOURS: Final = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 
 class ParsingOptions:
     """What counts as a joint, a limb and a person.
 
+    Two thresholds, as in edge detection by hysteresis: some joints have to be sure for there to be
+    a person, who may then have less certain ones.
+
     :param heat_threshold: smallest absolute heat of a joint.
     :param affinity_threshold: smallest score of a limb (eq. 4.7), of at most 1.
     :param samples: points at which the integral of equation 4.7 is taken.
     :param merge_distance: how far apart, in cells, the peaks of two limbs for the joint that they
         share may lie.
-    :param minimum_joints: a person with fewer joints is dropped, where the limbs that are looked
-        for have as many.
+    :param sure: confidence from which a joint is sure.
+    :param minimum_joints: a person with fewer sure joints is dropped, where the limbs that are
+        looked for have as many joints.
     :param most_peaks: the strongest that are kept of a limb's proximal, and of its distal joints.
     """
 
-    heat_threshold: float = 0.15
-    affinity_threshold: float = 0.15
+    heat_threshold: float = 0.04
+    affinity_threshold: float = 0.04
     samples: int = 10
-    merge_distance: float = 3.0
+    merge_distance: float = 7.0
+    sure: float = 0.15
     minimum_joints: int = 3
     most_peaks: int = 30
 
 
 DEFAULT_PARSING: Final = ParsingOptions()
+#: Gives sure joints alone: what is not certain is missing.
+CAUTIOUS_PARSING: Final = ParsingOptions(
+    heat_threshold=0.15, affinity_threshold=0.15, merge_distance=3.0
+)
 
 
 @dataclass(frozen=True)
@@ -303,14 +312,14 @@ def _owners(
 
 
 def _poses(people: _People, limbs: Sequence[int], options: ParsingOptions, stride: int) -> Poses:
-    """Turn cells into pixels, drop those with too few joints, sort by confidence."""
+    """Turn cells into pixels, drop those with too few sure joints, sort by confidence."""
     possible = len(
         {joint for limb in limbs for joint in (LIMBS[limb].proximal, LIMBS[limb].distal)}
     )
     weight, peaks = people.weight[: people.count], people.peaks[: people.count]
     found = weight > 0
-    enough = found.sum(axis=1) >= min(options.minimum_joints, possible)
     scores = np.where(found, weight / np.maximum(peaks, 1), 0.0)
+    enough = (scores >= options.sure).sum(axis=1) >= min(options.minimum_joints, possible)
     mean = people.moment[: people.count] / np.where(found, weight, 1.0)[..., None]
     joints = np.where(found[..., None], (mean + 0.5) * stride, np.nan)
     person_scores = scores.sum(axis=1) / possible

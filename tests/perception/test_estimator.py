@@ -10,12 +10,12 @@ from people import person
 from saver_envs.perception.camera import BENCH_POSE, KINECT_V2
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.estimator import PoseEstimator, checked, normalised
-from saver_envs.perception.fields import encode
+from saver_envs.perception.fields import AFFINITY_X, encode
 from saver_envs.perception.lifting import DEPTH_TO_CENTRE, lift
 from saver_envs.perception.metrics import joint_errors, summarise
 from saver_envs.perception.network import LIGHT, PoseNetwork
 from saver_envs.perception.parsing import Poses
-from saver_envs.perception.skeleton import JOINTS, N_JOINTS, Visibility
+from saver_envs.perception.skeleton import JOINTS, MIRRORED_LIMBS, N_JOINTS, Visibility
 
 SIZE = (216, 256)
 
@@ -60,6 +60,28 @@ def test_joints_come_back_in_the_pictures_own_pixels(
     assert np.nanmax(np.abs(poses.joints[0] - joints)) < 2.5 * max(
         shape[0] / SIZE[0], shape[1] / SIZE[1], 1
     )
+
+
+def test_with_mirror_images_a_mirrored_picture_has_mirrored_fields(network: PoseNetwork) -> None:
+    """Which the network alone, untrained, is far from."""
+    picture = np.random.default_rng(0).normal(size=(3, *SIZE)).astype(np.float32)
+    flipped = np.ascontiguousarray(picture[:, :, ::-1])
+
+    def mirrored(fields: np.ndarray) -> np.ndarray:
+        back = fields[MIRRORED_LIMBS, :, :, ::-1].copy()
+        back[:, AFFINITY_X] *= -1
+        return back
+
+    both = PoseEstimator(network, SIZE, mirror=True)
+    np.testing.assert_allclose(both.fields(flipped), mirrored(both.fields(picture)), atol=1e-5)
+    alone = PoseEstimator(network, SIZE)
+    assert np.abs(alone.fields(flipped) - mirrored(alone.fields(picture))).max() > 1e-2
+
+
+def test_mirror_images_need_both_sides() -> None:
+    one_side = PoseNetwork(LIGHT, ["head", "left_forearm"])
+    with pytest.raises(ValueError, match="needs the limbs right_forearm as well"):
+        PoseEstimator(one_side, mirror=True)
 
 
 @pytest.mark.parametrize("value", [0, 255])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from people import person
 
 from saver_envs.perception.fields import encode
-from saver_envs.perception.parsing import ParsingOptions, Poses, parse
+from saver_envs.perception.parsing import CAUTIOUS_PARSING, ParsingOptions, Poses, parse
 from saver_envs.perception.skeleton import LIMB_NAMES, LIMBS, N_JOINTS, joints_of, limb_indices
 
 ALL = tuple(range(13))
@@ -121,6 +121,20 @@ def test_joints_are_the_mean_weighted_by_confidence() -> None:
     fields[1] = encode(shifted, known, SIZE, (fore,))[0] * 0.25
     found = parse(fields, (upper, fore), ParsingOptions(affinity_threshold=0.1))
     assert found.joints[0, elbow] == pytest.approx([60 + 8 * 0.2, 164], abs=0.3)
+
+
+def test_who_is_sure_may_have_faint_joints_and_faint_joints_alone_are_nobody() -> None:
+    joints = picture(3, 1)
+    fields = encode(joints, np.ones((1, 14), bool), SIZE, ALL)
+    wrist = LIMB_NAMES.index("left_forearm")
+    fields[wrist] *= 0.1
+    found = parse(fields, ALL)
+    assert len(found) == 1
+    assert found.found.all()
+    assert found.scores[0, LIMBS[wrist].distal] == pytest.approx(0.1, abs=0.03)
+    sure = parse(fields, ALL, CAUTIOUS_PARSING)
+    assert not sure.found[0, LIMBS[wrist].distal]
+    assert len(parse(0.1 * encode(joints, np.ones((1, 14), bool), SIZE, ALL), ALL)) == 0
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, 5.0])
