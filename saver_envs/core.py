@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from saver_envs.control import DampedLeastSquares, InverseKinematics, bounded
 from saver_envs.grasping import Grasp, settled_grasp
-from saver_envs.patient import Patient, People, joined
-from saver_envs.person_scene import compose_with_person
+from saver_envs.person.patient import Patient, People, joined
+from saver_envs.person.scene import compose_with_person
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Layout, ObjectProperties, Scene, compose

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.patient import People
+from saver_envs.person.patient import People
 from saver_envs.robots.description import COLLISION_GROUP
 from saver_envs.robots.stretcher import STRETCHER
 from saver_envs.scenes import Scene

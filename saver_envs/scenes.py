@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
 
 if TYPE_CHECKING:
-    from saver_envs.person_scene import PersonAddresses
+    from saver_envs.person.scene import PersonAddresses
 
 Layout = Literal["row", "ring"]
 
@@ -86,7 +86,7 @@ class Scene:
     :param object_dof: (arms, 6) addresses of linear and angular velocity.
     :param target_site: (arms,) sites that show the targets.
     :param collision_sensor: addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
-    :param person: where the person is in the scene of :mod:`saver_envs.person_scene`, whose wrists
+    :param person: where the person is in the scene of :mod:`saver_envs.person.scene`, whose wrists
         are the objects.
     """
 

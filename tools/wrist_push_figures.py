@@ -14,7 +14,7 @@ from PIL import Image
 
 from saver_envs.core import Episodes
 from saver_envs.experts import make_expert
-from saver_envs.person_scene import CAMERA
+from saver_envs.person.scene import CAMERA
 from saver_envs.registration import make_episodes
 from saver_envs.rendering import SceneRenderer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from saver_envs.people import BODIES
+from saver_envs.person.people import BODIES
 from saver_envs.tasks.sampling import HAND_TO_OBJECT
 from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT, STANDOFF
 from saver_envs.tasks.wrist_starts import (

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.patient import People
-from saver_envs.person_scene import HIPS, PersonAddresses
+from saver_envs.person.patient import People
+from saver_envs.person.scene import HIPS, PersonAddresses
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
 from saver_envs.tasks.push import PUSH_HEIGHT

@@ -21,7 +21,7 @@ from saver_advisors.integration.stage import Stage
 from saver_advisors.integration.wrist_bench import WristBench
 from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, RgbdCamera
 from saver_envs.perception.parsing import Poses
-from saver_envs.person_scene import CAMERA
+from saver_envs.person.scene import CAMERA
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.people import BODIES, Arm, arm_of
 from saver_envs.perception.camera import BENCH_POSE, KINECT_V2
+from saver_envs.person.people import BODIES, Arm, arm_of
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.robots.manikin import (
     MASS_SHARE,

@@ -11,7 +11,7 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS
 from numpy.typing import NDArray
 
-from saver_envs.person_scene import HIPS, PersonAddresses
+from saver_envs.person.scene import HIPS, PersonAddresses
 from saver_envs.scenes import Scene
 from saver_envs.simulation import ObjectState, Simulation, cross
 
@@ -23,7 +23,7 @@ _FRICTION, _DAMPING = "geom_friction", "dof_damping"
 class People:
     """Who lies on the bench and how, one row for each of k episodes.
 
-    :param body: (k,) which of :data:`saver_envs.people.BODIES`.
+    :param body: (k,) which of :data:`saver_envs.person.people.BODIES`.
     :param hips: (k, 2) middle between the hip joints, world frame, metres.
     :param yaw: (k,) turn of the trunk, radians; at 0 the feet point along +x.
     :param shoulder: (k, arms, 4) quaternions of the shoulders, of arms in the scene's order.
