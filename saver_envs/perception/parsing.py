@@ -25,14 +25,14 @@ class ParsingOptions:
     """What counts as a joint, a limb and a person.
 
     Two thresholds, as in edge detection by hysteresis: some joints have to be sure for there to be
-    a person, who may then have less certain ones.
+    a person, who may then have less certain ones at the end of limbs that begin at sure ones.
 
     :param heat_threshold: smallest absolute heat of a joint.
     :param affinity_threshold: smallest score of a limb (eq. 4.7), of at most 1.
     :param samples: points at which the integral of equation 4.7 is taken.
     :param merge_distance: how far apart, in cells, the peaks of two limbs for the joint that they
         share may lie.
-    :param sure: confidence from which a joint is sure.
+    :param sure: heat from which a joint, and score from which a limb, is sure.
     :param minimum_joints: a person with fewer sure joints is dropped, where the limbs that are
         looked for have as many joints.
     :param most_peaks: the strongest that are kept of a limb's proximal, and of its distal joints.
@@ -179,13 +179,47 @@ def _parabola_top(before: Array, centre: Array, after: Array) -> Array:
 def _pair(
     fields: NDArray[Any], proximal: _Peaks, distal: _Peaks, options: ParsingOptions
 ) -> _Pairs:
-    """Score every pair of a limb's peaks and match them one to one (eq. 4.7 to 4.9)."""
-    first, second = np.nonzero(proximal.limb[:, None] == distal.limb)
+    """Match a limb's peaks one to one (eq. 4.7 to 4.9): sure ones first, then the others to them.
+
+    Taken together, two faint pairs could outweigh the sure one whose ends they share.
+    """
+    begins, ends = proximal.height >= options.sure, distal.height >= options.sure
+    allowed = proximal.limb[:, None] == distal.limb
+    certain = _matched(
+        fields, proximal, distal, allowed & begins[:, None] & ends, options, options.sure
+    )
+    allowed[certain.proximal] = False
+    allowed[:, certain.distal] = False
+    faint = _matched(
+        fields,
+        proximal,
+        distal,
+        allowed & (begins[:, None] | ends),
+        options,
+        options.affinity_threshold,
+    )
+    return _Pairs(
+        np.concatenate([certain.limb, faint.limb]),
+        np.concatenate([certain.proximal, faint.proximal]),
+        np.concatenate([certain.distal, faint.distal]),
+    )
+
+
+def _matched(
+    fields: NDArray[Any],
+    proximal: _Peaks,
+    distal: _Peaks,
+    allowed: NDArray[np.bool_],
+    options: ParsingOptions,
+    threshold: float,
+) -> _Pairs:
+    """Score the allowed pairs of peaks (proximal, distal) and match them one to one."""
+    first, second = np.nonzero(allowed)
     limb = proximal.limb[first]
     score = _line_integral(
         fields, limb, proximal.position[first], distal.position[second], options.samples
     )
-    good = score > options.affinity_threshold
+    good = score > threshold
     first, second, limb, score = first[good], second[good], limb[good], score[good]
     chosen = []
     for one in np.unique(limb):

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from people import person
 
-from saver_envs.perception.fields import encode
+from saver_envs.perception.fields import HEAT, encode
 from saver_envs.perception.parsing import CAUTIOUS_PARSING, ParsingOptions, Poses, parse
 from saver_envs.perception.skeleton import LIMB_NAMES, LIMBS, N_JOINTS, joints_of, limb_indices
 
@@ -127,7 +127,8 @@ def test_who_is_sure_may_have_faint_joints_and_faint_joints_alone_are_nobody() -
     joints = picture(3, 1)
     fields = encode(joints, np.ones((1, 14), bool), SIZE, ALL)
     wrist = LIMB_NAMES.index("left_forearm")
-    fields[wrist] *= 0.1
+    heat = fields[wrist, HEAT]
+    heat[heat < 0] *= 0.1  # the distal end's
     found = parse(fields, ALL)
     assert len(found) == 1
     assert found.found.all()
@@ -135,6 +136,18 @@ def test_who_is_sure_may_have_faint_joints_and_faint_joints_alone_are_nobody() -
     sure = parse(fields, ALL, CAUTIOUS_PARSING)
     assert not sure.found[0, LIMBS[wrist].distal]
     assert len(parse(0.1 * encode(joints, np.ones((1, 14), bool), SIZE, ALL), ALL)) == 0
+
+
+@pytest.mark.parametrize("people", [1, 2, 10])
+def test_noise_between_the_thresholds_adds_nobody(people: int) -> None:
+    """Though one faint pair at each end of a sure one would outweigh it."""
+    size = (368, 184 * max(people, 2))
+    joints = picture(1, people, size)
+    fields = encode(joints, np.ones((people, 14), bool), size, ALL)
+    noisy = fields + np.random.default_rng(0).normal(0, 0.03, fields.shape)
+    found = parse(noisy, ALL)
+    assert len(found) == people
+    assert np.abs(found.joints[matched(found, joints)] - joints).max() < 4
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, 5.0])
