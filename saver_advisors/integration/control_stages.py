@@ -37,7 +37,7 @@ from saver_envs.wrappers.finger_readings import translated_fingers
 ENCODER_RATE, POLICY_RATE, GATE_RATE = 100.0, 25.0, 250.0
 #: A policy whose outputs are bounded by 1 asks for no more than rounding beyond it.
 _ROUNDING: Final = 1e-3
-#: Stages that must have answered before arms move.
+#: Kind of the log's line that tells that the arms are held.
 STOPPED: Final = "stopped"
 
 
