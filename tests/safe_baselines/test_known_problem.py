@@ -87,12 +87,12 @@ def test_a_limit_beyond_the_closed_form_is_refused():
 def test_the_command_writes_a_file_and_a_table(tmp_path, capsys):
     figures, page = tmp_path / "safe.json", tmp_path / "page.md"
     page.write_text(f"before\n{safe.BEGIN}\nold\n{safe.END}\nafter\n")
-    words = f"benchmark safe --algorithms cpo --seeds 3 --steps 2000 --json {figures}"
-    # Two thousand steps are not enough, and the status says so.
+    words = f"benchmark safe --algorithms cpo --seeds 3 --steps 4000 --json {figures}"
+    # Four thousand steps, one rollout, are not enough, and the status says so.
     assert main([*words.split(), "--table", str(page)]) == 1
     content = json.loads(figures.read_text())
     (row,) = content["rows"]
-    assert (row["algorithm"], row["seed"], row["steps"]) == ("CPO", 3, 2000)
+    assert (row["algorithm"], row["seed"], row["steps"]) == ("CPO", 3, 4000)
     assert row["share_of_optimum"] == pytest.approx(row["return"] / best_return())
     assert content["provenance"].keys() >= {"command", "commit", "versions", "machine"}
     text = page.read_text()
