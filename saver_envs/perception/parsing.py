@@ -183,18 +183,18 @@ def _pair(
 
     Taken together, two faint pairs could outweigh the sure one whose ends they share.
     """
+    first, second = _of_one_limb(proximal.limb, distal.limb)
     begins, ends = proximal.height >= options.sure, distal.height >= options.sure
-    allowed = proximal.limb[:, None] == distal.limb
-    certain = _matched(
-        fields, proximal, distal, allowed & begins[:, None] & ends, options, options.sure
-    )
-    allowed[certain.proximal] = False
-    allowed[:, certain.distal] = False
+    both = begins[first] & ends[second]
+    certain = _matched(fields, proximal, distal, (first[both], second[both]), options, options.sure)
+    begin_free, end_free = np.ones(len(begins), dtype=bool), np.ones(len(ends), dtype=bool)
+    begin_free[certain.proximal] = end_free[certain.distal] = False
+    left = (begins[first] | ends[second]) & begin_free[first] & end_free[second]
     faint = _matched(
         fields,
         proximal,
         distal,
-        allowed & (begins[:, None] | ends),
+        (first[left], second[left]),
         options,
         options.affinity_threshold,
     )
@@ -205,16 +205,27 @@ def _pair(
     )
 
 
+def _of_one_limb(
+    proximal: NDArray[np.intp], distal: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return all pairs of indices at which two ascending arrays of limbs are the same."""
+    begin = np.searchsorted(distal, proximal, side="left")
+    count = np.searchsorted(distal, proximal, side="right") - begin
+    first = np.repeat(np.arange(len(proximal)), count)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    return first, begin[first] + within
+
+
 def _matched(
     fields: NDArray[Any],
     proximal: _Peaks,
     distal: _Peaks,
-    allowed: NDArray[np.bool_],
+    pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
     options: ParsingOptions,
     threshold: float,
 ) -> _Pairs:
-    """Score the allowed pairs of peaks (proximal, distal) and match them one to one."""
-    first, second = np.nonzero(allowed)
+    """Score pairs of peaks (proximal, distal) and match them one to one."""
+    first, second = pairs
     limb = proximal.limb[first]
     score = _line_integral(
         fields, limb, proximal.position[first], distal.position[second], options.samples
