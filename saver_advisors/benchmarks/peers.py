@@ -41,6 +41,9 @@ FETCH_PUSH: Final = Peer(
 TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "mujoco==3.3.7"))
 PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
 
+#: Stable-Baselines3 in JAX. It has no environment: its gradient steps are what is timed.
+SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
+
 
 def default_cache() -> Path:
     """Where the virtual environments are kept: in the user's cache folder."""

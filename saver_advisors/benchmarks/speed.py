@@ -121,7 +121,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`
     :return: JSON-able: ``rows``, ``resets``, ``replay``, ``advice`` and, where asked for, ``peers``
     """
-    from saver_advisors.benchmarks.learning import ADVICE, advice_row, replay_row
+    from saver_advisors.benchmarks.learner_parts import ADVICE, advice_row, replay_row
     from saver_advisors.benchmarks.steps import memory_per_env, reset_row, step_rows
     from saver_advisors.benchmarks.versus import peer_rows
 

@@ -13,6 +13,7 @@ examples:
 
 KINDS: Final = {
     "speed": ("saver_advisors.benchmarks.speed", "environment steps per second, beside peers"),
+    "learning": ("saver_advisors.benchmarks.learning", "where training's time goes, beside SB3"),
     "run": ("saver_advisors.benchmarks.protocol_run", "an algorithm of yours, by our protocol"),
     "compare": ("saver_advisors.benchmarks.compare", "results of yours beside the baselines"),
     "advising": ("saver_advisors.benchmarks.advising", "table 5.2's counterpart, and its findings"),

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from saver_advisors.benchmarks import peer_worker
-from saver_advisors.benchmarks.learning import advice_row
+from saver_advisors.benchmarks.learner_parts import advice_row
 from saver_advisors.benchmarks.machine import cores, median_ratio
 from saver_advisors.benchmarks.peers import (
     COMPLETE,
