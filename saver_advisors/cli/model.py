@@ -59,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     train.set_defaults(work=_train)
 
-    search = steps.add_parser("search", help="search Table 7.3 for an architecture, with Optuna")
+    search = steps.add_parser(
+        "search", help="search Table 7.3 for an architecture, or a loop's weight, with Optuna"
+    )
     search.add_argument("--robot", choices=_TWINS, required=True, help="which arm")
     _add_task(search)
     search.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
@@ -67,6 +69,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--samples", type=at_least(100), default=60_000, metavar="N", help="(default: 60000)"
     )
     search.add_argument("--trials", type=at_least(1), default=50, metavar="N", help="(default: 50)")
+    search.add_argument(
+        "--loop-weights",
+        nargs="+",
+        type=float,
+        default=[],
+        metavar="W",
+        help="of bigan and dualgan: try each of these in place of architectures, with as many "
+        "seeds as the trials allow",
+    )
     _add_settings(search)
     add_json(search)
     search.set_defaults(work=_search)
@@ -88,7 +99,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         action="extend",
         metavar="NAME=VALUE",
         help="settings of the training and the architecture: epochs, batch_size, learning_rate, "
-        "sigma, supervised_weight, precision, seed, layers, width, activation, leak",
+        "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak",
     )
 
 
@@ -246,8 +257,9 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
 
 def _search(args: argparse.Namespace) -> int:
     from saver_advisors.benchmarks.modelling_command import prepare_data
-    from saver_advisors.benchmarks.modelling_search import search
+    from saver_advisors.benchmarks.modelling_search import ARCHITECTURES, loop_space, search
     from saver_advisors.cli import tables
+    from saver_advisors.cli.errors import user_mistakes
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training
 
@@ -256,15 +268,16 @@ def _search(args: argparse.Namespace) -> int:
     prepare_data(args.robot, 0)
     recording = twin_data_set(args.robot).train
     samples = samples_of(recording.first(min(args.samples, len(recording))), args.task)
-    trials = search(args.model, args.robot, args.task, samples, Training(**options), args.trials)
-    columns = ["layers", "width", "activation", "leak", "validation RMSE", "minutes"]
+    with user_mistakes("argument --loop-weights"):
+        space = loop_space(args.model, args.loop_weights, args.trials) or ARCHITECTURES
+    trials = search(
+        args.model, args.robot, args.task, samples, Training(**options), args.trials, space
+    )
+    columns = [*trials[0]["settings"], "validation RMSE", "minutes"]
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
     rows = [
         [
-            str(one["layers"]),
-            str(one["width"]),
-            one["activation"],
-            f"{one['leak']:g}" if one["activation"] == "leaky_relu" else "-",
+            *(str(value) for value in one["settings"].values()),
             f"{one['validation_rmse']:.4g}",
             f"{one['cpu_seconds'] / 60:.1f}",
         ]

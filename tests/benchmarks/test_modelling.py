@@ -297,3 +297,34 @@ def test_a_real_cell_and_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     trials = search("mlp", "mico", "id", (inputs, outputs), Training(epochs=1), 2)
     assert len(trials) == 2
     assert all(np.isfinite(one["validation_rmse"]) for one in trials)
+
+
+def test_a_search_for_the_weight_of_the_loop_tries_each_with_the_same_seeds() -> None:
+    from saver_advisors.benchmarks.modelling_search import loop_space, search
+    from saver_envs.modelling.models import Training
+
+    random = np.random.default_rng(0)
+    inputs, outputs = random.normal(size=(200, 3)), random.normal(size=(200, 4))
+    space = loop_space("bigan", [0.1, 1.0], 5)
+    assert space is not None
+    trials = search("bigan", "mico", "ik", (inputs, outputs), Training(epochs=1), 5, space)
+    tried = sorted((one["settings"]["loop_weight"], one["settings"]["seed"]) for one in trials)
+    assert tried == [(0.1, 0), (0.1, 1), (1.0, 0), (1.0, 1)]
+    assert len({one["validation_rmse"] for one in trials}) == 4
+
+
+@pytest.mark.parametrize(
+    ("model", "weights", "trials", "message"),
+    [
+        ("cgan", [0.1], 1, "model='cgan' has no loop: choose one of bigan, dualgan"),
+        ("bigan", [-0.1], 1, "loop_weight=-0.1"),
+        ("bigan", [0.1, 1.0], 1, "trials=1: must be at least one a weight, 2"),
+    ],
+)
+def test_wrong_searches_are_named(
+    model: str, weights: list[float], trials: int, message: str
+) -> None:
+    from saver_advisors.benchmarks.modelling_search import loop_space
+
+    with pytest.raises(ValueError, match=message):
+        loop_space(model, weights, trials)

@@ -21,7 +21,7 @@ from saver_envs.modelling.models import (
     new_model,
     read_card,
 )
-from saver_envs.modelling.models.adversarial import LOOP_WEIGHT, AdversarialModel
+from saver_envs.modelling.models.adversarial import AdversarialModel
 from saver_envs.modelling.models.dualgan import WEIGHT_BOUND
 from saver_envs.modelling.models.flow import ConditionalFlow, Flow
 from saver_envs.modelling.networks import (
@@ -188,7 +188,7 @@ def test_equations_7_10_and_7_11(sigma: float) -> None:
     assert torch.allclose(model._discriminator_loss(real, fakes), -value)
     loop = ((inputs - encoder(generator(inputs))) ** 2).sum(dim=1).mean()
     assert torch.allclose(
-        model._generator_loss(inputs, outputs, fakes), fooled + LOOP_WEIGHT * loop
+        model._generator_loss(inputs, outputs, fakes), fooled + Training().loop_weight * loop
     )
     # The second kind of fakes is made by the encoder from outputs.
     assert torch.allclose(fakes[1][:, :3], encoder(fakes[1][:, 3:]))
@@ -204,7 +204,7 @@ def test_equations_7_12_and_7_13(sigma: float) -> None:
     assert torch.allclose(model._discriminator_loss(real, fakes), wanted)
     loops = ((inputs - back(there(inputs))) ** 2).sum(dim=1).mean()
     loops = loops + ((outputs - there(back(outputs))) ** 2).sum(dim=1).mean()
-    wanted = LOOP_WEIGHT * loops - first(fakes[0]).mean() - second(fakes[1]).mean()
+    wanted = Training().loop_weight * loops - first(fakes[0]).mean() - second(fakes[1]).mean()
     assert torch.allclose(model._generator_loss(inputs, outputs, fakes), wanted)
     model._after_discriminators()
     assert max(float(p.detach().abs().max()) for p in first.parameters()) <= WEIGHT_BOUND
@@ -377,6 +377,7 @@ def test_wrong_architectures_are_named(options: dict[str, object], message: str)
         {"validation_share": 1.0},
         {"sigma": -0.1},
         {"supervised_weight": float("nan")},
+        {"loop_weight": -1.0},
         {"decay": 0.0},
     ],
 )

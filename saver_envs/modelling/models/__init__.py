@@ -29,6 +29,7 @@ MODELS: Mapping[str, type[InverseModel]] = {
 #: The networks of chapter 7.
 PAPER_MODELS = ("mlp", "cgan", "lsgan", "bigan", "dualgan")
 ADVERSARIAL = ("cgan", "lsgan", "bigan", "dualgan")
+LOOPED = ("bigan", "dualgan")
 
 
 def new_model(name: str, robot: str, task: Task, **options: Any) -> InverseModel:
@@ -100,6 +101,7 @@ def _task(value: str) -> Task:
 
 __all__ = [
     "ADVERSARIAL",
+    "LOOPED",
     "MODELS",
     "PAPER_MODELS",
     "History",

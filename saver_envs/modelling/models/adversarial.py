@@ -14,12 +14,6 @@ from saver_envs.modelling.models.network_model import NetworkModel
 
 #: Adam's decay rates: the first below the usual 0.9, as is the custom with adversarial losses.
 _BETAS = (0.5, 0.999)
-#: Weight of the loops of equations 7.10 and of the dual GAN. The loop is met by any two generators
-#: that undo each other, whatever the data: with a weight of 1 (bidirectional) or 100 (dual, Yi et
-#: al., 2017) its gradient drowns the discriminators', the loop falls to a hundredth within five
-#: epochs, and the generators agree on a map that is not the data's. With a tenth the
-#: discriminators lead and the loop only chooses among what they accept.
-LOOP_WEIGHT = 0.1
 
 
 class AdversarialModel(NetworkModel):
@@ -31,6 +25,7 @@ class AdversarialModel(NetworkModel):
 
     def _prepare(self, training: Training) -> nn.Module:
         self._sigma, self._supervised = training.sigma, training.supervised_weight
+        self._loop_weight = training.loop_weight
         generators, discriminators = self._build()
         self._generators, self._discriminators = generators, discriminators
         self._generator_adam = _adam(generators, training.learning_rate)

@@ -37,6 +37,9 @@ class Training:
         units of the channels (0, 0.2, 0.4 or 0.6 in the paper); adversarial models alone.
     :param supervised_weight: of the squared error that is added to the generator's loss; 0 in the
         paper's equations; adversarial models alone.
+    :param loop_weight: of the loops in the losses of ``bigan`` and ``dualgan``. The paper names
+        none, and any two generators that undo each other meet them, whatever the data: too great a
+        weight drowns the discriminators, which alone tie the generators to the data.
     :param precision: of the products between hidden layers, ``float32`` or ``bfloat16``: the
         latter takes two thirds of the time on a processor that has it (AVX-512 BF16, AMX) and much
         more on one that has not. Weights and predictions are in float32 either way.
@@ -51,6 +54,7 @@ class Training:
     validation_share: float = 0.2
     sigma: float = 0.0
     supervised_weight: float = 0.0
+    loop_weight: float = 0.1
     seed: int = 0
     precision: Precision = "float32"
 
@@ -63,6 +67,7 @@ class Training:
             "validation_share": (0 < self.validation_share < 1, "between 0 and 1"),
             "sigma": (0 <= self.sigma < np.inf, "at least 0"),
             "supervised_weight": (0 <= self.supervised_weight < np.inf, "at least 0"),
+            "loop_weight": (0 <= self.loop_weight < np.inf, "at least 0"),
             "precision": (self.precision in PRECISIONS, f"one of {', '.join(PRECISIONS)}"),
         }
         for name, (holds, valid) in checks.items():

@@ -9,7 +9,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saver_envs.modelling.models.adversarial import (
-    LOOP_WEIGHT,
     AdversarialModel,
     squared_distance,
 )
@@ -20,7 +19,7 @@ class Bigan(AdversarialModel):
 
     min_(G,E) max_D E[log D(O|I)] + E[log(1 - D(G(I*)|I*))] + E[log(1 - D(O*|E(O*)))], with
     I* ~ N(I, sigma^2) and O* ~ N(O, sigma^2); G and E minimise ||I - E(G(I))||^2 besides, by
-    ``LOOP_WEIGHT``.
+    ``loop_weight``.
     """
 
     name: ClassVar[str] = "bigan"
@@ -51,4 +50,4 @@ class Bigan(AdversarialModel):
         fooled = -sum((functional.softplus(one).mean() for one in scores), torch.zeros(()))
         # Without noise G(I) is at hand.
         generated = generator(inputs) if self._sigma else fakes[0][:, inputs.shape[1] :]
-        return fooled + LOOP_WEIGHT * squared_distance(inputs, encoder(generated))
+        return fooled + self._loop_weight * squared_distance(inputs, encoder(generated))

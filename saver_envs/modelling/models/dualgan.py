@@ -8,7 +8,6 @@ import torch
 from torch import Tensor, nn
 
 from saver_envs.modelling.models.adversarial import (
-    LOOP_WEIGHT,
     AdversarialModel,
     squared_distance,
 )
@@ -23,7 +22,7 @@ class Dualgan(AdversarialModel):
 
     The discriminators minimise l_A = D_A([I* || A(I*)]) - D_A([I || O]) and
     l_B = D_B([B(O*) || O*]) - D_B([I || O]); the generators minimise -D_A - D_B of what they
-    generate, and ||I - B(A(I))||^2 + ||O - A(B(O))||^2 by ``LOOP_WEIGHT``.
+    generate, and ||I - B(A(I))||^2 + ||O - A(B(O))||^2 by ``loop_weight``.
     """
 
     name: ClassVar[str] = "dualgan"
@@ -64,4 +63,4 @@ class Dualgan(AdversarialModel):
         else:
             there, back = fakes[0][:, size:], fakes[1][:, :size]  # at hand
         loops = squared_distance(inputs, backward(there)) + squared_distance(outputs, forward(back))
-        return loss + LOOP_WEIGHT * loops
+        return loss + self._loop_weight * loops
