@@ -38,7 +38,7 @@ def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None
     :param parser: gets them
     :param results: the folder that is read by default
     """
-    from saver_advisors.cli.arguments import add_json, new_file
+    from saver_advisors.cli.arguments import add_json, add_table
 
     parser.add_argument(
         "--results",
@@ -49,9 +49,7 @@ def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None
         help="folders of result files, and such files: training runs, the figures of `saver "
         f"curves`, evaluations of policies to stand beside them (default: {results})",
     )
-    parser.add_argument(
-        "--table", type=new_file(".md"), metavar="FILE.md", help="write the page there"
-    )
+    add_table(parser)
     parser.add_argument(
         "--figures", type=Path, metavar="DIR", help="draw the figures there, made if need be"
     )

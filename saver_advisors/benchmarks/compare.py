@@ -33,7 +33,7 @@ and how likely a run's mean success is higher.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, new_file
+    from saver_advisors.cli.arguments import add_json, add_table, new_file
 
     parser.add_argument(
         "results",
@@ -50,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="files, or folders of them, to stand beside",
     )
-    parser.add_argument(
-        "--table", type=new_file(".md"), metavar="FILE.md", help="write the page there"
-    )
+    add_table(parser)
     parser.add_argument(
         "--figure",
         type=new_file(".png", ".svg", ".pdf"),

@@ -41,7 +41,7 @@ _STEPS: Final = 2
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmarks.modelling_command import add_precision
-    from saver_advisors.cli.arguments import add_json, at_least, new_file
+    from saver_advisors.cli.arguments import add_page, at_least
 
     parser.add_argument(
         "--robots",
@@ -73,17 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=at_least(1), default=100, metavar="N", help="(default: 100)"
     )
-    parser.add_argument(
-        "--table", type=new_file(".md"), metavar="FILE", help="write a Markdown page too"
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show what an earlier --json wrote, and measure nothing",
-    )
-    add_json(parser)
+    add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -47,7 +47,7 @@ WARM_UP: Final = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least, env_id
+    from saver_advisors.cli.arguments import add_page, at_least, env_id
 
     names = [variant.name for variant in VARIANTS if variant.name != AS_CONFIGURED]
     parser.add_argument(
@@ -95,17 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where that virtual environment is kept (default: %(default)s)",
     )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="write the figures there as a Markdown page too"
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show an earlier measurement's JSON file instead of measuring",
-    )
-    add_json(parser)
+    add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:

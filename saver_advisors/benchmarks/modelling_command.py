@@ -40,7 +40,7 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
     :param parser: the command's
     :param task: "ik" or "id"
     """
-    from saver_advisors.cli.arguments import add_json, at_least, new_file
+    from saver_advisors.cli.arguments import add_page, at_least
 
     models = MODELS[task]
 
@@ -115,20 +115,7 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
         action="store_true",
         help="show the cells that there are, and train none",
     )
-    parser.add_argument(
-        "--table",
-        type=new_file(".md"),
-        metavar="FILE",
-        help="write the figures there as a Markdown page too",
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show what an earlier --json wrote, and train nothing",
-    )
-    add_json(parser)
+    add_page(parser)
 
 
 def add_precision(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ THREADS: Final = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least, env_id, positive_seconds
+    from saver_advisors.cli.arguments import add_page, at_least, env_id, positive_seconds
 
     count = at_least(1)
     parser.add_argument(
@@ -79,17 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where the peers' virtual environments are kept (default: %(default)s)",
     )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="write the figures there as a Markdown page too"
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show an earlier measurement's JSON file instead of measuring",
-    )
-    add_json(parser)
+    add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:

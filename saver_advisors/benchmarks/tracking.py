@@ -24,7 +24,7 @@ _TRAJECTORIES: Final = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmarks.modelling_command import ROBOTS, add_precision
-    from saver_advisors.cli.arguments import add_json, at_least, new_file
+    from saver_advisors.cli.arguments import add_json, add_table, at_least
 
     parser.add_argument(
         "--robots",
@@ -54,9 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="models that were trained before",
     )
-    parser.add_argument(
-        "--table", type=new_file(".md"), metavar="FILE", help="write a Markdown page too"
-    )
+    add_table(parser)
     add_json(parser)
 
 

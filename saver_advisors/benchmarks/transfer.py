@@ -58,7 +58,7 @@ class Entrant:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least
+    from saver_advisors.cli.arguments import add_page, at_least
 
     for task, title in TITLES.items():
         parser.add_argument(
@@ -83,17 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="record a success and each kind of failure that occurred there, as MP4 and as WebP",
     )
-    parser.add_argument(
-        "--table", type=Path, metavar="FILE", help="write the figures there as a Markdown page too"
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show an earlier measurement's JSON file instead of measuring",
-    )
-    add_json(parser)
+    add_page(parser)
 
 
 @one_thread_of_algebra()

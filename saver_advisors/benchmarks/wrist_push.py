@@ -35,7 +35,7 @@ ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least
+    from saver_advisors.cli.arguments import add_json, add_table, at_least
     from saver_advisors.cli.run import add_loop_arguments
 
     parser.add_argument(
@@ -62,14 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--processes", type=at_least(1), default=1, metavar="N", help="that share the trials"
     )
     add_loop_arguments(parser)
-    parser.add_argument(
-        "--table",
-        nargs="?",
-        const=Path("wrist-push.md"),
-        type=Path,
-        metavar="FILE",
-        help="write the figures as a Markdown page too (default: wrist-push.md)",
-    )
+    add_table(parser)
     parser.add_argument(
         "--from",
         dest="from_json",

@@ -130,6 +130,32 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_table(parser: argparse.ArgumentParser) -> None:
+    """``--table [FILE]``, as everything has whose figures make a page."""
+    usual = Path(f"{parser.prog.split()[-1]}.md")
+    parser.add_argument(
+        "--table",
+        nargs="?",
+        const=usual,
+        type=new_file(".md"),
+        metavar="FILE",
+        help=f"write the figures as a Markdown page too (without a name: {usual})",
+    )
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """``--table``, ``--from`` and ``--json``, as everything has that measures and shows a page."""
+    add_table(parser)
+    parser.add_argument(
+        "--from",
+        dest="from_json",
+        type=Path,
+        metavar="FILE",
+        help="show what an earlier --json wrote instead of measuring",
+    )
+    add_json(parser)
+
+
 def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
     """``--env-kwargs name=value ...``."""
     parser.add_argument(

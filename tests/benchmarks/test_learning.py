@@ -71,7 +71,9 @@ def test_the_parts_of_a_block_add_up() -> None:
     assert loop.model._n_updates == loop.updates
 
 
-def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_whole_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     figures, page = tmp_path / "learning.json", tmp_path / "learning.md"
     words = "benchmark learning --envs JacoPush-v0 --variants bfloat16 --stock TD3 --rounds 1"
     files = ["--json", str(figures), "--table", str(page)]
@@ -88,6 +90,11 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     capsys.readouterr()
     assert main(["benchmark", "learning", "--from", str(figures)]) == 0
     assert capsys.readouterr().out.strip() == page.read_text().strip()
+    # A page without a name is called as the benchmark is.
+    monkeypatch.chdir(tmp_path)
+    page.rename("first.md")
+    assert main(["benchmark", "learning", "--from", str(figures), "--table"]) == 0
+    assert page.read_text() == Path("first.md").read_text()
 
 
 def test_an_unknown_variant_is_named(capsys: pytest.CaptureFixture[str]) -> None:
