@@ -406,6 +406,19 @@ def _evaluation_table(found: list[dict[str, Any]]) -> str:
     return markdown(columns, rows)
 
 
+PAGES: Final = {
+    "advising": "advising-results.md",
+    "constraints": "constraints-results.md",
+    "kinematics": "modelling-in-use.md",
+    "learning": "learning-speed.md",
+    "pose": "perception-results.md",
+    "safe": "safe-baselines.md",
+    "speed": "speed.md",
+    "transfer": "transfer.md",
+}
+"""Of results by their kind, where they are told in full."""
+
+
 def results_page(results: list[dict[str, Any]]) -> str:
     """Every result as a table.
 
@@ -423,8 +436,8 @@ def results_page(results: list[dict[str, Any]]) -> str:
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
             lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
-        elif one.get("kind") == "transfer":
-            lines += ["On [a page of its own](transfer.md).", ""]
+        elif page := PAGES.get(str(one.get("kind"))):
+            lines += [f"On [a page of its own]({page}).", ""]
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
