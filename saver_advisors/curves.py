@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 CURVE_FILE: Final = "curve.jsonl"
+#: Of a point, what two equal runs do not share.
+OF_THE_MACHINE: Final = frozenset({"wall_clock_s", "load_average"})
 
 
 def read_curve(folder: str | Path) -> list[dict[str, Any]]:

@@ -44,6 +44,11 @@ def provenance() -> dict[str, Any]:
     }
 
 
+def load_averages() -> list[float] | None:
+    """The system's load averages, which say whether it had other work; None where it has none."""
+    return [round(one, 2) for one in os.getloadavg()] if hasattr(os, "getloadavg") else None
+
+
 def write_json_atomic(path: str | Path, data: Any) -> None:
     """Write a JSON file as a whole: a reader sees the old content or the new, never a part.
 

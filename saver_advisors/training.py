@@ -58,7 +58,7 @@ from saver_advisors.learner.cloning import clone
 from saver_advisors.learner.configuration import AdviceConfig, RunConfig
 from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 from saver_advisors.learner.replay import GoalReplayBuffer
-from saver_advisors.provenance import provenance, write_json_atomic
+from saver_advisors.provenance import load_averages, provenance, write_json_atomic
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -323,6 +323,8 @@ class _Run:
             "mean_q": student.mean_q,
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
             "training_cost": self._learner.training_cost,
+            # What the seconds are worth: more than the cores means that others had a share.
+            "load_average": None if (averages := load_averages()) is None else averages[0],
             "advice_spent": 0 if self.config.advice is None else int(self._advisor().spent),
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),

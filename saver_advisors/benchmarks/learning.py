@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.benchmarks.machine import cores, load, median_ratio, progress
+from saver_advisors.benchmarks.machine import cores, median_ratio, progress
 from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.benchmarks.peer_process import PeerError, PeerProcess
 from saver_advisors.benchmarks.peers import SBX, default_cache, install
@@ -26,6 +26,7 @@ from saver_advisors.benchmarks.training_loops import (
     settings_of,
     stock_loop,
 )
+from saver_advisors.provenance import load_averages
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :return: JSON-able: a row an environment, with its ``parts``, ``variants`` and, where asked for,
         ``sbx``
     """
-    load_before = load()
+    load_before = load_averages()
     rows = []
     with cores(1):
         for env_id in args.envs:
@@ -141,7 +142,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         "kind": "learning",
         "rounds": args.rounds,
         "load_before": load_before,
-        "load_after": load(),
+        "load_after": load_averages(),
         "rows": rows,
     }
 

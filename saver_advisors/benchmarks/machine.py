@@ -35,11 +35,6 @@ def cores(count: int) -> Iterator[None]:
         os.sched_setaffinity(0, allowed)
 
 
-def load() -> list[float] | None:
-    """The system's load averages, which say whether it had other work."""
-    return [round(one, 2) for one in os.getloadavg()] if hasattr(os, "getloadavg") else None
-
-
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[], None]]:
     """A progress bar; yields what moves it on by one."""

@@ -157,11 +157,12 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _speed(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.benchmarks.machine import load, progress
+    from saver_advisors.benchmarks.machine import progress
     from saver_advisors.benchmarks.pose_speed import LIMB_SETS, SIZES, parsing_rows, speed_rows
+    from saver_advisors.provenance import load_averages
     from saver_envs.perception.network import ARCHITECTURES
 
-    before = load()
+    before = load_averages()
     rows = []
     total = len(ARCHITECTURES) * len(SIZES) * len(THREADS) * len(LIMB_SETS)
     with progress("speed", total) as advance:
@@ -171,7 +172,7 @@ def _speed(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "speed": rows,
         "parsing": parsing_rows(args.rounds),
-        "load": {"before": before, "after": load()},
+        "load": {"before": before, "after": load_averages()},
     }
 
 

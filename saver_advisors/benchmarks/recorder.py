@@ -16,11 +16,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.benchmarks.machine import load
 from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
 from saver_advisors.evaluation.training_runs import KIND
-from saver_advisors.provenance import provenance, write_json_atomic
+from saver_advisors.provenance import load_averages, provenance, write_json_atomic
 
 Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
 
@@ -186,7 +185,7 @@ class Recorder:
             **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
             "advice_spent": 0,
             # What the seconds are worth: more than the cores means that others had a share.
-            "load_average": None if (averages := load()) is None else averages[0],
+            "load_average": None if (averages := load_averages()) is None else averages[0],
         }
         self.curve.append(line)
         # Of equals the later: longer trained, it does better on other episodes.

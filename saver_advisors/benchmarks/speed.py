@@ -10,10 +10,11 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.benchmarks.machine import load, progress
+from saver_advisors.benchmarks.machine import progress
 from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.benchmarks.peer_process import PeerError
 from saver_advisors.benchmarks.peers import PEERS, default_cache
+from saver_advisors.provenance import load_averages
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -115,7 +116,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     from saver_advisors.benchmarks.steps import memory_per_env, reset_row, step_rows
     from saver_advisors.benchmarks.versus import peer_rows
 
-    load_before = load()
+    load_before = load_averages()
     memory = {env_id: memory_per_env(env_id, args.n_envs) for env_id in args.envs}
     rows = []
     with progress("steps", len(args.envs) * len(args.n_envs) * args.rounds) as advance:
@@ -135,4 +136,4 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     }
     if args.peers:
         figures["peers"] = peer_rows(args.peer_cache, args.rounds, args.seconds)
-    return {**figures, "load_average": {"before": load_before, "after": load()}}
+    return {**figures, "load_average": {"before": load_before, "after": load_averages()}}

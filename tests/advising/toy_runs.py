@@ -11,6 +11,7 @@ import numpy as np
 from safetensors.torch import load_file
 from toy_arms import make_teacher, make_vec_env
 
+from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.pretrained import save_policy
 from saver_advisors.training import RunConfig, RunResult, train
 
@@ -84,7 +85,7 @@ def steps_taken(env: Any) -> int:
 def curve(folder: Path) -> list[dict[str, Any]]:
     """The lines of a run's curve, without the clock."""
     lines = [json.loads(line) for line in (folder / "curve.jsonl").read_text().splitlines()]
-    return [{k: v for k, v in line.items() if k != "wall_clock_s"} for line in lines]
+    return [{k: v for k, v in line.items() if k not in OF_THE_MACHINE} for line in lines]
 
 
 def advisor_state(folder: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ import pytest
 from conftest import GridFile, tiny_grid
 from filelock import FileLock
 
+from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.experiments import ExperimentRun, read_grid, read_results, state_of, worker
 from saver_advisors.experiments.results import is_done, read_result, write_result
 from saver_advisors.experiments.scheduler import (
@@ -39,7 +40,7 @@ def places(tmp_path: Path) -> Places:
 
 
 def without_clock(curve: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{k: v for k, v in point.items() if k != "wall_clock_s"} for point in curve]
+    return [{k: v for k, v in point.items() if k not in OF_THE_MACHINE} for point in curve]
 
 
 def test_a_run_leaves_a_result(run: ExperimentRun, places: Places) -> None:

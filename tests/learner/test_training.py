@@ -22,6 +22,7 @@ from safetensors.torch import load_file
 from stable_baselines3.common.callbacks import BaseCallback
 
 from saver_advisors.advising import Teacher
+from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.learner import GoalTD3
 from saver_advisors.training import AdviceConfig, RunConfig, RunResult, load_trained, train
 
@@ -81,7 +82,7 @@ def curve(folder: Path) -> list[dict[str, Any]]:
 
 
 def timeless(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{k: v for k, v in line.items() if k != "wall_clock_s"} for line in lines]
+    return [{k: v for k, v in line.items() if k not in OF_THE_MACHINE} for line in lines]
 
 
 def assert_same_checkpoint(one: Path, other: Path) -> None:

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.advising import build_advised, make_advisor
 from saver_advisors.building import build_model, build_stages
-from saver_advisors.curves import read_curve
+from saver_advisors.curves import OF_THE_MACHINE, read_curve
 from saver_advisors.learner import GoalTD3
 from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.learner.replay import GoalReplayBuffer
@@ -73,7 +73,7 @@ def settings(**changes: Any) -> RunConfig:
 
 
 def without_clock(folder: Path) -> list[dict[str, Any]]:
-    return [{k: v for k, v in p.items() if k != "wall_clock_s"} for p in read_curve(folder)]
+    return [{k: v for k, v in p.items() if k not in OF_THE_MACHINE} for p in read_curve(folder)]
 
 
 @pytest.mark.parametrize("apart", [False, True])
