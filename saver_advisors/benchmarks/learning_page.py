@@ -11,7 +11,8 @@ INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark learning`, never typed. A block is one episode in
 each environment and the gradient steps after it. Processor time on one core; what is compared was
 measured in turn, block by block: figures are medians over the blocks, ratios medians of the blocks'
-ratios. What a change does to the success rate is not measured here.
+ratios. What a change does to the success rate is not measured here; success against steps and
+minutes, ours and SB3's, stands [beside the baselines](benchmark-td3-her.md).
 """
 
 VARIANTS: Final = """\
