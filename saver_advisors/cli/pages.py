@@ -438,11 +438,18 @@ def results_page(results: list[dict[str, Any]]) -> str:
             lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
         elif page := PAGES.get(str(one.get("kind"))):
             lines += [f"On [a page of its own]({page}).", ""]
+        elif one.get("kind") == "modelling-search":
+            lines.append(_plain_table([_trial(trial) for trial in one["trials"]]))
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
     lines += [f"Rendered from the files in `docs/results`. {GENERATED}"]
     return "\n".join(lines)
+
+
+def _trial(trial: dict[str, Any]) -> dict[str, Any]:
+    """A trial of a search for settings, flat."""
+    return {**trial["settings"], "validation_rmse": trial["validation_rmse"]}
 
 
 def _plain_table(rows: list[dict[str, Any]]) -> str:
