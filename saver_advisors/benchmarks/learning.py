@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.benchmarks.machine import cores, median_ratio, progress
 from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.benchmarks.peer_process import PeerError, PeerProcess
-from saver_advisors.benchmarks.peers import SBX, default_cache, install
+from saver_advisors.benchmarks.peers import SBX, add_peer_cache, install
 from saver_advisors.benchmarks.training_loops import (
     AS_CONFIGURED,
     UPDATE,
@@ -89,13 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also time gradient steps of SBX, in a virtual environment that is made at the first "
         "use",
     )
-    parser.add_argument(
-        "--peer-cache",
-        type=Path,
-        default=default_cache(),
-        metavar="DIR",
-        help="where that virtual environment is kept (default: %(default)s)",
-    )
+    add_peer_cache(parser)
     add_page(parser)
 
 

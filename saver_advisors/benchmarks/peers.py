@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
@@ -49,6 +50,17 @@ def default_cache() -> Path:
     """Where the virtual environments are kept: in the user's cache folder."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "peers"
+
+
+def add_peer_cache(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--peer-cache``."""
+    parser.add_argument(
+        "--peer-cache",
+        type=Path,
+        default=default_cache(),
+        metavar="DIR",
+        help="where the peers' virtual environments are kept (default: %(default)s)",
+    )
 
 
 def install(peer: Peer, cache: Path) -> Path:

@@ -7,13 +7,12 @@ that a machine's other work and its changing clock weigh on all alike.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import progress
 from saver_advisors.benchmarks.measured import hand_over, read_figures
 from saver_advisors.benchmarks.peer_process import PeerError
-from saver_advisors.benchmarks.peers import PEERS, default_cache
+from saver_advisors.benchmarks.peers import PEERS, add_peer_cache
 from saver_advisors.provenance import load_averages
 from saver_advisors.threads import one_thread_of_algebra
 
@@ -73,13 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"also time {' and '.join(peer.env for peer in PEERS)}, each in a virtual environment "
         "that is made at the first use",
     )
-    parser.add_argument(
-        "--peer-cache",
-        type=Path,
-        default=default_cache(),
-        metavar="DIR",
-        help="where the peers' virtual environments are kept (default: %(default)s)",
-    )
+    add_peer_cache(parser)
     add_page(parser)
 
 
