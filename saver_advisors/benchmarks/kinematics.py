@@ -148,8 +148,8 @@ def _inverses(
     """The shipped model, and those that are trained here."""
     from tqdm import tqdm
 
-    from saver_envs.modelling.kinematics import shipped_model
     from saver_envs.modelling.models import Training, new_model
+    from saver_envs.modelling.shipped import shipped_model
     from saver_envs.modelling.workspace import workspace_samples
 
     found: dict[str, Any] = {"shipped": shipped_model(robot)}

@@ -7,9 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.benchmarks.measured import read_figures
+
 EXAMPLES: Final = """\
 examples:
-  saver benchmark tracking --robots mico --json tracking.json
+  saver benchmark tracking --json tracking.json
+  saver benchmark tracking --robots mico --models cgan lsgan identified --epochs 30
   saver benchmark tracking --weights mico-id.safetensors --robots mico"""
 
 MODELS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "identified")
@@ -24,7 +27,7 @@ _TRAJECTORIES: Final = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmarks.modelling_command import ROBOTS, add_precision
-    from saver_advisors.cli.arguments import add_json, add_table, at_least
+    from saver_advisors.cli.arguments import add_page, at_least
 
     parser.add_argument(
         "--robots",
@@ -38,9 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--models",
         nargs="*",
         choices=MODELS,
-        default=["mlp", "identified"],
+        default=[],
         metavar="NAME",
-        help="trained here on the whole data set (default: mlp identified)",
+        help="trained here on the whole data set, beside the shipped ones (default: none)",
     )
     parser.add_argument(
         "--epochs", type=at_least(1), default=100, metavar="N", help="of those (default: 100)"
@@ -54,8 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="models that were trained before",
     )
-    add_table(parser)
-    add_json(parser)
+    add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,21 +69,42 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.arguments import write_json
     from saver_advisors.threads import one_thread_of_algebra
 
-    training = {"epochs": args.epochs, "precision": args.precision}
-    with one_thread_of_algebra():
-        rows = [
-            row
-            for robot in args.robots
-            for row in _rows(robot, args.models, training, args.weights)
-        ]
-    figures = {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
+    if args.from_json is None:
+        with one_thread_of_algebra():
+            figures = measure(
+                args.robots,
+                args.models,
+                {"epochs": args.epochs, "precision": args.precision},
+                args.weights,
+            )
+    else:
+        figures = read_figures(args.from_json, "tracking")
     page = render(figures)
     print(page)
-    write_json(args.json, figures)  # before the page, which changes the checkout
+    if args.from_json is None:
+        write_json(args.json, figures)  # before the page, which changes the checkout
     if args.table is not None:
         Path(args.table).write_text(page, encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
+
+
+def measure(
+    robots: Sequence[str],
+    models: Sequence[str],
+    training: Mapping[str, Any],
+    weights: Sequence[Path],
+) -> dict[str, Any]:
+    """Track with every arm and feed-forward.
+
+    :param robots: arms by name
+    :param models: to train here
+    :param training: of them: ``epochs`` and ``precision``
+    :param weights: files of models that were trained before
+    :return: JSON-able; ``rows`` has one of every arm, feed-forward and gain
+    """
+    rows = [row for robot in robots for row in _rows(robot, models, training, weights)]
+    return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
 
 
 def _feed_forwards(
@@ -96,6 +119,7 @@ def _feed_forwards(
 
     found: dict[str, Any] = {"feedback alone": None}
     found["analytic"] = LearnedInverseDynamics(robot, new_model("analytic", robot, "id"))
+    found["shipped"] = LearnedInverseDynamics(robot)
     if models:
         prepare_data(robot)
         samples = samples_of(twin_data_set(robot).train, "id")
@@ -166,10 +190,13 @@ def render(figures: dict[str, Any]) -> str:
         for one in sorted(rows, key=lambda one: (one["robot"], -one["gain"]))
     ]
     columns = ["arm", "gain", "feed-forward", "RMS (mrad)", "analytic's error over it", "per joint"]
+    trained = {one["feed_forward"] for one in rows} & set(MODELS)
+    others = f" The others were trained here for {figures.get('epochs', 100)} epochs."
     return (
         f"# {figures['title']}\n\n"
         "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
-        "trajectories. A gain of 1 is the twin's own feedback; less is softer. Networks "
-        f"were trained on the whole data set for {figures.get('epochs', 100)} epochs.\n\n"
+        "trajectories. A gain of 1 is the twin's own feedback; less is softer. *Shipped* is the "
+        "network that comes along, *analytic* Newton-Euler with the inertia of Appendix A, "
+        f"*feedback alone* no feed-forward at all.{others if trained else ''}\n\n"
         f"{markdown(columns, cells)}"
     )

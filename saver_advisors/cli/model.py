@@ -227,11 +227,23 @@ def _train(args: argparse.Namespace) -> int:
         from saver_advisors.benchmarks.kinematics import accuracy
 
         card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
+    if args.data == "twin" and args.task == "id":
+        card["unseen_trajectory_rmse"] = _unseen_torque_error(args, model)
     model.save(args.output, card)
     _write_card(args.output, card)
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")
     return 0
+
+
+def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
+    """Root mean square error of a model's torques on the twin's unseen trajectory, N m."""
+    import numpy as np
+
+    from saver_envs.modelling.datasets import samples_of, twin_data_set
+
+    inputs, outputs = samples_of(twin_data_set(args.robot, args.data_seed).test, args.task)
+    return float(np.sqrt(np.square(model.predict(inputs) - outputs).mean()))
 
 
 def _write_card(path: Path, card: dict[str, Any]) -> None:
@@ -241,6 +253,8 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
     names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
     rows = [[name.replace("_", " "), str(card[name])] for name in names]
     rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
+    if "unseen_trajectory_rmse" in card:
+        rows += [["RMSE on the unseen trajectory", f"{card['unseen_trajectory_rmse']:.4g} N m"]]
     rows += [["architecture", str(card["architecture"])]]
     rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
     rows += [["commit", f"`{card['provenance']['commit']}`"]]

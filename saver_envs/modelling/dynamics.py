@@ -9,6 +9,7 @@ import numpy as np
 
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.models import InverseModel, load_model
+from saver_envs.modelling.shipped import shipped_model
 from saver_envs.modelling.trajectories import Trajectory
 from saver_envs.modelling.twin import InverseDynamics, Twin
 
@@ -20,12 +21,14 @@ class LearnedInverseDynamics:
     along the reference.
 
     :param robot: the arm's name.
-    :param model: a fitted model, or the path of a weight file.
+    :param model: a fitted model, the path of a weight file, or None for the shipped one.
     :raises ValueError: for a model of another arm or task.
     """
 
-    def __init__(self, robot: str, model: InverseModel | str | Path) -> None:
-        if not isinstance(model, InverseModel):
+    def __init__(self, robot: str, model: InverseModel | str | Path | None = None) -> None:
+        if model is None:
+            model = shipped_model(robot, "id")
+        elif not isinstance(model, InverseModel):
             model = load_model(Path(model), robot, "id")
         if model.robot != robot or model.task != "id":
             raise ValueError(

@@ -18,12 +18,11 @@ from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.joint_steps import newton_step, search
 from saver_envs.modelling.models import InverseModel, load_model
 from saver_envs.modelling.multilinear import MultilinearTool
+from saver_envs.modelling.shipped import shipped_model
 from saver_envs.modelling.solvers import judge, nearest, newton, pose_error
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
 
-#: Weights that come along, one file an arm.
-WEIGHTS = Path(__file__).parent / "weights"
 #: Newton steps behind a shipped model's guess.
 REFINEMENT = 2
 _TURN = 2 * math.pi
@@ -50,18 +49,6 @@ class Solution:
     joints: FloatArray
     error: FloatArray
     reachable: NDArray[np.bool_]
-
-
-def shipped_model(robot: str) -> InverseModel:
-    """Return the inverse kinematics that comes along for an arm.
-
-    :raises ValueError: for an arm without one.
-    """
-    path = WEIGHTS / f"{robot}-ik.safetensors"
-    if not path.is_file():
-        names = sorted(one.name.removesuffix("-ik.safetensors") for one in WEIGHTS.glob("*-ik.*s"))
-        raise ValueError(f"robot={robot!r}: weights come along for {', '.join(names) or 'none'}")
-    return load_model(path, robot, "ik")
 
 
 class LearnedInverseKinematics:

@@ -17,10 +17,11 @@ from saver_envs.control import DampedLeastSquares
 from saver_envs.modelling.arms import ARMS, arm_named
 from saver_envs.modelling.dh import MICO_TABLE, MICO_TOOL
 from saver_envs.modelling.dynamics import LearnedInverseDynamics
-from saver_envs.modelling.kinematics import LearnedInverseKinematics, shipped_model
+from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.models import Training, new_model
 from saver_envs.modelling.models.base import FloatArray, InverseModel
 from saver_envs.modelling.networks import Architecture
+from saver_envs.modelling.shipped import shipped_model
 from saver_envs.modelling.solvers import judge, nearest, newton, reach, rotation_of
 from saver_envs.modelling.workspace import REGIONS, within, workspace_samples
 from saver_envs.registration import make_episodes
@@ -258,7 +259,7 @@ def test_models_of_another_arm_or_task_are_refused() -> None:
         LearnedInverseDynamics("fetch", fitted("mico", "id"))
     with pytest.raises(ValueError, match="refinement=-1"):
         LearnedInverseKinematics("mico", refinement=-1)
-    with pytest.raises(ValueError, match="weights come along for fetch, jaco, mico"):
+    with pytest.raises(ValueError, match="kinematics come along for fetch, jaco, mico"):
         shipped_model("panda")
     with pytest.raises(ValueError, match="robot='ur5'"):
         workspace_samples("ur5", 10, 0)
