@@ -19,6 +19,7 @@ MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
     "id": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "identified"),
 }
+PRECISIONS: Final = ("float32", "bfloat16")
 RESULTS: Final = Path("runs/modelling")
 
 
@@ -88,6 +89,15 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
     )
     add_precision(parser)
     parser.add_argument(
+        "--or-precision",
+        nargs="+",
+        choices=PRECISIONS,
+        default=[],
+        metavar="NAME",
+        help="let results count that were trained in these: for a grid that went from one "
+        "processor to another",
+    )
+    parser.add_argument(
         "--supervised-weight",
         nargs="+",
         type=_weight,
@@ -125,11 +135,12 @@ def add_precision(parser: argparse.ArgumentParser) -> None:
     """
     parser.add_argument(
         "--precision",
-        choices=("float32", "bfloat16"),
+        choices=PRECISIONS,
         default="float32",
         metavar="NAME",
         help="of the products between hidden layers while training: float32, or bfloat16, which "
-        "takes two thirds of the time where the processor has it (default: float32)",
+        "takes two thirds of the time where the processor has it, and very long where it has not "
+        "(default: float32)",
     )
 
 
@@ -171,12 +182,18 @@ def execute(args: argparse.Namespace, task: Task) -> int:
 
 def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     from saver_advisors.benchmarks.modelling_claims import claims, little_data
-    from saver_advisors.benchmarks.modelling_grid import cells_of, results_of, run_grid
+    from saver_advisors.benchmarks.modelling_grid import (
+        cells_of,
+        in_known_precision,
+        results_of,
+        run_grid,
+    )
     from saver_advisors.cli.errors import UsageError
 
     grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     weighted = [cells_of(*grid, weight, args.precision) for weight in args.supervised_weight]
-    cells = list(dict.fromkeys(cell for part in weighted for cell in part))
+    wanted = dict.fromkeys(cell for part in weighted for cell in part)
+    cells = [in_known_precision(cell, args.results, args.or_precision) for cell in wanted]
     if not args.no_training:
         prepare_data(args.robot)
         _train(cells, args.results, args.processes, run_grid)
@@ -189,7 +206,6 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
         "robot": args.robot,
         "task": task,
         "epochs": args.epochs,
-        "precision": args.precision,
         "cells": results,
         "claims": claims(args.robot, task, results),
         "little_data": little_data(task, results),

@@ -6,7 +6,7 @@ import json
 import multiprocessing
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,21 @@ def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
         return None
     same = all(content.get(name) == value for name, value in asdict(cell).items())
     return content if same else None
+
+
+def in_known_precision(cell: Cell, folder: Path, precisions: Sequence[Precision]) -> Cell:
+    """The cell in the first precision that it has a result in; as it is where it has none.
+
+    :param cell: what
+    :param folder: of the results
+    :param precisions: that will do, besides its own
+    """
+    if cell.model in _IN_EITHER_PRECISION:
+        for precision in (cell.precision, *precisions):
+            other = replace(cell, precision=precision)
+            if read_result(folder, other) is not None:
+                return other
+    return cell
 
 
 def run_grid(cells: Sequence[Cell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:

@@ -67,8 +67,11 @@ def _training(figures: Mapping[str, Any]) -> str:
         if epochs == PAPER_EPOCHS
         else f"{epochs} of the paper's {PAPER_EPOCHS} epochs"
     )
-    if figures.get("precision", "float32") != "float32":
-        text += f", products between hidden layers in {figures['precision']} while training"
+    cells = figures["cells"]
+    halved = sum(cell.get("precision") == "bfloat16" for cell in cells)
+    if halved:
+        where = "" if halved == len(cells) else f" in {halved} of {len(cells)} cells"
+        text += f", products between hidden layers in bfloat16 while training{where}"
     return text
 
 

@@ -22,7 +22,13 @@ from saver_advisors.benchmarks.modelling_claims import (
     paper,
     paper_cells,
 )
-from saver_advisors.benchmarks.modelling_grid import cells_of, read_result, results_of, run_grid
+from saver_advisors.benchmarks.modelling_grid import (
+    cells_of,
+    in_known_precision,
+    read_result,
+    results_of,
+    run_grid,
+)
 from saver_advisors.benchmarks.modelling_table import render
 from saver_advisors.cli import main
 
@@ -234,10 +240,10 @@ def test_little_data_is_judged_by_pairs_of_seeds() -> None:
     assert little_data("ik", [one for one in results if one["size"] == 2]) == []
     page = render(
         {"title": "T", "robot": "mico", "task": "ik", "epochs": 30, "cells": results}
-        | {"claims": [], "little_data": [plain, supervised], "precision": "bfloat16"}
+        | {"claims": [], "little_data": [plain, supervised]}
     )
     assert "| cgan | 0.2 | 0 | 3 | -0.083 | [-0.155, -0.012] |" in page
-    assert "30 of the paper's 100 epochs, products between hidden layers in bfloat16" in page
+    assert "30 of the paper's 100 epochs. Of size k" in page
     assert "| cgan + 1 MSE | 1 |" in page
 
 
@@ -250,6 +256,24 @@ def test_epochs_and_precision_have_files_of_their_own() -> None:
     assert len({cell.file_name for cell in cells}) == 4
     flow = cells_of("mico", "ik", ["flow"], [1], [0.0], [0], 100, 0.0, "bfloat16")
     assert flow[0].precision == "float32"
+
+
+def test_a_grid_goes_on_in_another_precision(tmp_path: Path, trained: list[Cell]) -> None:
+    half = cells_of("mico", "ik", ["mlp", "flow"], [1], [0.0], [0], 30, 0.0, "bfloat16")
+    list(run_grid(half, tmp_path, 1))
+    whole = cells_of("mico", "ik", ["mlp", "flow"], [1, 2], [0.0], [0], 30)
+    known = [in_known_precision(cell, tmp_path, ["bfloat16"]) for cell in whole]
+    assert known == [*half, *whole[2:]]
+    assert [in_known_precision(cell, tmp_path, []) for cell in whole] == whole
+    trained.clear()
+    cells = list(run_grid(known, tmp_path, 1))
+    assert trained == whole[2:]
+    page = render(
+        {"title": "T", "robot": "mico", "task": "ik", "epochs": 30, "claims": []}
+        | {"cells": [*cells, result(half[0])]}
+    )
+    assert "30 of the paper's 100 epochs, products between hidden layers in bfloat16" in page
+    assert "in 1 of 3 cells" in page
 
 
 def test_other_pages_come_from_their_figures() -> None:
