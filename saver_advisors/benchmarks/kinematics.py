@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import median_ratio, timed
-from saver_advisors.benchmarks.measured import read_figures
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 
 EXAMPLES: Final = """\
 examples:
@@ -82,22 +81,16 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.cli.arguments import write_json
     from saver_advisors.threads import one_thread_of_algebra
 
-    if args.from_json is None:
-        with one_thread_of_algebra():
-            training = {"epochs": args.epochs, "precision": args.precision}
-            figures = measure(args.robots, args.models, args.samples, training, args.episodes)
-    else:
-        figures = read_figures(args.from_json, "kinematics")
-    page = render(figures)
-    print(page)
-    if args.from_json is None:
-        write_json(args.json, figures)  # before the page, which changes the checkout
-    if args.table is not None:
-        Path(args.table).write_text(page, encoding="utf-8")
-        print(f"wrote {args.table}")
+    training = {"epochs": args.epochs, "precision": args.precision}
+    with one_thread_of_algebra():
+        figures = measured_or_read(
+            args,
+            "kinematics",
+            lambda: measure(args.robots, args.models, args.samples, training, args.episodes),
+        )
+    hand_over(render(figures), figures, args.json, args.table)
     return 0
 
 

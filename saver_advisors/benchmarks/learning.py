@@ -13,7 +13,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.benchmarks.machine import cores, median_ratio, progress
-from saver_advisors.benchmarks.measured import hand_over, read_figures
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 from saver_advisors.benchmarks.peer_process import PeerError, PeerProcess
 from saver_advisors.benchmarks.peers import SBX, add_peer_cache, install
 from saver_advisors.benchmarks.training_loops import (
@@ -101,13 +101,9 @@ def run(args: argparse.Namespace) -> int:
     """
     from saver_advisors.benchmarks.learning_page import render
     from saver_advisors.cli.errors import UsageError
-    from saver_advisors.provenance import provenance
 
     try:
-        if args.from_json is None:
-            figures = {**measure(args), "provenance": provenance()}
-        else:
-            figures = read_figures(args.from_json, "learning")
+        figures = measured_or_read(args, "learning", lambda: measure(args))
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
     hand_over(render(figures), figures, args.json, args.table)

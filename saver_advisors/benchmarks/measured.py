@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,28 @@ def read_figures(path: Path, kind: str, command: str | None = None) -> dict[str,
             f"argument --from: {path} was not written by `saver benchmark {command or kind}`"
         )
     return figures
+
+
+def measured_or_read(
+    args: argparse.Namespace,
+    kind: str,
+    measure: Callable[[], Mapping[str, Any]],
+    command: str | None = None,
+) -> dict[str, Any]:
+    """Figures with their provenance: measured now, or earlier where ``--from`` was given.
+
+    :param args: with ``from_json``, as :func:`saver_advisors.cli.arguments.add_page` declares it
+    :param kind: of the figures
+    :param measure: takes the measurements
+    :param command: the benchmark, where it is not called as the kind
+    :raises UsageError: see :func:`read_figures`
+    """
+    from saver_advisors.provenance import provenance
+
+    if args.from_json is not None:
+        return read_figures(args.from_json, kind, command)
+    origin = provenance()  # before what is measured leaves files in the checkout
+    return {**measure(), "provenance": origin}
 
 
 def hand_over(

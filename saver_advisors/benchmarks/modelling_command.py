@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.benchmarks.measured import read_figures
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 from saver_advisors.benchmarks.modelling_cells import PAPER_EPOCHS, SIGMAS, SIZES, Task
 
 ROBOTS: Final = ("mico", "fetch")
@@ -162,21 +162,9 @@ def execute(args: argparse.Namespace, task: Task) -> int:
     :return: exit status
     """
     from saver_advisors.benchmarks.modelling_table import render
-    from saver_advisors.cli.arguments import write_json
 
-    earlier = args.from_json
-    figures = (
-        _measure(args, task)
-        if earlier is None
-        else read_figures(earlier, f"modelling-{task}", task)
-    )
-    page = render(figures)
-    print(page)
-    if args.from_json is None:
-        write_json(args.json, figures)  # before the page, which changes the checkout
-    if args.table is not None:
-        args.table.write_text(page, encoding="utf-8")
-        print(f"wrote {args.table}")
+    figures = measured_or_read(args, f"modelling-{task}", lambda: _measure(args, task), task)
+    hand_over(render(figures), figures, args.json, args.table)
     return 0
 
 

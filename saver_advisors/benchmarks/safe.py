@@ -16,7 +16,7 @@ from statistics import mean
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import progress
-from saver_advisors.benchmarks.measured import read_figures
+from saver_advisors.benchmarks.measured import measured_or_read
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -136,13 +136,10 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status: 0 where every run meets limit and optimum, else 1
     """
     from saver_advisors.cli.errors import UsageError
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.provenance import write_json_atomic
 
     try:
-        if args.from_json is None:
-            figures = {**measure(args), "provenance": provenance()}
-        else:
-            figures = read_figures(args.from_json, "safe")
+        figures = measured_or_read(args, "safe", lambda: measure(args))
         page = render(figures)
         print(page)
         if args.json is not None:

@@ -10,7 +10,7 @@ import argparse
 from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import progress
-from saver_advisors.benchmarks.measured import hand_over, read_figures
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 from saver_advisors.benchmarks.peer_process import PeerError
 from saver_advisors.benchmarks.peers import PEERS, add_peer_cache
 from saver_advisors.provenance import load_averages
@@ -84,18 +84,13 @@ def run(args: argparse.Namespace) -> int:
     """
     from saver_advisors.benchmarks.report import render
     from saver_advisors.cli.errors import UsageError
-    from saver_advisors.provenance import provenance
 
     try:
-        if args.from_json is None:
-            with one_thread_of_algebra():
-                figures = {**measure(args), "provenance": provenance()}
-        else:
-            figures = read_figures(args.from_json, "speed")
+        with one_thread_of_algebra():
+            figures = measured_or_read(args, "speed", lambda: measure(args))
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    page = render(figures)
-    hand_over(page, figures, args.json, args.table)
+    hand_over(render(figures), figures, args.json, args.table)
     return 0
 
 

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.benchmarks.measured import hand_over, read_figures
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 from saver_advisors.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -94,15 +94,9 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmarks.transfer_report import render
-    from saver_advisors.provenance import provenance
 
-    if args.from_json is None:
-        origin = provenance()  # before videos lie in the checkout and make it differ
-        figures = {**measure(args), "provenance": origin}
-    else:
-        figures = read_figures(args.from_json, "transfer")
-    clips = _relative(args.video_dir, args.table)
-    page = render(figures, clips)
+    figures = measured_or_read(args, "transfer", lambda: measure(args))
+    page = render(figures, _relative(args.video_dir, args.table))
     hand_over(page, figures, args.json, args.table)
     return 0
 
