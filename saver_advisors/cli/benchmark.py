@@ -21,6 +21,10 @@ KINDS: Final = {
     "transfer": ("saver_advisors.benchmarks.transfer", "policies of the Jaco on other arms"),
     "ik": ("saver_advisors.benchmarks.ik", "inverse kinematics of chapter 7, beside its tables"),
     "id": ("saver_advisors.benchmarks.id", "inverse dynamics of chapter 7, beside its tables"),
+    "modelling": (
+        "saver_advisors.benchmarks.modelling_time",
+        "minutes to train chapter 7's models",
+    ),
     "kinematics": ("saver_advisors.benchmarks.kinematics", "learned inverse kinematics in use"),
     "tracking": ("saver_advisors.benchmarks.tracking", "feed-forward torques on the twins"),
     "constraints": ("saver_advisors.benchmarks.constraints", "chapter 6: rates and findings"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks import kinematics, modelling_grid, tracking
+from saver_advisors.benchmarks import kinematics, modelling_grid, modelling_time, tracking
 from saver_advisors.benchmarks.modelling_cells import Cell, distances
 from saver_advisors.benchmarks.modelling_claims import (
     ADVERSARIAL,
@@ -300,18 +300,23 @@ def test_other_pages_come_from_their_figures() -> None:
     assert "| mlp | 1.00 | 4.00x |" in tracking.render({"title": "Tracking", "rows": rows})
 
 
-@pytest.mark.slow
-def test_a_real_cell_and_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from saver_advisors.benchmarks.modelling_search import search
+@pytest.fixture
+def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 s of the MICO instead of 800: as many samples, nearer to one another."""
     from saver_envs.modelling import datasets
-    from saver_envs.modelling.datasets import Campaign, samples_of, twin_data_set
-    from saver_envs.modelling.models import Training
     from saver_envs.modelling.recordings import Processing
 
-    # 20 s instead of 800: as many samples, nearer to one another.
-    short = Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
+    short = datasets.Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
     monkeypatch.setitem(datasets.CAMPAIGNS, "mico", short)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+@pytest.mark.slow
+def test_a_real_cell_and_a_search(tmp_path: Path, short_campaign: None) -> None:
+    from saver_advisors.benchmarks.modelling_search import search
+    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.models import Training
+
     cell = Cell("mico", "ik", "cgan", 1, 0.2, 0, epochs=1)
     found = modelling_grid._run(cell, tmp_path)
     assert read_result(tmp_path, cell) == found
@@ -321,6 +326,28 @@ def test_a_real_cell_and_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     trials = search("mlp", "mico", "id", (inputs, outputs), Training(epochs=1), 2)
     assert len(trials) == 2
     assert all(np.isfinite(one["validation_rmse"]) for one in trials)
+
+
+@pytest.mark.slow
+def test_the_time_of_training_is_shared_out(
+    tmp_path: Path, short_campaign: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = tmp_path / "time.json"
+    few = ["--samples", "600", "--epochs", "1", "--tasks", "id", "--models", "mlp", "cgan"]
+    assert main(["benchmark", "modelling", *few, "--json", str(figures)]) == 0
+    rows = json.loads(figures.read_text())["rows"]
+    assert [(one["model"], one["samples"], one["epochs"]) for one in rows] == [
+        ("mlp", 600, 1),
+        ("cgan", 600, 1),
+    ]
+    for one in rows:
+        assert sum(one["shares"].values()) == pytest.approx(1)
+        assert all(one["shares"][part] > 0 for part in modelling_time.PARTS)
+        assert one["cpu_minutes"] > 0
+    page = capsys.readouterr().out
+    assert "| inverse dynamics | cgan | 600 | 1 |" in page
+    assert main(["benchmark", "modelling", "--from", str(figures)]) == 0
+    assert "| inverse dynamics | cgan | 600 | 1 |" in capsys.readouterr().out
 
 
 def test_a_search_for_the_weight_of_the_loop_tries_each_with_the_same_seeds() -> None:
