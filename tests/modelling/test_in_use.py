@@ -15,14 +15,17 @@ from hypothesis import strategies as st
 import saver_envs  # noqa: F401  (registers the ids)
 from saver_envs.control import DampedLeastSquares
 from saver_envs.modelling.arms import ARMS, arm_named
+from saver_envs.modelling.datasets import campaign_of
 from saver_envs.modelling.dh import MICO_TABLE, MICO_TOOL
-from saver_envs.modelling.dynamics import LearnedInverseDynamics
+from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.models import Training, new_model
 from saver_envs.modelling.models.base import FloatArray, InverseModel
 from saver_envs.modelling.networks import Architecture
 from saver_envs.modelling.shipped import shipped_model
 from saver_envs.modelling.solvers import judge, nearest, newton, reach, rotation_of
+from saver_envs.modelling.trajectories import random_trajectory
+from saver_envs.modelling.twin import Twin
 from saver_envs.modelling.workspace import REGIONS, within, workspace_samples
 from saver_envs.registration import make_episodes
 from saver_envs.wrappers.learned_ik import LearnedIKAction
@@ -261,6 +264,8 @@ def test_models_of_another_arm_or_task_are_refused() -> None:
         LearnedInverseKinematics("mico", refinement=-1)
     with pytest.raises(ValueError, match="kinematics come along for fetch, jaco, mico"):
         shipped_model("panda")
+    with pytest.raises(ValueError, match="dynamics come along for fetch, mico"):
+        shipped_model("jaco", "id")
     with pytest.raises(ValueError, match="robot='ur5'"):
         workspace_samples("ur5", 10, 0)
 
@@ -278,6 +283,22 @@ def test_feed_forward_keeps_the_torque_limits() -> None:
     dynamics = LearnedInverseDynamics("mico", model)
     torque = dynamics(*np.full((3, 5, 4), 1e6))
     assert (np.abs(torque) <= np.asarray(model.arm.robot.joint_torque_limits)).all()
+
+
+@pytest.mark.parametrize("robot", ["mico", "fetch"])
+def test_shipped_dynamics_track_better_than_the_makers_figures(robot: str) -> None:
+    interval = campaign_of(robot).interval
+    ways = [random_trajectory(robot, 4, interval, np.random.default_rng(2000))]
+    analytic = LearnedInverseDynamics(robot, new_model("analytic", robot, "id"))
+    errors = {
+        name: tracking_error(Twin(robot), ways, feed_forward, 2000).rms
+        for name, feed_forward in (
+            ("feedback", None),
+            ("analytic", analytic),
+            ("shipped", LearnedInverseDynamics(robot)),
+        )
+    }
+    assert errors["shipped"] < 0.8 * errors["analytic"] < 0.8 * errors["feedback"]
 
 
 def test_least_squares_is_still_the_default() -> None:
