@@ -411,12 +411,16 @@ PAGES: Final = {
     "constraints": "constraints-results.md",
     "kinematics": "modelling-in-use.md",
     "learning": "learning-speed.md",
+    "mico-ik-little-data": "modelling-little-data.md",
+    "modelling-time": "modelling-time.md",
     "pose": "perception-results.md",
     "safe": "safe-baselines.md",
     "speed": "speed.md",
+    "tracking": "modelling-tracking.md",
     "transfer": "transfer.md",
 }
-"""Of results by their kind, where they are told in full."""
+"""Of results by their kind, or by their file's name where several are of a kind, where they are
+told in full."""
 
 
 def results_page(results: list[dict[str, Any]]) -> str:
@@ -436,7 +440,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
             lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
-        elif page := PAGES.get(str(one.get("kind"))):
+        elif page := PAGES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"On [a page of its own]({page}).", ""]
         elif one.get("kind") == "modelling-search":
             lines.append(_plain_table([_trial(trial) for trial in one["trials"]]))
