@@ -39,25 +39,11 @@ _STEPS: Final = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmarks.modelling_command import add_precision
+    from saver_advisors.benchmarks.modelling_command import add_arms_and_models
     from saver_advisors.cli.arguments import add_page, at_least
 
-    parser.add_argument(
-        "--robots",
-        nargs="+",
-        choices=ARMS,
-        default=list(ARMS),
-        metavar="ARM",
-        help="(default: all)",
-    )
-    parser.add_argument(
-        "--models",
-        nargs="*",
-        choices=NETWORKS,
-        default=[],
-        metavar="NAME",
-        help="models that are trained here, on the workspace's targets, and used raw",
-    )
+    purpose = "models that are trained here, on the workspace's targets, and used raw"
+    add_arms_and_models(parser, ARMS, NETWORKS, purpose)
     parser.add_argument(
         "--samples",
         type=at_least(100),
@@ -65,10 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="to train those on (default: 60000)",
     )
-    parser.add_argument(
-        "--epochs", type=at_least(1), default=100, metavar="N", help="of those (default: 100)"
-    )
-    add_precision(parser)
     parser.add_argument(
         "--episodes", type=at_least(1), default=100, metavar="N", help="(default: 100)"
     )

@@ -128,6 +128,44 @@ def declare(parser: argparse.ArgumentParser, task: Task) -> None:
     add_page(parser)
 
 
+def add_arms_and_models(
+    parser: argparse.ArgumentParser, arms: Sequence[str], models: Sequence[str], purpose: str
+) -> None:
+    """Declare which arms, and which models are trained for them while measuring, and how.
+
+    :param parser: a command's that measures models in use
+    :param arms: that can be measured
+    :param models: that can be trained
+    :param purpose: of those, for the help
+    """
+    from saver_advisors.cli.arguments import at_least
+
+    parser.add_argument(
+        "--robots",
+        nargs="+",
+        choices=arms,
+        default=list(arms),
+        metavar="ARM",
+        help=f"(default: {' '.join(arms)})",
+    )
+    parser.add_argument(
+        "--models",
+        nargs="*",
+        choices=models,
+        default=[],
+        metavar="NAME",
+        help=f"{purpose} (default: none)",
+    )
+    parser.add_argument(
+        "--epochs",
+        type=at_least(1),
+        default=PAPER_EPOCHS,
+        metavar="N",
+        help=f"of those (default: {PAPER_EPOCHS})",
+    )
+    add_precision(parser)
+
+
 def add_precision(parser: argparse.ArgumentParser) -> None:
     """Declare in what precision networks are trained.
 

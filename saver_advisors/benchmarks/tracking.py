@@ -26,29 +26,11 @@ _TRAJECTORIES: Final = 4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmarks.modelling_command import ROBOTS, add_precision
-    from saver_advisors.cli.arguments import add_page, at_least
+    from saver_advisors.benchmarks.modelling_command import ROBOTS, add_arms_and_models
+    from saver_advisors.cli.arguments import add_page
 
-    parser.add_argument(
-        "--robots",
-        nargs="+",
-        choices=ROBOTS,
-        default=list(ROBOTS),
-        metavar="ARM",
-        help="(default: both)",
-    )
-    parser.add_argument(
-        "--models",
-        nargs="*",
-        choices=MODELS,
-        default=[],
-        metavar="NAME",
-        help="trained here on the whole data set, beside the shipped ones (default: none)",
-    )
-    parser.add_argument(
-        "--epochs", type=at_least(1), default=100, metavar="N", help="of those (default: 100)"
-    )
-    add_precision(parser)
+    purpose = "trained here on the whole data set, beside the shipped ones"
+    add_arms_and_models(parser, ROBOTS, MODELS, purpose)
     parser.add_argument(
         "--weights",
         nargs="*",

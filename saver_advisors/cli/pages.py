@@ -411,7 +411,6 @@ PAGES: Final = {
     "constraints": "constraints-results.md",
     "kinematics": "modelling-in-use.md",
     "learning": "learning-speed.md",
-    "mico-ik-little-data": "modelling-little-data.md",
     "modelling-time": "modelling-time.md",
     "pose": "perception-results.md",
     "safe": "safe-baselines.md",
@@ -419,8 +418,10 @@ PAGES: Final = {
     "tracking": "modelling-tracking.md",
     "transfer": "transfer.md",
 }
-"""Of results by their kind, or by their file's name where several are of a kind, where they are
-told in full."""
+"""Of results by their kind, where they are told in full."""
+
+PAGES_OF_FILES: Final = {"mico-ik-little-data": "modelling-little-data.md"}
+"""The same by the file's name, where several files are of a kind."""
 
 
 def results_page(results: list[dict[str, Any]]) -> str:
@@ -440,7 +441,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
             lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
-        elif page := PAGES.get(stem) or PAGES.get(str(one.get("kind"))):
+        elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"On [a page of its own]({page}).", ""]
         elif one.get("kind") == "modelling-search":
             lines.append(_plain_table([_trial(trial) for trial in one["trials"]]))
