@@ -71,6 +71,7 @@ def release_run(
         "success": summary["success_rate"],
         "success_episodes": episodes,
         "task": task,
+        "env_kwargs": config.env_kwargs,
         "notes": {"config": config.to_mapping(), "selection": selection},
     }
     export_policy(load_trained(run_dir, chosen), path, card)

@@ -150,9 +150,11 @@ def cells(figures: dict[str, Any]) -> list[str]:
     :param figures: as ``measure`` returns them
     :return: the cells
     """
+    from saver_advisors.pretrained.cards import environment_text
+
     low, high = figures["ci95"]
     return [
-        figures["env"],
+        environment_text(figures["env"], figures.get("env_kwargs", {})),
         figures["policy"],
         str(figures["episodes"]),
         f"{figures['success_rate']:.3f}",

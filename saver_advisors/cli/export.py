@@ -7,7 +7,9 @@ reports.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
 from saver_advisors.cli.errors import UsageError, user_mistakes
@@ -45,14 +47,14 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.tables import show
     from saver_advisors.release import release_run
 
-    env = run_environment(args.run_dir)
+    env, env_kwargs = run_environment(args.run_dir)
     if not any((args.run_dir / which).exists() for which in ("best", "latest")):
         raise UsageError(f"argument RUN_DIR: {args.run_dir} has no policy yet")
     path = args.path or shipped_path(args.name)
     print(f"evaluating {args.run_dir}: up to three times {args.episodes} episodes")
     with user_mistakes("argument RUN_DIR"):
         released = release_run(
-            args.run_dir, path, task=args.task or _task(env), episodes=args.episodes
+            args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=args.episodes
         )
     figures = {"policy": path.stem, **released["summary"]}
     show(COLUMNS, [cells(figures)])
@@ -61,11 +63,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def run_environment(folder: Path) -> str:
+def run_environment(folder: Path) -> tuple[str, dict[str, Any]]:
     """The environment of a run.
 
     :param folder: of the run
-    :return: its id
+    :return: its id and its keyword arguments
     """
     import json
 
@@ -73,8 +75,8 @@ def run_environment(folder: Path) -> str:
     if not record.is_file():
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run: it has no run.json")
     with user_mistakes(f"argument RUN_DIR: {record}"):
-        env: str = json.loads(record.read_text(encoding="utf-8"))["config"]["env_id"]
-    return env
+        config = json.loads(record.read_text(encoding="utf-8"))["config"]
+        return config["env_id"], config.get("env_kwargs", {})
 
 
 def shipped_path(name: str) -> Path:
@@ -94,9 +96,10 @@ def shipped_path(name: str) -> Path:
     return WEIGHTS_DIR / f"{name}.safetensors"
 
 
-def _task(env_id: str) -> str:
+def _task(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
     from saver_envs.registration import row_of
 
     row = row_of(env_id)
-    arms = ("one arm", "two arms", "three arms", "four arms")[row.n_arms - 1]
+    n_arms = env_kwargs.get("n_arms", row.n_arms)
+    arms = ("one arm", "two arms", "three arms", "four arms")[n_arms - 1]
     return f"{row.task.name}, {arms}"

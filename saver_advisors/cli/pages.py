@@ -351,7 +351,7 @@ def weights_page() -> str:
     rows = [
         [
             f"`{name}`",
-            f"[`{card.env_id}`](environments/{card.env_id}.md)",
+            f"[`{card.environment}`](environments/{card.env_id}.md)",
             card.algorithm,
             f"{card.steps:,}",
             f"{card.wall_clock_s / 60:.0f}",

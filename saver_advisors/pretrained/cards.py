@@ -28,6 +28,7 @@ class PolicyCard:
     :param success: share of successful evaluation episodes, 0 to 1
     :param success_episodes: how many episodes `success` was measured over
     :param task: the task in words
+    :param env_kwargs: keyword arguments of that environment, where it had any
     :param notes: anything else, shown in the readable card
     :param networks: shapes and activations; filled in by `save_policy`
     :raises ValueError: where a figure is out of range
@@ -43,6 +44,7 @@ class PolicyCard:
     success: float
     success_episodes: int = 100
     task: str = ""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
     networks: NetworkSpec | None = None
 
@@ -54,8 +56,15 @@ class PolicyCard:
             value = getattr(self, name)
             if not _is_number(value) or value < 0:
                 raise ValueError(f"card: {name}={value!r} must be a number of at least 0")
+        if not isinstance(self.env_kwargs, Mapping):
+            raise ValueError(f"card: env_kwargs={self.env_kwargs!r} must be a mapping")
         if not _is_number(self.success) or not 0.0 <= self.success <= 1.0:
             raise ValueError(f"card: success={self.success!r} must lie between 0 and 1")
+
+    @property
+    def environment(self) -> str:
+        """The environment's id, and its keyword arguments where it had any."""
+        return environment_text(self.env_id, self.env_kwargs)
 
     def with_networks(self, spec: NetworkSpec) -> PolicyCard:
         """:return: the same card for networks of these shapes"""
@@ -97,6 +106,15 @@ class PolicyCard:
         return cls.from_dict(values)
 
 
+def environment_text(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
+    """An environment for a table: ``DualJacoPush-v0, n_arms=3``.
+
+    :param env_id: its id
+    :param env_kwargs: its keyword arguments
+    """
+    return ", ".join([env_id, *(f"{name}={value}" for name, value in env_kwargs.items())])
+
+
 def _is_number(value: object) -> bool:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return is_number and math.isfinite(float(str(value)))
@@ -113,7 +131,7 @@ def card_markdown(name: str, card: PolicyCard) -> str:
         raise ValueError("card has no networks: read it from a weight file written by save_policy")
     episodes = f" over {card.success_episodes} episodes" if card.success_episodes else ""
     rows = {
-        "environment": f"`{card.env_id}`",
+        "environment": f"`{card.environment}`",
         "task": card.task or "not described",
         "success": f"{card.success:.3f}{episodes}",
         "algorithm": card.algorithm,

@@ -211,7 +211,14 @@ def test_saving_refuses_what_loading_would(tmp_path, networks, card):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"success": -0.1}, {"success": None}, {"steps": -1}, {"wall_clock_s": "long"}, {"env_id": 3}],
+    [
+        {"success": -0.1},
+        {"success": None},
+        {"steps": -1},
+        {"wall_clock_s": "long"},
+        {"env_id": 3},
+        {"env_kwargs": "n_arms=3"},
+    ],
 )
 def test_cards_are_checked(card, wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
@@ -230,6 +237,13 @@ def test_the_readable_card_says_what_the_header_says(saved):
     assert "saver train JacoPush-v0 --seed 3" in page
     saved.with_suffix(".md").unlink()
     assert write_card(saved).read_text() == page
+
+
+def test_a_card_names_the_environments_arguments(card, networks, tmp_path):
+    card = replace(card, env_kwargs={"n_arms": 3})
+    path = save_policy(tmp_path / "three.safetensors", networks, card)
+    assert load_policy(path).card.env_kwargs == {"n_arms": 3}
+    assert "| environment | `JacoPush-v0, n_arms=3` |" in path.with_suffix(".md").read_text()
 
 
 def test_network_descriptions_survive_json():
