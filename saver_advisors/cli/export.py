@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         released = release_run(
             args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=args.episodes
         )
-    figures = {"policy": path.stem, **released["summary"]}
+    figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
     show(COLUMNS, [cells(figures)])
     print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
     write_json(args.json, {"kind": "export", **released, **figures})
