@@ -21,6 +21,9 @@ PACKAGES = {
     "gymnasium": "gymnasium",
     "numpy": "numpy",
 }
+COMMAND_VARIABLE = "SAVER_COMMAND"
+"""The environment variable that tells a process which command it works for, where that is not its
+own command line."""
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -31,7 +34,7 @@ def provenance() -> dict[str, Any]:
         files differ from it), ``time`` (UTC, ISO 8601), ``versions`` and ``machine``
     """
     return {
-        "command": _command(),
+        "command": command_line(),
         "commit": _commit(),
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {"python": platform.python_version()}
@@ -82,8 +85,9 @@ def portable_command(command: str) -> str:
     return shlex.join([Path(program).name, *named])
 
 
-def _command() -> str:
-    return portable_command(shlex.join(sys.argv))
+def command_line() -> str:
+    """The command that this process works for, without the folders of the machine."""
+    return os.environ.get(COMMAND_VARIABLE) or portable_command(shlex.join(sys.argv))
 
 
 def _version(package: str) -> str | None:

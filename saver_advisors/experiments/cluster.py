@@ -16,7 +16,7 @@ from typing import Any
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.experiments.scheduler import LOOK_EVERY, Look, Places, Progress, Stop
-from saver_advisors.provenance import write_json_atomic
+from saver_advisors.provenance import command_line, write_json_atomic
 
 
 class RayCluster:
@@ -45,7 +45,7 @@ class RayCluster:
         output = str(self.places.output.resolve())
         pending: dict[Any, ExperimentRun] = {}
         for run in runs:
-            pending[self._do.remote(run.to_mapping(), output)] = run
+            pending[self._do.remote(run.to_mapping(), output, command_line())] = run
             progress.running.add(run.name)
         cancelled = False
         while pending:
@@ -77,18 +77,21 @@ class RayCluster:
         self._ray.shutdown()
 
 
-def run_on_node(values: dict[str, Any], output: str) -> tuple[int, str, dict[str, Any] | None]:
+def run_on_node(
+    values: dict[str, Any], output: str, command: str
+) -> tuple[int, str, dict[str, Any] | None]:
     """One run, in a process of its own on the node that this is called on.
 
     :param values: the run, as a mapping
     :param output: the folder of run folders
+    :param command: that results name as where they come from
     :return: exit status, last line of the log, and the result where there is one
     """
     run = ExperimentRun.from_mapping(values)
     folder = Path(output) / run.name
     result = folder / "result" / f"{run.name}.json"
     result.parent.mkdir(parents=True, exist_ok=True)
-    process = worker.start(run, folder, result)
+    process = worker.start(run, folder, result, command)
     try:
         while process.poll() is None:
             time.sleep(LOOK_EVERY)

@@ -21,7 +21,7 @@ from typing import Final
 
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.experiments.results import is_done, write_result
-from saver_advisors.provenance import write_json_atomic
+from saver_advisors.provenance import COMMAND_VARIABLE, command_line, write_json_atomic
 
 RUN_FILE: Final = "experiment.json"
 LOG_FILE: Final = "worker.log"
@@ -57,22 +57,26 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path) -> int:
         return BUSY
 
 
-def start(run: ExperimentRun, folder: str | Path, result: str | Path) -> subprocess.Popen[bytes]:
+def start(
+    run: ExperimentRun, folder: str | Path, result: str | Path, command: str | None = None
+) -> subprocess.Popen[bytes]:
     """Do a run in a process of its own; what it prints goes to a log in its folder.
 
     :param run: of a grid
     :param folder: the run's own, made if need be
     :param result: the file that its result goes to
+    :param command: that results name as where they come from; this process's where None
     :return: the process; it ends itself when this one is gone
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
-    command = [sys.executable, "-m", __name__, str(folder), str(result)]
+    words = [sys.executable, "-m", __name__, str(folder), str(result)]
     # Ctrl-C goes to a terminal's whole foreground group: whoever started the process decides.
     with open(folder / LOG_FILE, "ab") as log:
         return subprocess.Popen(
-            command,
+            words,
+            env={**os.environ, COMMAND_VARIABLE: command or command_line()},
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,

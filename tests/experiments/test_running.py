@@ -137,6 +137,20 @@ def test_time_is_over_at_once(grid_file: GridFile, places: Places) -> None:
     assert seen, "whoever looks is told"
 
 
+def test_results_name_the_command_that_was_typed(
+    run: ExperimentRun, places: Places, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places.results.mkdir()
+    typed = ["/usr/bin/saver", "experiments", "run", "/home/somebody/grid.yml"]
+    monkeypatch.setattr(sys, "argv", typed)
+    process = worker.start(run, places.folder(run), places.result(run))
+    assert process.wait(timeout=240) == worker.DONE
+    result = read_result(places.result(run))
+    wanted = "saver experiments run grid.yml"
+    assert result["provenance"]["command"] == wanted
+    assert [one["command"] for one in result["sessions"]] == [wanted]
+
+
 def test_no_processes() -> None:
     with pytest.raises(ValueError, match="processes=0"):
         LocalProcesses(Places(Path("a"), Path("b")), 0)
