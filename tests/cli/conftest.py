@@ -2,40 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import pytest
 import torch
+from commands import Result, Saver, tiny_train
 
 from saver_advisors.cli import main
-
-ROOT = Path(__file__).resolve().parents[2]
-TINY = (
-    "net_arch=[8]",
-    "batch_size=16",
-    "gradient_steps=2",
-    "n_envs=2",
-    "buffer_size=400",
-    "eval_every=20",
-    "eval_episodes=2",
-    "checkpoint_every=20",
-)
-"""Settings of a run that takes a second."""
-
-
-class Result(NamedTuple):
-    """What a command left behind."""
-
-    status: int
-    out: str
-    err: str
-
-
-Saver = Callable[..., Result]
 
 
 @pytest.fixture(autouse=True)
@@ -63,23 +37,9 @@ def saver(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
     return run
 
 
-def tiny_train(output: Path, *more: object) -> list[object]:
-    """The words of a tiny training run: 40 steps of episodes of 10."""
-    return [
-        *("train", "--env", "JacoPush-v0", "--output", output, "--steps", 40, "--no-progress"),
-        *("--env-kwargs", "horizon=10", "--set", *TINY, *more),
-    ]
-
-
 @pytest.fixture(scope="module")
 def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished tiny run."""
     folder = tmp_path_factory.mktemp("runs") / "tiny"
     assert main([str(word) for word in tiny_train(folder)]) == 0
     return folder
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A file that a command wrote."""
-    content: dict[str, Any] = json.loads(path.read_text())
-    return content

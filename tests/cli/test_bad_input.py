@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import Saver, tiny_train
+from commands import Saver, tiny_train
 
 CASES = {
     "unknown command": (["evaluat"], ["evaluat", "evaluate"]),

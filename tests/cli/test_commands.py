@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Saver, read_json, tiny_train
+from commands import ROOT, Saver, read_json, tiny_train
 
 from saver_advisors.cli import COMMANDS
 from saver_envs.registration import ENVIRONMENTS

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import TINY, tiny_train
+from commands import TINY, tiny_train
 
 SAVER = (sys.executable, "-m", "saver_advisors.cli")
 

@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, TINY, Saver
+from commands import ROOT, TINY, Saver
 
 PAGES = (
     "README.md",

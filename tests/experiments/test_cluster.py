@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from conftest import GridFile, tiny_grid
+from tiny_grids import GridFile, tiny_grid
 
 from saver_advisors.experiments import read_grid
 from saver_advisors.experiments.results import read_result

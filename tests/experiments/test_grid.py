@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import GridFile, tiny_grid
+from tiny_grids import GridFile, tiny_grid
 
 from saver_advisors.experiments import ExperimentRun, read_grid
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import GridFile, tiny_grid
 from filelock import FileLock
+from tiny_grids import GridFile, tiny_grid
 
 from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.experiments import ExperimentRun, read_grid, read_results, state_of, worker
