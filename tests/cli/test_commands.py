@@ -178,19 +178,25 @@ def test_a_student_is_advised(saver: Saver, tmp_path: Path) -> None:
     assert (advice["strategy"], advice["budget"], advice["threshold"]) == ("mc-q", 30, 0.05)
 
 
-def test_the_defaults_are_those_of_the_shipped_weights(saver: Saver) -> None:
-    """What `saver train --env ID` does is what the card says was done."""
+def test_the_settings_are_those_of_the_shipped_weights(saver: Saver) -> None:
+    """What `saver train --env ID`, or a run of a grid, does is what the card says was done."""
     import yaml
 
+    from saver_advisors.experiments.grid import read_grid
     from saver_advisors.learner.configuration import RunConfig
     from saver_advisors.pretrained import load_policy, shipped_policies
 
     free = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
     for name in shipped_policies():
         card = load_policy(name).card
-        result = saver("train", "--env", card.env_id, "--print-config")
-        assert result.status == 0, result.err
-        config = RunConfig.from_mapping(yaml.safe_load(result.out)).to_mapping()
+        words = card.command.split()
+        if words[:3] == ["saver", "experiments", "run"]:
+            run = read_grid(ROOT / words[3]).named(f"{words[-1]}-seed{card.seed}")
+            config = run.config.to_mapping()
+        else:
+            result = saver("train", "--env", card.env_id, "--print-config")
+            assert result.status == 0, result.err
+            config = RunConfig.from_mapping(yaml.safe_load(result.out)).to_mapping()
         # Settings that are younger than the card had their defaults then.
         used = RunConfig.from_mapping(card.notes["config"]).to_mapping()
         assert {k: v for k, v in config.items() if k not in free} == {
