@@ -276,11 +276,11 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
     """A run as the experiment runner and `saver benchmark run` write it."""
     config = content.get("config") or {}
     points = content["curve"]
-    task = content.get("task") or config["env_id"]
+    task = _task(content.get("task") or config["env_id"], config)
     steps = points[-1]["steps"] if points else 0
     return TrainingRun(
         name=str(content.get("name") or stem),
-        task=str(task),
+        task=task,
         row=str(content.get("row") or row_name(config)),
         seed=int(content.get("seed", config.get("seed", 0))),
         points=points,
@@ -294,6 +294,12 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
         finished=bool(content.get("finished", steps >= config.get("total_steps", 0))),
         provenance=content.get("provenance") or {},
     )
+
+
+def _task(env_id: object, config: Mapping[str, Any]) -> str:
+    """The environment, and how many arms where that is not as usual: that is another task."""
+    n_arms = (config.get("env_kwargs") or {}).get("n_arms")
+    return str(env_id) if n_arms is None else f"{env_id}, n_arms={n_arms}"
 
 
 def _teacher_steps(told: int | None, config: Mapping[str, Any]) -> int | None:

@@ -180,6 +180,18 @@ def test_files_without_optional_entries_are_read(tmp_path: Path) -> None:
     assert row.n == 0
 
 
+def test_more_arms_are_another_task(tmp_path: Path) -> None:
+    config = {"env_id": PUSH, "seed": 0, "advice": {"strategy": "early"}}
+    for name, options in (("two", {}), ("three", {"n_arms": 3})):
+        told = config | {"env_kwargs": options}
+        path = write_run(tmp_path, PUSH, "early", 0, curve(9), config=told)
+        path.rename(tmp_path / f"{name}.json")
+    results = read_results([tmp_path])
+    assert set(results.of_task(PUSH)) == {"early"}
+    assert set(results.of_task(f"{PUSH}, n_arms=3")) == {"early"}
+    assert set(tables(results)) == {PUSH, f"{PUSH}, n_arms=3"}
+
+
 def test_other_settings_of_a_row_are_told_apart(tmp_path: Path) -> None:
     def write(
         group: str, row: str, seed: int = 0, advice: object = None, **settings: object
