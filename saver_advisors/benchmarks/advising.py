@@ -70,12 +70,12 @@ def run(args: argparse.Namespace) -> int:
     tasks = tables(results)
     findings = judge_all(tasks)
     show(tasks, findings, results)
+    write_json(args.json, figures(tasks, findings, results))  # before what changes the checkout
     drawn = [] if args.figures is None else draw_all(results, args.figures)
     if args.table is not None:
         text = page(tasks, findings, results, drawn, args.table.parent)
         args.table.write_text(text, encoding="utf-8")
         print(f"wrote {args.table}")
-    write_json(args.json, figures(tasks, findings, results))
     return 0
 
 

@@ -52,12 +52,12 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
     findings = judge_all(rows)
     show(rows, findings, results)
+    write_json(args.json, figures(rows, findings, results))  # before what changes the checkout
     drawn = [] if args.figures is None else draw_all(rows, args.figures)
     if args.table is not None:
         text = page(rows, findings, results, drawn, args.table.parent)
         args.table.write_text(text, encoding="utf-8")
         print(f"wrote {args.table}")
-    write_json(args.json, figures(rows, findings, results))
     return 0
 
 

@@ -215,6 +215,7 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
         run_grid,
     )
     from saver_advisors.cli.errors import UsageError
+    from saver_envs.modelling.arms import TASK_NAMES
 
     grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     weighted = [cells_of(*grid, weight, args.precision) for weight in args.supervised_weight]
@@ -227,7 +228,7 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     if not results:
         raise UsageError(f"argument --results: {args.results} has none of the cells asked for")
     return {
-        "title": f"{'Inverse kinematics' if task == 'ik' else 'Inverse dynamics'}, {args.robot}",
+        "title": f"{TASK_NAMES[task].capitalize()}, {args.robot}",
         "kind": f"modelling-{task}",
         "robot": args.robot,
         "task": task,

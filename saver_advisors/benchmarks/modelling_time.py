@@ -36,7 +36,6 @@ PARTS: Final = {
 is in no operator *Python*."""
 
 _SAMPLES: Final = 60_000
-_ONE_TASK: Final = {"ik": "inverse kinematics", "id": "inverse dynamics"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -168,12 +167,13 @@ def render(figures: dict[str, Any]) -> str:
     :param figures: what was measured, or its JSON file's content
     """
     from saver_advisors.cli.tables import markdown
+    from saver_envs.modelling.arms import TASK_NAMES
 
     rows = figures["rows"]
     shares = list(rows[0]["shares"])
     cells = [
         [
-            _ONE_TASK[one["task"]],
+            TASK_NAMES[one["task"]],
             one["model"],
             f"{one['samples']:,}",
             str(one["epochs"]),

@@ -150,7 +150,7 @@ def cells(figures: dict[str, Any]) -> list[str]:
     :param figures: as ``measure`` returns them
     :return: the cells
     """
-    from saver_advisors.pretrained.cards import environment_text
+    from saver_advisors.evaluation.protocol import environment_text
 
     low, high = figures["ci95"]
     return [

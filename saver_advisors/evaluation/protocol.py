@@ -1,4 +1,4 @@
-"""The rules by which training runs are compared: which seeds train, choose and report.
+"""The rules by which training runs are compared: which seeds train, choose and report, on what.
 
 Episodes are fixed by their seeds, so three ranges that do not meet keep training, the choice of a
 checkpoint and the figure that is reported apart. docs/benchmark-protocol.md says it in prose.
@@ -6,7 +6,8 @@ checkpoint and the figure that is reported apart. docs/benchmark-protocol.md say
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 SELECTION_SEED: Final = 10_000
 """Checkpoints are evaluated, and chosen, on episodes from this seed up."""
@@ -26,6 +27,15 @@ TRAINING_SEED: Final = 1_000_000
 
 SEED_STRIDE: Final = 1_000
 """Between the first seeds of two runs: room for so many environments side by side."""
+
+
+def environment_text(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
+    """An environment for a table: ``DualJacoPush-v0, n_arms=3``.
+
+    :param env_id: its id
+    :param env_kwargs: its keyword arguments
+    """
+    return ", ".join([env_id, *(f"{name}={value}" for name, value in env_kwargs.items())])
 
 
 def training_seed(seed: int) -> int:

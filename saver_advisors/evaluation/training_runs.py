@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.evaluation.metrics import LearningCurve, LearningMetrics, learning_metrics
+from saver_advisors.evaluation.protocol import environment_text
 
 KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
@@ -298,8 +299,8 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
 
 def _task(env_id: object, config: Mapping[str, Any]) -> str:
     """The environment, and how many arms where that is not as usual: that is another task."""
-    n_arms = (config.get("env_kwargs") or {}).get("n_arms")
-    return str(env_id) if n_arms is None else f"{env_id}, n_arms={n_arms}"
+    options = config.get("env_kwargs") or {}
+    return environment_text(str(env_id), {k: v for k, v in options.items() if k == "n_arms"})
 
 
 def _teacher_steps(told: int | None, config: Mapping[str, Any]) -> int | None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.advising.networks import NetworkSpec
+from saver_advisors.evaluation.protocol import environment_text
 
 
 @dataclass(frozen=True)
@@ -104,15 +105,6 @@ class PolicyCard:
         if not isinstance(values, dict):
             raise ValueError("card: not a JSON object")
         return cls.from_dict(values)
-
-
-def environment_text(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
-    """An environment for a table: ``DualJacoPush-v0, n_arms=3``.
-
-    :param env_id: its id
-    :param env_kwargs: its keyword arguments
-    """
-    return ", ".join([env_id, *(f"{name}={value}" for name, value in env_kwargs.items())])
 
 
 def _is_number(value: object) -> bool:

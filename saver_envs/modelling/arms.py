@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from saver_envs.robots.mico import MICO
 Pose = Literal["position", "pose"]
 #: Inverse kinematics or inverse dynamics.
 Task = Literal["ik", "id"]
+TASK_NAMES: Final[Mapping[Task, str]] = {"ik": "inverse kinematics", "id": "inverse dynamics"}
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from saver_envs.modelling.arms import Task
+from saver_envs.modelling.arms import TASK_NAMES, Task
 from saver_envs.modelling.models import InverseModel, load_model
 
 WEIGHTS = Path(__file__).parent / "weights"
-_KINDS: dict[Task, str] = {"ik": "inverse kinematics", "id": "inverse dynamics"}
 
 
 def shipped_model(robot: str, task: Task = "ik") -> InverseModel:
@@ -22,7 +21,7 @@ def shipped_model(robot: str, task: Task = "ik") -> InverseModel:
     if not path.is_file():
         ending = f"-{task}.safetensors"
         names = sorted(one.name.removesuffix(ending) for one in WEIGHTS.glob(f"*{ending}"))
-        kind = _KINDS.get(task, f"task {task!r}")
+        kind = TASK_NAMES.get(task, f"task {task!r}")
         raise ValueError(
             f"robot={robot!r}: weights of {kind} come along for {', '.join(names) or 'none'}"
         )
