@@ -40,11 +40,12 @@ success lies above that of one without advice:
 
 FINDINGS: Final = f"""\
 What the paper reads off its table, computed from these runs. *In these runs*: it holds where every
-row that it is about comes out so by more than the evaluations can tell apart, it does not hold
-where one comes out the other way by as much, and cannot be told where rows are missing or too
-close. *Beyond seeds* asks for {MIN_SEEDS} seeds a row and a 95% interval that leaves out no
-difference: with fewer seeds, other seeds could turn it round. The closest comparison is the one
-that comes nearest to refuting it, or does.
+row that it is about comes out so by more than the evaluations can tell apart, so far where rows are
+missing that could still refute it; it does not hold where one comes out the other way by as much,
+and cannot be told where two rows are too close or none can be compared. *Beyond seeds* asks for
+{MIN_SEEDS} seeds a row and a 95% interval that leaves out no difference: with fewer seeds, other
+seeds could turn it round. The closest comparison is the one that comes nearest to refuting it, or
+does.
 """
 
 SCRATCH: Final = """\

@@ -2,11 +2,12 @@
 
 A finding comes down to comparisons between rows. In the runs at hand it holds where every
 comparison comes out so by more than the evaluations can resolve; it does not hold where one comes
-out the other way by as much; and it cannot be told where rows are missing or too close. Whether
-other seeds would show the same is another question, and told apart: that takes four seeds a row,
-since of two rows that do not differ, with fewer seeds, one lies wholly above the other by chance in
-more than one of twenty cases (with four in 2 of 70), and a 95% interval of the difference that
-leaves out 0.
+out the other way by as much; it holds so far where rows are missing and every comparison that can
+be made comes out so; and it cannot be told where none can be made or two rows are too close.
+Whether other seeds would show the same is another question, and told apart: that takes four seeds a
+row, since of two rows that do not differ, with fewer seeds, one lies wholly above the other by
+chance in more than one of twenty cases (with four in 2 of 70), and a 95% interval of the difference
+that leaves out 0.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from saver_advisors.evaluation.summary import Row, success_resolution
 from saver_advisors.evaluation.training_runs import TrainingRun
 
 Metric = Literal["inspired_epoch", "rise_time", "maximum_success_rate", "effective_learning_rate"]
-Verdict = Literal["holds", "does not hold", "cannot be told"]
+Verdict = Literal["holds", "holds so far", "does not hold", "cannot be told"]
 BeyondSeeds = Literal["yes", "no", "too few seeds", "-"]
 
 ABBREVIATIONS: Final[Mapping[Metric, str]] = {
@@ -128,15 +129,17 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """What the runs at hand show."""
-        parts = [one.holds for one in self.comparisons]
+        parts = [one.holds for one in self._known]
         if False in parts:
             return "cannot be told" if self.open else "does not hold"
-        return "holds" if parts and None not in parts else "cannot be told"
+        if not parts or None in parts:
+            return "cannot be told"
+        return "holds" if len(parts) == len(self.comparisons) else "holds so far"
 
     @property
     def beyond_seeds(self) -> BeyondSeeds:
         """Whether that is more than the chance of seeds."""
-        if self.verdict == "cannot be told":
+        if self.verdict not in ("holds", "does not hold"):
             return "-"
         # One comparison is enough to refute it; to confirm it takes all.
         wanted = self.verdict == "holds"
@@ -149,17 +152,22 @@ class Finding:
 
     @property
     def n(self) -> int:
-        """Seeds behind the comparison that has fewest, 0 where a row is missing."""
-        counts = (0 if one.advantage is None else one.advantage.n for one in self.comparisons)
-        return min(counts, default=0)
+        """Seeds behind the comparison that has fewest, 0 where none can be made."""
+        return min((one.advantage.n for one in self._known if one.advantage), default=0)
 
     @property
     def closest(self) -> Comparison | None:
         """The comparison that comes nearest to refuting it, or does; None where no two rows are
         there to be compared.
         """
-        known = [one for one in self.comparisons if one.advantage is not None]
-        return min(known, key=lambda one: one.advantage.value if one.advantage else 0, default=None)
+        return min(
+            self._known, key=lambda one: one.advantage.value if one.advantage else 0, default=None
+        )
+
+    @property
+    def _known(self) -> list[Comparison]:
+        """The comparisons that can be made."""
+        return [one for one in self.comparisons if one.advantage is not None]
 
     def text(self) -> str:
         """The closest comparison in words, with its figures."""

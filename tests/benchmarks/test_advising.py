@@ -104,7 +104,12 @@ def test_missing_rows_can_refute_but_not_confirm() -> None:
     push = dict(table_5_2().figures["push"])
     del push["mc-act 0.05"]
     found = judged("MC-ACTABS 0.01", paper_as_table(push))
-    assert (found.verdict, found.n, found.missing) == ("cannot be told", 0, ["mc-act 0.05"])
+    assert (found.verdict, found.n, found.missing) == ("holds so far", 1, ["mc-act 0.05"])
+    assert found.beyond_seeds == "-"
+    del push["mc-actabs 0.01"]
+    nothing = judged("MC-ACTABS 0.01", paper_as_table(push))
+    assert (nothing.verdict, nothing.n) == ("cannot be told", 0)
+    push["mc-actabs 0.01"] = table_5_2().figures["push"]["mc-actabs 0.01"]
     push["early"] = PaperFigures(1.0, 1.0, 0.99, 0.9)
     assert judged("MC-ACTABS 0.01", paper_as_table(push)).verdict == "does not hold"
     # The best MC-Q is beaten; but one of them is missing, and might not be.
@@ -291,7 +296,11 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert flat[PUSH, "mc-q 0.1"]["n"] == 2
     assert flat[PUSH, "mc-q 0.01"]["n"] == 0
     verdicts = {(one["claim"], one["task"]): one["verdict"] for one in content["findings"]}
-    assert set(verdicts.values()) == {"cannot be told"}
+    assert {name for name, verdict in verdicts.items() if verdict != "cannot be told"} == {
+        ("all advice beats none", "push"),
+        ("MC-Q is first by ELR", "push"),
+    }
+    assert set(verdicts.values()) == {"cannot be told", "holds so far"}
     # A table of the same files is the same.
     results = read([folder])
     assert json.loads(
