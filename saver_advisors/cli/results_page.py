@@ -1,0 +1,121 @@
+"""The page of results, rendered from the JSON files of ``docs/results``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.cli import evaluate, runs
+from saver_advisors.cli.tables import markdown
+
+PAGES: Final = {
+    "advising": "advising-results.md",
+    "constraints": "constraints-results.md",
+    "kinematics": "modelling-in-use.md",
+    "learning": "learning-speed.md",
+    "modelling-time": "modelling-time.md",
+    "pose": "perception-results.md",
+    "safe": "safe-baselines.md",
+    "speed": "speed.md",
+    "tracking": "modelling-tracking.md",
+    "transfer": "transfer.md",
+}
+"""Of results by their kind, where they are told in full."""
+
+PAGES_OF_FILES: Final = {"mico-ik-little-data": "modelling-little-data.md"}
+"""The same by the file's name, where several files are of a kind."""
+
+
+def read_results(folder: Path) -> list[dict[str, Any]]:
+    """The results that programs left.
+
+    :param folder: of JSON files
+    :return: their contents, with ``file``, in the order of their names
+    """
+    return [
+        {"file": path.name, **json.loads(path.read_text(encoding="utf-8"))}
+        for path in sorted(folder.glob("*.json"))
+    ]
+
+
+def _evaluations(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [one for one in results if "success_rate" in one and "ci95" in one]
+
+
+def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
+    """The evaluations of one environment.
+
+    :param env_id: its id
+    :param results: as ``read_results`` returns them
+    :return: a table in Markdown, nothing where there are none
+    """
+    found = [one for one in _evaluations(results) if one["env"] == env_id]
+    return _evaluation_table(found) if found else ""
+
+
+def _evaluation_table(found: list[dict[str, Any]]) -> str:
+    columns = (*evaluate.COLUMNS, "collisions per episode")
+    rows = []
+    for one in found:
+        collisions = one.get("cost_means", {}).get("cost_collision")
+        rows.append([*evaluate.cells(one), "-" if collisions is None else f"{collisions:.2f}"])
+    return markdown(columns, rows)
+
+
+def results_page(results: list[dict[str, Any]]) -> str:
+    """Every result as a table.
+
+    :param results: as ``read_results`` returns them
+    :return: Markdown
+    """
+    lines = ["# Results", ""]
+    if evaluations := _evaluations(results):
+        lines += ["## Success", "", _evaluation_table(evaluations)]
+    for one in results:
+        if one in evaluations:
+            continue
+        stem = Path(one["file"]).stem
+        lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
+        if one.get("kind") == "curves":
+            lines += [f"![learning curves](results/{stem}.png)", ""]
+            lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
+        elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
+            lines += [f"On [a page of its own]({page}).", ""]
+        elif one.get("kind") == "modelling-search":
+            lines.append(_plain_table([_trial(trial) for trial in one["trials"]]))
+        elif isinstance(one.get("rows"), list):
+            lines.append(_plain_table(one["rows"]))
+        lines += [_origin(one), ""]
+    return "\n".join([*lines, "Rendered from the files in `docs/results`. "])
+
+
+def _trial(trial: dict[str, Any]) -> dict[str, Any]:
+    """A trial of a search for settings, flat."""
+    return {**trial["settings"], "validation_rmse": trial["validation_rmse"]}
+
+
+def _plain_table(rows: list[dict[str, Any]]) -> str:
+    """A table of whatever a program measured: a column a key."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [[_cell(row.get(name)) for name in columns] for row in rows]
+    return markdown([name.replace("_", " ") for name in columns], cells)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return str(value)
+
+
+def _origin(one: dict[str, Any]) -> str:
+    """Where a result comes from, as far as it says so."""
+    source = one.get("provenance", one)
+    parts = [f"`{source['command']}`"] if source.get("command") else []
+    if source.get("commit"):
+        parts.append(f"commit `{source['commit'][:12]}`")
+    if machine := source.get("machine"):
+        parts.append(f"{machine['cpu']}, {machine['cores']} cores")
+    return "; ".join(parts) + ("." if parts else "")
