@@ -1,0 +1,120 @@
+"""The demo's lesson: two students beside each other until the time is over."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.cli.errors import UsageError
+
+#: What is learned, and from whom.
+LESSON_ENV: Final = "JacoPush-v0"
+TEACHER: Final = "jaco-push"
+#: Small nets and frequent looks: there are two minutes (docs/decisions.md).
+LESSON_SETTINGS: Final = (
+    "net_arch=[128,128,128]",
+    "gradient_steps=120",
+    "eval_every=1600",
+    "eval_episodes=32",
+)
+#: A name and further words of the command line for each student. The one that is taught gets the
+#: teacher's advice all the time and imitates it; the other has hindsight to learn from.
+STUDENTS: Final = {
+    "taught": (
+        *("imitation_weight=50", "imitation_filter_from=1000000000"),
+        *("relabel_probability=0", "policy_delay=1"),
+        *("--advice", "early", "--teacher", TEACHER, "--budget", "1000000000"),
+    ),
+    "alone": ("--advice", "none"),
+}
+#: Far more than fit into the time: the clock ends it.
+LESSON_STEPS: Final = 10_000_000
+#: A process that was asked to stop finishes its block and its checkpoint within this (s).
+PATIENCE: Final = 60.0
+
+
+def learn(args: argparse.Namespace) -> dict[str, Any]:
+    """Students beside each other until the time is over.
+
+    :param args: of ``saver demo``
+    :return: their curves, summed up, as far as there are any
+    :raises UsageError: where one of them failed
+    """
+    from saver_advisors.cli.runs import read_run
+    from saver_advisors.pretrained import shipped_policies
+
+    students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
+    # A new folder each time: a run never overwrites another.
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    folders = [args.output / "learning" / stamp / name for name in students]
+    processes = [
+        subprocess.Popen(_train_command(args, folder), stdout=subprocess.DEVNULL)
+        for folder in folders
+    ]
+    try:
+        _watch(processes, folders, args.train_seconds)
+    finally:
+        for process in processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        for process in processes:
+            _wait(process)
+    failed = [process.returncode for process in processes if process.returncode != 0]
+    if failed:
+        raise UsageError(f"learning ended early, with exit status {failed}; see above")
+    runs = []
+    for folder in folders:
+        try:
+            runs.append(read_run(folder, folder.name).summary())
+        except UsageError:
+            continue  # no evaluation within so short a time
+    return {"seconds": args.train_seconds, "students": students, "runs": runs}
+
+
+def _train_command(args: argparse.Namespace, folder: Path) -> list[str]:
+    return [
+        *(sys.executable, "-m", "saver_advisors.cli", "train", "--env", LESSON_ENV),
+        *("--output", str(folder), "--seed", str(args.seed), "--steps", str(LESSON_STEPS)),
+        *("--time-limit", str(args.train_seconds), "--no-progress"),
+        *("--set", *LESSON_SETTINGS, *STUDENTS[folder.name]),
+    ]
+
+
+def _watch(processes: list[subprocess.Popen[bytes]], folders: list[Path], seconds: float) -> None:
+    """Show the time and the newest success rates until every process has ended."""
+    from tqdm import tqdm
+
+    start = time.monotonic()
+    with tqdm(
+        total=round(seconds), unit="s", bar_format="{l_bar}{bar}| {n}/{total} s{postfix}"
+    ) as bar:
+        while any(process.poll() is None for process in processes):
+            time.sleep(0.5)
+            elapsed = time.monotonic() - start
+            bar.n = min(round(elapsed), bar.total)
+            rates = [f"{one.name} {_newest_success(one)}" for one in folders]
+            bar.set_postfix_str("success: " + ", ".join(rates))
+            if elapsed > seconds + PATIENCE:
+                return
+
+
+def _newest_success(folder: Path) -> str:
+    from saver_advisors.cli.runs import read_run
+
+    try:
+        return f"{read_run(folder, '').points[-1]['success_rate']:.2f}"
+    except UsageError:
+        return "-"
+
+
+def _wait(process: subprocess.Popen[bytes]) -> None:
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,141 @@
+"""The demo's page: a single file, pictures, videos and figures inside."""
+
+from __future__ import annotations
+
+import argparse
+import base64
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.cli.demo_learning import LESSON_ENV, TEACHER
+from saver_advisors.cli.demo_robot import VIDEO
+
+PICTURE_WIDTH: Final = 480
+
+
+def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> str:
+    """The page.
+
+    :param args: of ``saver demo``
+    :param figures: what ``demo.json`` holds
+    :param parts: what else the template wants
+    :return: HTML
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    from saver_advisors.cli.evaluate import COLUMNS, cells
+    from saver_advisors.cli.runs import COLUMNS as RUN_COLUMNS
+    from saver_advisors.cli.runs import cells as run_cells
+
+    evaluations, learning = figures["evaluations"], figures["learning"]
+    collisions = [f"{one['cost_means']['cost_collision']:.2f}" for one in evaluations]
+    rows = [[*cells(one), n] for one, n in zip(evaluations, collisions, strict=True)]
+    templates = Environment(
+        loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
+    )
+    return templates.get_template("demo.html.j2").render(
+        **parts,
+        total_s=figures["total_s"],
+        provenance=figures["provenance"],
+        episodes=args.episodes,
+        seed=args.seed,
+        evaluations=evaluations,
+        result_columns=(*COLUMNS, "collisions per episode"),
+        result_rows=rows,
+        baselines=_described_baselines(evaluations),
+        bars=_figure_uri(_bars(evaluations)) if evaluations else "",
+        robot={**figures["robot"], "data": video_uri(args.output / VIDEO)},
+        learning={
+            **learning,
+            "env": LESSON_ENV,
+            "teacher": TEACHER,
+            "figure": _learning_figure(learning["runs"]),
+            "columns": RUN_COLUMNS,
+            "rows": [run_cells(one) for one in learning["runs"]],
+        },
+    )
+
+
+def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
+    """What is shown for comparison, in words."""
+    names = {one["policy"].partition(":")[0] for one in evaluations}
+    words = []
+    if "side-by-side" in names:
+        words.append("the teacher of one arm driving both, each arm blind to the other")
+    if "random" in names:
+        words.append("random actions")
+    return ", and ".join(words)
+
+
+def _learning_figure(summaries: list[dict[str, Any]]) -> str:
+    from saver_advisors.cli.runs import PANELS, Run, draw
+
+    if not summaries:
+        return ""
+    runs = [Run(one["name"], {}, one["points"]) for one in summaries]
+    return _figure_uri(draw(runs, PANELS[:2]))
+
+
+def _bars(evaluations: list[dict[str, Any]]) -> Any:
+    """Success with its interval, a bar a policy."""
+    from matplotlib.figure import Figure
+
+    from saver_advisors.evaluation.plots import COLOURS
+
+    figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
+    axes = figure.subplots()
+    names = [f"{one['policy']}\n{one['env']}" for one in evaluations]
+    rates = [one["success_rate"] for one in evaluations]
+    margins = [
+        [rate - one["ci95"][0] for rate, one in zip(rates, evaluations, strict=True)],
+        [one["ci95"][1] - rate for rate, one in zip(rates, evaluations, strict=True)],
+    ]
+    compared = [":" in one["policy"] or one["policy"] == "random" for one in evaluations]
+    colours = ["0.65" if plain else COLOURS[0] for plain in compared]
+    axes.barh(names, rates, xerr=margins, color=colours, height=0.62, error_kw={"capsize": 3})
+    axes.invert_yaxis()
+    axes.set_xlim(0, 1.02)
+    axes.set_xlabel("success rate, with its 95% interval")
+    axes.tick_params(axis="y", labelsize=8, length=0)
+    axes.grid(axis="x", color="0.9", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _figure_uri(figure: Any) -> str:
+    import io
+
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return _data_uri("image/png", buffer.getvalue())
+
+
+def jpeg_uri(picture: Any) -> str:
+    """A picture as text, small enough for a page.
+
+    :param picture: (height, width, 3), uint8
+    :return: a data URI
+    """
+    import io
+
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    image.thumbnail((PICTURE_WIDTH, PICTURE_WIDTH))
+    buffer = io.BytesIO()
+    image.save(buffer, format="JPEG", quality=88)
+    return _data_uri("image/jpeg", buffer.getvalue())
+
+
+def video_uri(path: Path) -> str:
+    """A video as text.
+
+    :param path: an MP4 file
+    :return: a data URI
+    """
+    return _data_uri("video/mp4", path.read_bytes())
+
+
+def _data_uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
