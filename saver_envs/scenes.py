@@ -1,4 +1,4 @@
-"""Composes arms, table, objects and cameras into one compiled model with named addresses."""
+"""Composes the world, arms and objects into one compiled model with named addresses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
+from saver_envs.world import TABLE_BIT, add_cameras, bench_round, new_world
 
 if TYPE_CHECKING:
     from saver_envs.person.scene import PersonAddresses
 
 Layout = Literal["row", "ring"]
 
-TIMESTEP = 0.002  # s, the dissertation's (chapter 5)
 #: Distance between neighbouring bases in a row (m), Table 8.1.
 BASE_SPACING = 0.72
 #: Radius of the circle on which bases stand around the table (m), ours: as far from the centre
@@ -31,15 +31,8 @@ COLLISION = "collision_"
 #: Memory for the contacts of a simulation and their constraints (bytes), ten times what they need.
 MEMORY = 4 * 2**20
 
-#: Collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
-TABLE_BIT, OBJECT_BIT, FIRST_ARM_BIT = 1, 2, 4
-
-#: Table round a base, in its frame: from behind it to before it, and to either side (m).
-BENCH_DEPTH, BENCH_SIDE = (-0.16, 0.80), 0.60
-TABLE_COLOUR, TABLE_GRID = (0.80, 0.74, 0.65), 0.10  # red, green, blue; width of a square (m)
-#: Cameras: vertical field of view (degrees), and what they frame: arms up to this height (m), and
-#: the table but for this rim along x and y (m).
-FIELD_OF_VIEW, FRAMED_HEIGHT, UNFRAMED_RIM = 45.0, 0.62, (0.12, 0.22)
+#: Further collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
+OBJECT_BIT, FIRST_ARM_BIT = 2, 4
 
 OBJECT_COLOURS = ((0.85, 0.33, 0.20), (0.20, 0.47, 0.75), (0.93, 0.69, 0.20), (0.45, 0.62, 0.35))
 
@@ -156,191 +149,6 @@ def base_poses(n_arms: int, layout: Layout) -> tuple[NDArray[np.float64], NDArra
         positions[:, 1] = -RING_RADIUS * np.sin(yaw)
         return positions, yaw
     raise ValueError(f"layout={layout!r}: valid layouts are 'row' and 'ring'")
-
-
-@dataclass(frozen=True)
-class Bench:
-    """The rectangle of table that all arms work over, world frame, metres."""
-
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-
-    @property
-    def centre(self) -> NDArray[np.float64]:
-        return (self.lower + self.upper) / 2
-
-    @property
-    def half(self) -> NDArray[np.float64]:
-        return (self.upper - self.lower) / 2
-
-
-def bench_round(
-    positions: NDArray[np.float64],
-    yaws: NDArray[np.float64],
-    depth: tuple[float, float] = BENCH_DEPTH,
-) -> Bench:
-    """Return the smallest table with room for the surroundings of every base.
-
-    :param positions: (arms, 3) of the bases, metres.
-    :param yaws: (arms,) radians.
-    :param depth: from behind a base to before it, metres.
-    """
-    corners = np.array([(x, y) for x in depth for y in (-BENCH_SIDE, BENCH_SIDE)])
-    cosine, sine = np.cos(yaws), np.sin(yaws)
-    rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    points = (positions[:, None, :2] + np.einsum("aij,kj->aki", rotation, corners)).reshape(-1, 2)
-    return Bench(points.min(axis=0), points.max(axis=0))
-
-
-def new_world(bench: Bench) -> mujoco.MjSpec:
-    """Return a specification with options, lights, floor and table, without arms."""
-    spec = mujoco.MjSpec()
-    spec.modelname = "saver"
-    spec.compiler.degree = False
-    option = spec.option
-    option.timestep = TIMESTEP
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # Pyramidal cones let a lifted cube slip out of the hand within 4 s; elliptic ones hold it,
-    # and need fewer constraint rows.
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10
-    visual = spec.visual
-    visual.global_.offwidth, visual.global_.offheight = 1920, 1080
-    visual.quality.offsamples = 4
-    visual.quality.shadowsize = 4096
-    # Ambient, headlight and lamp together leave the table just short of white in the overhead view.
-    visual.headlight.ambient = (0.44, 0.44, 0.45)
-    visual.headlight.diffuse = (0.22, 0.22, 0.22)
-    visual.headlight.specular = (0.05, 0.05, 0.05)
-    visual.map.haze = 0.15
-    visual.map.shadowclip = 6  # else the floor is speckled where the map of shadows ends
-    visual.rgba.haze = (0.80, 0.83, 0.86, 1)
-    _add_surroundings(spec, bench)
-    return spec
-
-
-def _add_surroundings(spec: mujoco.MjSpec, bench: Bench) -> None:
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.90, 0.93, 0.96),
-        rgb2=(0.62, 0.68, 0.74),
-        width=256,
-        height=256,
-    )
-    spec.add_texture(
-        name="table",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        mark=mujoco.mjtMark.mjMARK_EDGE,
-        rgb1=TABLE_COLOUR,
-        markrgb=tuple(0.80 * part for part in TABLE_COLOUR),
-        width=256,
-        height=256,
-    )
-    material = spec.add_material(
-        name="table",
-        texuniform=True,
-        texrepeat=(2 / TABLE_GRID, 2 / TABLE_GRID),
-        specular=0.1,
-        shininess=0.1,
-    )
-    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = "table"
-    material.textures = textures
-    world = spec.worldbody
-    world.add_light(
-        pos=(bench.centre[0] - 0.3, bench.centre[1] - 0.9, 2.4),
-        dir=(0.12, 0.35, -1),
-        diffuse=(0.48, 0.48, 0.46),
-        specular=(0.15, 0.15, 0.15),
-        castshadow=True,
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-    )
-    # A plane is the cheapest shape to rest on; the slab under it is the table that is seen.
-    world.add_geom(
-        name="table",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=(2, 2, 0.1),
-        contype=TABLE_BIT,
-        conaffinity=0,
-        condim=3,
-        # A contact takes the larger friction of its two geoms: with none of its own the table
-        # leaves the choice to what lies on it.
-        friction=(0.01, 0.001, 0.0001),
-        group=COLLISION_GROUP,
-    )
-    (x, y), (half_x, half_y) = bench.centre, bench.half
-    parts = [
-        ((x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR),
-        *(
-            (
-                (x + side_x * (half_x - 0.06), y + side_y * (half_y - 0.06), -0.396),
-                (0.03, 0.03, 0.355),
-                (0.35, 0.36, 0.38),
-            )
-            for side_x in (-1, 1)
-            for side_y in (-1, 1)
-        ),
-    ]
-    for position, size, colour in parts:
-        world.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=position,
-            size=size,
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
-            rgba=(*colour, 1),
-        )
-    world.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=(x, y, -0.001),
-        size=(half_x, half_y, 0.1),
-        contype=0,
-        conaffinity=0,
-        group=VISUAL_GROUP,
-        material="table",
-    )
-    world.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=(0, 0, -0.75),
-        size=(0, 0, 1),
-        contype=0,
-        conaffinity=0,
-        group=VISUAL_GROUP,
-        rgba=(0.72, 0.75, 0.78, 1),
-    )
-
-
-def add_cameras(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """Cameras that frame bench and arms, whatever their number, in pictures of 4 to 3."""
-    centre = np.array([*bench.centre, FRAMED_HEIGHT / 2])
-    corners = np.array(
-        [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
-    ) * [*(bench.half - UNFRAMED_RIM), FRAMED_HEIGHT / 2]
-    directions = {
-        "front": (1.0, 0.0, 0.62),
-        "three_quarter": (0.85, 0.75, 0.62),
-        "side": (0.05, 1.0, 0.30),
-        "overhead": (0.02, 0.0, 1.0),
-    }
-    tangent = np.array([4 / 3, 1.0]) * math.tan(math.radians(FIELD_OF_VIEW) / 2)
-    for name, direction in directions.items():
-        backward = np.asarray(direction) / np.linalg.norm(direction)
-        right = np.cross((0.0, 0.0, 1.0), backward)
-        right /= np.linalg.norm(right)
-        up = np.cross(backward, right)
-        rotation = np.stack([right, up, backward], axis=1)
-        seen = corners @ rotation
-        # The nearest distance from which every corner lies within the picture.
-        distance = float((seen[:, 2:] + np.abs(seen[:, :2]) / tangent).max())
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
-        spec.worldbody.add_camera(
-            name=name, pos=centre + distance * backward, quat=quaternion, fovy=FIELD_OF_VIEW
-        )
 
 
 def add_arm(

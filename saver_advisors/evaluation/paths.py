@@ -75,9 +75,9 @@ def follow(
     :return: its paths
     """
     from saver_envs.envs.goal_env import SaverGoalEnv
-    from saver_envs.scenes import TIMESTEP
     from saver_envs.simulation import SUBSTEPS
     from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE, Distance
+    from saver_envs.world import TIMESTEP
 
     env = SaverGoalEnv(env_id, **(env_kwargs or {}))
     try:

@@ -15,7 +15,7 @@ from saver_envs.control import Workspace
 from saver_envs.core import Episodes
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
-from saver_envs.scenes import TIMESTEP
+from saver_envs.world import TIMESTEP
 
 #: Damping of the force estimate, small against squared levers of an arm (m^2).
 _FORCE_DAMPING: Final = 1e-4

@@ -33,15 +33,13 @@ from saver_envs.scenes import (
     ObjectProperties,
     Scene,
     add_arm,
-    add_cameras,
     add_contact_counters,
     add_target,
     address,
     base_poses,
-    bench_round,
     compile_physics,
-    new_world,
 )
+from saver_envs.world import add_cameras, bench_round, new_world
 
 #: Name of the RGB-D camera.
 CAMERA: Final = "kinect"

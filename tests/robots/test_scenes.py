@@ -12,15 +12,14 @@ from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import COLLISION_GROUP, Fingers
 from saver_envs.scenes import (
     BASE_SPACING,
-    FRAMED_HEIGHT,
     RING_RADIUS,
-    TABLE_BIT,
     Layout,
     ObjectProperties,
     Scene,
     base_poses,
     compose,
 )
+from saver_envs.world import FRAMED_HEIGHT, TABLE_BIT
 
 CASES = [
     pytest.param(name, n_arms, layout, id=f"{name}-{n_arms}-{layout}")
