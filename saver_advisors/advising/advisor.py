@@ -27,8 +27,8 @@ from saver_advisors.advising.teacher import Teacher, TeacherGroup
 
 Compare = Literal["noisy", "noise-free"]
 """Which student action a correcting strategy judges: the one about to be executed, with exploration
-noise and in
-warm-up at random, or the policy's deterministic one."""
+noise and in warm-up at random, or the policy's deterministic one.
+"""
 
 Observation = Mapping[str, NDArray[Any]]
 
@@ -129,8 +129,7 @@ class Advisor:
                 if size != wanted:
                     raise ValueError(
                         f"teacher {teacher.name!r} has {key} size {size}, but one arm of the "
-                        f"student has {wanted} "
-                        f"({mapping})"
+                        f"student has {wanted} ({mapping})"
                     )
         if self.strategy.needs_critics and not self.teachers.has_critics:
             raise ValueError(
