@@ -8,12 +8,13 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from saver_advisors.cli.arguments import add_json, at_least, positive_seconds
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
 from saver_advisors.cli.errors import UsageError
+from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -111,39 +112,57 @@ def run(args: argparse.Namespace) -> int:
 # Playing ------------------------------------------------------------------------------------------
 
 
-def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
+class Task(NamedTuple):
+    """A policy, and the environment that it is to be seen in."""
+
+    policy: str
+    env_id: str
+    env_kwargs: dict[str, Any]
+
+    @property
+    def environment(self) -> str:
+        """The environment with its arguments, as a text."""
+        return environment_text(self.env_id, self.env_kwargs)
+
+
+def tasks() -> list[Task]:
     """The shipped policies on their tasks, then what they are to be compared with."""
-    from saver_advisors.cli.evaluate import measure, show
-    from saver_advisors.cli.policies import resolve
     from saver_advisors.pretrained import load_policy, shipped_policies
 
-    tasks = [(name, load_policy(name).card.env_id) for name in shipped_policies()]
-    tasks += _baselines([env for _, env in tasks])
-    results = []
-    for name, env in tasks:
-        policy = resolve(name, env, {}, args.seed)
-        results.append(measure(policy, env, args.episodes, args.seed))
-        show(results[-1])
-    return results
+    cards = {name: load_policy(name).card for name in shipped_policies()}
+    shipped = [Task(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
+    return shipped + _baselines(shipped)
 
 
-def _baselines(envs: list[str]) -> list[tuple[str, str]]:
+def _baselines(shipped: list[Task]) -> list[Task]:
     """For every task of several arms that has a policy: its single-arm teacher on every arm."""
-    from saver_advisors.pretrained import load_policy, shipped_policies
     from saver_envs.registration import row_of
 
     single = {
-        (row_of(env).task, row_of(env).robot): name
-        for name in shipped_policies()
-        if row_of(env := load_policy(name).card.env_id).n_arms == 1
+        (row.task, row.robot): one.policy
+        for one in shipped
+        if (row := row_of(one.env_id)).n_arms == 1
     }
-    pairs = []
-    for env in dict.fromkeys(envs):
-        row = row_of(env)
+    found = []
+    for one in {one.environment: one for one in shipped}.values():
+        row = row_of(one.env_id)
         teacher = single.get((row.task, row.robot))
         if row.n_arms > 1 and teacher is not None:
-            pairs.append((f"side-by-side:{teacher}", env))
-    return pairs + ([("random", envs[0])] if envs else [])
+            found.append(one._replace(policy=f"side-by-side:{teacher}"))
+    return found + [one._replace(policy="random") for one in shipped[:1]]
+
+
+def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
+    """The figures of every task."""
+    from saver_advisors.cli.evaluate import measure, show
+    from saver_advisors.cli.policies import resolve
+
+    results = []
+    for name, env, kwargs in tasks():
+        policy = resolve(name, env, kwargs, args.seed)
+        results.append(measure(policy, env, args.episodes, args.seed, kwargs))
+        show(results[-1])
+    return results
 
 
 def _record(
@@ -156,12 +175,13 @@ def _record(
 
     videos = []
     for one in evaluations:
-        name, env = one["policy"], one["env"]
+        name, env, kwargs = one["policy"], one["env"], one["env_kwargs"]
         if name not in shipped_policies() or env == robot_env:
             continue
         recordings = record(
-            resolve(name, env, {}).predict,
+            resolve(name, env, kwargs).predict,
             env,
+            env_kwargs=kwargs,
             episodes=args.video_episodes,
             seed=args.seed,
             width=VIDEO_SIZE[0],
@@ -173,7 +193,7 @@ def _record(
         videos.append(
             {
                 "policy": name,
-                "env": env,
+                "env": environment_text(env, kwargs),
                 "episodes": len(recordings),
                 "successes": sum(one.success for one in recordings),
                 "data": video_uri(path),

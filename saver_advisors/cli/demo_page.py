@@ -81,10 +81,13 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
     from matplotlib.figure import Figure
 
     from saver_advisors.evaluation.plots import COLOURS
+    from saver_advisors.evaluation.protocol import environment_text
 
     figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
     axes = figure.subplots()
-    names = [f"{one['policy']}\n{one['env']}" for one in evaluations]
+    names = [
+        f"{one['policy']}\n{environment_text(one['env'], one['env_kwargs'])}" for one in evaluations
+    ]
     rates = [one["success_rate"] for one in evaluations]
     margins = [
         [rate - one["ci95"][0] for rate, one in zip(rates, evaluations, strict=True)],
