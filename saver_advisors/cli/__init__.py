@@ -40,7 +40,7 @@ examples:
   saver envs                                             what is there
   saver evaluate --env JacoPush-v0 --policy jaco-push    how good a shipped policy is
   saver train --env JacoPush-v0 --output runs/push       a policy of your own
-  saver demo --output demo_output                        all of it in five minutes
+  saver demo --output demo_output                        all of it in six minutes
 
 `saver COMMAND --help` explains a command, with examples."""
 

@@ -19,7 +19,7 @@ from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
-  saver demo                                       about five minutes on two cores
+  saver demo                                       about six minutes on two cores
   saver demo --output /tmp/demo --train-seconds 30 --episodes 16"""
 
 #: Of the whole robot; ten seconds each, and a minute to compute.
@@ -109,11 +109,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-# Playing ------------------------------------------------------------------------------------------
+class Player(NamedTuple):
+    """A policy, and the environment that it plays in.
 
-
-class Task(NamedTuple):
-    """A policy, and the environment that it is to be seen in."""
+    :param policy: a word that ``policies.resolve`` knows
+    :param env_id: the environment's id
+    :param env_kwargs: its keyword arguments
+    """
 
     policy: str
     env_id: str
@@ -125,17 +127,17 @@ class Task(NamedTuple):
         return environment_text(self.env_id, self.env_kwargs)
 
 
-def tasks() -> list[Task]:
-    """The shipped policies on their tasks, then what they are to be compared with."""
+def players() -> list[Player]:
+    """The shipped policies in their environments, then what they are to be compared with."""
     from saver_advisors.pretrained import load_policy, shipped_policies
 
     cards = {name: load_policy(name).card for name in shipped_policies()}
-    shipped = [Task(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
+    shipped = [Player(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
     return shipped + _baselines(shipped)
 
 
-def _baselines(shipped: list[Task]) -> list[Task]:
-    """For every task of several arms that has a policy: its single-arm teacher on every arm."""
+def _baselines(shipped: list[Player]) -> list[Player]:
+    """The single-arm teacher on every arm, where a policy of several arms plays; random actions."""
     from saver_envs.registration import row_of
 
     single = {
@@ -153,12 +155,12 @@ def _baselines(shipped: list[Task]) -> list[Task]:
 
 
 def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """The figures of every task."""
+    """Every player's figures."""
     from saver_advisors.cli.evaluate import measure, show
     from saver_advisors.cli.policies import resolve
 
     results = []
-    for name, env, kwargs in tasks():
+    for name, env, kwargs in players():
         policy = resolve(name, env, kwargs, args.seed)
         results.append(measure(policy, env, args.episodes, args.seed, kwargs))
         show(results[-1])

@@ -61,7 +61,7 @@ def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
     names = {one["policy"].partition(":")[0] for one in evaluations}
     words = []
     if "side-by-side" in names:
-        words.append("the teacher of one arm driving both, each arm blind to the other")
+        words.append("the teacher of one arm driving all, each arm blind to the others")
     if "random" in names:
         words.append("random actions")
     return ", and ".join(words)

@@ -49,7 +49,11 @@ def environments_table(entries: list[Entry], folder: str) -> str:
 
 
 def environments_page(entries: list[Entry]) -> str:
-    """The page that lists the environments."""
+    """The page that lists the environments.
+
+    :param entries: its rows
+    :return: Markdown
+    """
     lines = ["# Environments", "", environments_table(entries, "")]
     twin = dense_twin(entries[0].env_id)
     lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", ""]

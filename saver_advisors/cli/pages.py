@@ -34,7 +34,7 @@ def all_pages(output: Path) -> dict[str, str]:
     pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries) + GENERATED
     pages["weights.md"] = weights_page() + GENERATED
-    pages["results.md"] = results_page(results) + GENERATED
+    pages["results.md"] = f"{results_page(results)} {GENERATED}"
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(json.loads(pose.read_text(encoding="utf-8")))

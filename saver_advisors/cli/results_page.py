@@ -87,7 +87,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
-    return "\n".join([*lines, "Rendered from the files in `docs/results`. "])
+    return "\n".join([*lines, "Rendered from the files in `docs/results`."])
 
 
 def _trial(trial: dict[str, Any]) -> dict[str, Any]:

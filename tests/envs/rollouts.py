@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -64,3 +65,11 @@ def random_actions(space_size: int, steps: int, n: int, seed: int = 0) -> NDArra
     """Return uniform actions (steps, n, space_size)."""
     generator = np.random.default_rng(seed)
     return generator.uniform(-1, 1, (steps, n, space_size)).astype(np.float32)
+
+
+def pickled_and_back(thing: Any) -> Any:
+    """What another process would get: environments and specs must survive that.
+
+    No file is read: the bytes are made here.
+    """
+    return pickle.loads(pickle.dumps(thing))

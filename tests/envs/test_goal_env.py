@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import pickle
 import warnings
 from typing import Any
 
@@ -11,7 +10,16 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from rollouts import ALL_IDS, CUBE_IDS, FEW_IDS, SPARSE_IDS, assert_same, begun, random_actions
+from rollouts import (
+    ALL_IDS,
+    CUBE_IDS,
+    FEW_IDS,
+    SPARSE_IDS,
+    assert_same,
+    begun,
+    pickled_and_back,
+    random_actions,
+)
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from saver_envs.envs.goal_env import SaverGoalEnv
@@ -213,7 +221,7 @@ def test_copies_made_in_mid_episode_go_on_identically(env_id: str, how: str) -> 
     env.reset(seed=5)
     for _ in range(7):
         env.step(env.action_space.sample())
-    twin = pickle.loads(pickle.dumps(env)) if how == "pickle" else copy.deepcopy(env)
+    twin = pickled_and_back(env) if how == "pickle" else copy.deepcopy(env)
     assert twin.spec == env.spec
     for _ in range(60):
         action, same = env.action_space.sample(), twin.action_space.sample()
@@ -256,6 +264,6 @@ def test_going_back_to_a_state_twice_repeats_it() -> None:
 @pytest.mark.parametrize("env_id", SPARSE_IDS)
 def test_specs_can_be_pickled_and_made_again(env_id: str) -> None:
     env = gymnasium.make(env_id, horizon=7, max_speed=0.3)
-    again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
+    again = gymnasium.make(pickled_and_back(env.spec))
     assert again.unwrapped.episodes.settings == env.unwrapped.episodes.settings
     assert gymnasium.make(copy.deepcopy(env.spec)).spec == env.spec

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import pickle
-
 import gymnasium
 import numpy as np
 import pytest
-from rollouts import FEW_IDS, assert_same, random_actions, row_of
+from rollouts import FEW_IDS, assert_same, pickled_and_back, random_actions, row_of
 from stable_baselines3.common.env_util import make_vec_env
 
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
@@ -84,6 +82,6 @@ def test_copies_made_in_mid_episode_go_on_identically() -> None:
     env = SaverVecEnv("JacoPickAndPlace-v0", 2, seed=0, horizon=6)
     env.reset()
     env.step(random_actions(4, 1, 2)[0])
-    twin = pickle.loads(pickle.dumps(env))
+    twin = pickled_and_back(env)
     for action in random_actions(4, 15, 2, seed=1):
         assert_same(env.step(action), twin.step(action))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import pickle
 from typing import Any
 
 import gymnasium
@@ -11,7 +10,15 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from rollouts import FEW_IDS, SPARSE_IDS, assert_same, info_row, random_actions, row_of
+from rollouts import (
+    FEW_IDS,
+    SPARSE_IDS,
+    assert_same,
+    info_row,
+    pickled_and_back,
+    random_actions,
+    row_of,
+)
 
 from saver_envs.envs.vector_env import SaverVectorEnv
 
@@ -37,7 +44,7 @@ def test_make_vec(env_id: str) -> None:
         assert reward.dtype == np.float64
         assert not terminated.any()
         assert (truncated == (step == 3)).all()
-    again = gymnasium.make_vec(pickle.loads(pickle.dumps(env.spec)))
+    again = gymnasium.make_vec(pickled_and_back(env.spec))
     assert again.num_envs == 2
     assert again.unwrapped.episodes.settings.horizon == 3
     env.close()
@@ -209,6 +216,6 @@ def test_copies_made_in_mid_episode_go_on_identically(how: str) -> None:
     env = made("DualJacoPickAndPlace-v0", 2, max_episode_steps=6)
     env.reset(seed=0)
     env.step(env.action_space.sample())
-    twin = pickle.loads(pickle.dumps(env)) if how == "pickle" else copy.deepcopy(env)
+    twin = pickled_and_back(env) if how == "pickle" else copy.deepcopy(env)
     for action in random_actions(8, 20, 2):
         assert_same(env.step(action), twin.step(action))
