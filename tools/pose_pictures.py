@@ -21,9 +21,9 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from saver_advisors.benchmarks.blazepose import BlazePose
-from saver_advisors.benchmarks.peers import default_cache
-from saver_advisors.benchmarks.pose_accuracy import test_set
+from saver_advisors.benchmarks.peers.suites import default_cache
+from saver_advisors.benchmarks.pose.accuracy import test_set
+from saver_advisors.benchmarks.pose.blazepose import BlazePose
 from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, RgbdCamera
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.estimator import PoseEstimator

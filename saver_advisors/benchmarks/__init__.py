@@ -1,1 +1,1 @@
-"""How fast the environments are, beside the bare simulator and beside other suites."""
+"""What `saver benchmark` measures, a room a subject: its commands and the pages they write."""

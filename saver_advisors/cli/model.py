@@ -116,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.benchmarks.modelling_command import prepare_data
-    from saver_advisors.benchmarks.modelling_figures import draw_recording
+    from saver_advisors.benchmarks.modelling.data import prepare_data
+    from saver_advisors.benchmarks.modelling.figures import draw_recording
     from saver_envs.modelling.datasets import twin_data_set
 
     prepare_data(args.robot, args.seed)
@@ -166,7 +166,7 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
 
 def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
     """Inputs and outputs to train on."""
-    from saver_advisors.benchmarks.modelling_command import prepare_data
+    from saver_advisors.benchmarks.modelling.data import prepare_data
     from saver_advisors.cli.errors import UsageError, user_mistakes
     from saver_envs.modelling.datasets import load_recordings, samples_of, twin_data_set
     from saver_envs.modelling.recordings import Recording
@@ -224,7 +224,7 @@ def _train(args: argparse.Namespace) -> int:
         "provenance": provenance(),
     }
     if args.data == "workspace":
-        from saver_advisors.benchmarks.kinematics import accuracy
+        from saver_advisors.benchmarks.modelling.kinematics import accuracy
 
         card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
     if args.data == "twin" and args.task == "id":
@@ -270,8 +270,8 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
 
 
 def _search(args: argparse.Namespace) -> int:
-    from saver_advisors.benchmarks.modelling_command import prepare_data
-    from saver_advisors.benchmarks.modelling_search import ARCHITECTURES, loop_space, search
+    from saver_advisors.benchmarks.modelling.data import prepare_data
+    from saver_advisors.benchmarks.modelling.search import ARCHITECTURES, loop_space, search
     from saver_advisors.cli import tables
     from saver_advisors.cli.errors import user_mistakes
     from saver_envs.modelling.datasets import samples_of, twin_data_set

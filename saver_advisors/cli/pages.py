@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from saver_advisors.benchmarks.pose_page import pose_page
+from saver_advisors.benchmarks.pose.page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
 from saver_advisors.cli.environment_pages import (
     environment_page,

@@ -21,7 +21,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmarks.peers import default_cache
+    from saver_advisors.benchmarks.peers.suites import default_cache
     from saver_advisors.cli.arguments import at_least, positive_seconds
 
     parser.add_argument(

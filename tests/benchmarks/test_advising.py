@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from run_files import EVERY, curve, write_run
 
-from saver_advisors.benchmarks.advising import figures, judge_all, read, tables
-from saver_advisors.benchmarks.advising_figures import strategies
-from saver_advisors.benchmarks.paper import PaperFigures, table_5_2
+from saver_advisors.benchmarks.advising.command import figures, judge_all, tables
+from saver_advisors.benchmarks.advising.figures import strategies
+from saver_advisors.benchmarks.advising.paper import PaperFigures, table_5_2
+from saver_advisors.benchmarks.runs.files import read
 from saver_advisors.cli import main
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.evaluation.findings import (

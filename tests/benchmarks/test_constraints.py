@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from run_files import curve, run_content, write_run
 
-from saver_advisors.benchmarks.constraints import TASK, table
-from saver_advisors.benchmarks.constraints_findings import judge_all
+from saver_advisors.benchmarks.constraints.command import TASK, table
+from saver_advisors.benchmarks.constraints.findings import judge_all
 from saver_advisors.cli import main
 from saver_advisors.evaluation.training_runs import read_results
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from saver_advisors.benchmarks.stopwatch import Stopwatch
-from saver_advisors.benchmarks.training_loops import PARTS, VARIANTS, our_loop, settings_of
+from saver_advisors.benchmarks.learning.stopwatch import Stopwatch
+from saver_advisors.benchmarks.learning.training_loops import PARTS, VARIANTS, our_loop, settings_of
 from saver_advisors.cli import main
 
 

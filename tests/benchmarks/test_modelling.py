@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks import kinematics, modelling_grid, modelling_time, tracking
-from saver_advisors.benchmarks.modelling_cells import Cell, distances
-from saver_advisors.benchmarks.modelling_claims import (
+from saver_advisors.benchmarks.modelling import grid, kinematics, tracking, training_time
+from saver_advisors.benchmarks.modelling.cells import Cell, distances
+from saver_advisors.benchmarks.modelling.claims import (
     ADVERSARIAL,
     CLAIMS,
     Missing,
@@ -22,14 +22,14 @@ from saver_advisors.benchmarks.modelling_claims import (
     paper,
     paper_cells,
 )
-from saver_advisors.benchmarks.modelling_grid import (
+from saver_advisors.benchmarks.modelling.grid import (
     cells_of,
     in_known_precision,
     read_result,
     results_of,
     run_grid,
 )
-from saver_advisors.benchmarks.modelling_table import render
+from saver_advisors.benchmarks.modelling.table import render
 from saver_advisors.cli import main
 
 MODELS = (*ADVERSARIAL, "mlp")
@@ -61,7 +61,7 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> list[Cell]:
         done.append(cell)
         return result(cell)
 
-    monkeypatch.setattr(modelling_grid, "run_cell", fake)
+    monkeypatch.setattr(grid, "run_cell", fake)
     return done
 
 
@@ -201,9 +201,9 @@ def test_the_command(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from saver_advisors.benchmarks import modelling_command
+    from saver_advisors.benchmarks.modelling import grid_command
 
-    monkeypatch.setattr(modelling_command, "prepare_data", lambda *_: None)
+    monkeypatch.setattr(grid_command, "prepare_data", lambda *_: None)
     figures, page = tmp_path / "ik.json", tmp_path / "ik.md"
     words = "benchmark ik --robot mico --models mlp cgan --sizes 1 --sigmas 0 0.2 --seeds 0 1"
     command = [*words.split(), "--epochs", "2", "--results", str(tmp_path / "cells")]
@@ -313,12 +313,12 @@ def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_a_real_cell_and_a_search(tmp_path: Path, short_campaign: None) -> None:
-    from saver_advisors.benchmarks.modelling_search import search
+    from saver_advisors.benchmarks.modelling.search import search
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training
 
     cell = Cell("mico", "ik", "cgan", 1, 0.2, 0, epochs=1)
-    found = modelling_grid._run(cell, tmp_path)
+    found = grid._run(cell, tmp_path)
     assert read_result(tmp_path, cell) == found
     assert found["task_space_mm"]["refined"]["median"] <= found["task_space_mm"]["raw"]["median"]
     assert 0 < found["latency_ms"] < 100
@@ -342,7 +342,7 @@ def test_the_time_of_training_is_shared_out(
     ]
     for one in rows:
         assert sum(one["shares"].values()) == pytest.approx(1)
-        assert all(one["shares"][part] > 0 for part in modelling_time.PARTS)
+        assert all(one["shares"][part] > 0 for part in training_time.PARTS)
         assert one["cpu_minutes"] > 0
     page = capsys.readouterr().out
     assert "| inverse dynamics | cgan | 600 | 1 |" in page
@@ -351,7 +351,7 @@ def test_the_time_of_training_is_shared_out(
 
 
 def test_a_search_for_the_weight_of_the_loop_tries_each_with_the_same_seeds() -> None:
-    from saver_advisors.benchmarks.modelling_search import loop_space, search
+    from saver_advisors.benchmarks.modelling.search import loop_space, search
     from saver_envs.modelling.models import Training
 
     random = np.random.default_rng(0)
@@ -375,7 +375,7 @@ def test_a_search_for_the_weight_of_the_loop_tries_each_with_the_same_seeds() ->
 def test_wrong_searches_are_named(
     model: str, weights: list[float], trials: int, message: str
 ) -> None:
-    from saver_advisors.benchmarks.modelling_search import loop_space
+    from saver_advisors.benchmarks.modelling.search import loop_space
 
     with pytest.raises(ValueError, match=message):
         loop_space(model, weights, trials)

@@ -11,10 +11,9 @@ from typing import Any
 
 import pytest
 
-from saver_advisors.benchmarks import peer_worker
-from saver_advisors.benchmarks.learner_parts import advice_row
 from saver_advisors.benchmarks.machine import cores, median_ratio
-from saver_advisors.benchmarks.peers import (
+from saver_advisors.benchmarks.peers import worker
+from saver_advisors.benchmarks.peers.suites import (
     COMPLETE,
     FETCH_PUSH,
     TWO_ARM_LIFT,
@@ -23,7 +22,8 @@ from saver_advisors.benchmarks.peers import (
     RunningPeer,
     install,
 )
-from saver_advisors.benchmarks.steps import memory_per_env, reset_row, step_rows
+from saver_advisors.benchmarks.speed.learner_parts import advice_row
+from saver_advisors.benchmarks.speed.steps import memory_per_env, reset_row, step_rows
 from saver_advisors.cli import main
 
 KEYS = {"env", "n_envs", "threads", "steps_per_second", "raw_steps_per_second", "ratio_to_raw"}
@@ -129,7 +129,7 @@ def test_the_worker_counts_whole_pieces(
     done: list[str] = []
     work: Any = ({"one": lambda: done.append("one")}, 7)
     monkeypatch.setattr(sys, "stdin", io.StringIO("one 0\none 0.01\n"))
-    peer_worker.serve(work, {"mujoco": "3"})
+    worker.serve(work, {"mujoco": "3"})
     ready, first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
     assert ready == {"ready": True, "modes": ["one"], "versions": {"mujoco": "3"}}
     assert first["steps"] == 7

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from saver_advisors.benchmarks.transfer import (
+from saver_advisors.benchmarks.transfer.command import (
     ENVIRONMENTS,
     EXPERT,
     TITLES,
@@ -19,8 +19,8 @@ from saver_advisors.benchmarks.transfer import (
     by_kind,
     entrants,
 )
-from saver_advisors.benchmarks.transfer_conditions import OBJECT_SIZE, conditions
-from saver_advisors.benchmarks.transfer_report import paper_rows, render
+from saver_advisors.benchmarks.transfer.conditions import OBJECT_SIZE, conditions
+from saver_advisors.benchmarks.transfer.report import paper_rows, render
 from saver_advisors.cli import main
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.evaluation.failures import PICK_CAUSES, PUSH_CAUSES, Failure

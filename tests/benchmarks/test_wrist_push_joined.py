@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from saver_advisors.benchmarks.wrist_push import joined
+from saver_advisors.benchmarks.wrist_push.command import joined
 from saver_advisors.cli.errors import UsageError
 
 

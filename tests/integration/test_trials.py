@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.wrist_push_page import render
-from saver_advisors.benchmarks.wrist_push_trials import _counted, fault_row, play_row, shares
+from saver_advisors.benchmarks.wrist_push.page import render
+from saver_advisors.benchmarks.wrist_push.trials import _counted, fault_row, play_row, shares
 from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for
 from saver_advisors.integration.health import Event

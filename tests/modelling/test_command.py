@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.modelling_figures import draw_recording
+from saver_advisors.benchmarks.modelling.figures import draw_recording
 from saver_advisors.cli import main
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.datasets import save_recordings

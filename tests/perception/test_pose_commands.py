@@ -12,8 +12,8 @@ import pytest
 import torch
 from PIL import Image
 
-from saver_advisors.benchmarks.blazepose_worker import MAPS
-from saver_advisors.benchmarks.pose_page import pose_page
+from saver_advisors.benchmarks.pose.blazepose_worker import MAPS
+from saver_advisors.benchmarks.pose.page import pose_page
 from saver_advisors.cli import main
 from saver_envs.perception.network import LIGHT, PoseNetwork
 from saver_envs.perception.skeleton import JOINTS
@@ -117,14 +117,14 @@ def test_weights_of_other_limbs(
 
 @pytest.mark.slow
 def test_the_benchmark(weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from saver_advisors.benchmarks import pose, pose_accuracy, pose_speed
+    from saver_advisors.benchmarks.pose import accuracy, command, speed
 
-    monkeypatch.setattr(pose_accuracy, "SHARD", 2)
-    monkeypatch.setattr(pose_accuracy, "SETS", {"test": pose_accuracy.SETS["test"]})
-    monkeypatch.setattr(pose_speed, "SIZES", ((64, 96),))
+    monkeypatch.setattr(accuracy, "SHARD", 2)
+    monkeypatch.setattr(accuracy, "SETS", {"test": accuracy.SETS["test"]})
+    monkeypatch.setattr(speed, "SIZES", ((64, 96),))
     monkeypatch.setattr("saver_envs.perception.network.ARCHITECTURES", {"light": LIGHT})
-    monkeypatch.setattr(pose, "THREADS", (1,))
-    assert pose.PARTS == ("accuracy", "speed")
+    monkeypatch.setattr(command, "THREADS", (1,))
+    assert command.PARTS == ("accuracy", "speed")
     record = tmp_path / "pose.json"
     words = ["benchmark", "pose", "--weights", str(weights), "--frames", "20", "--rounds", "1"]
     monkeypatch.setattr("saver_advisors.cli.arguments.at_least", lambda least: int)

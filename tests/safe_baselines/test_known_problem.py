@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from saver_advisors.benchmarks import safe
+from saver_advisors.benchmarks.constraints import known_problem
 from saver_advisors.benchmarks.measured import read_figures
 from saver_advisors.cli import main
 from saver_advisors.safe_baselines import ALGORITHMS
@@ -53,12 +53,12 @@ def test_the_closed_form_is_the_numerical_optimum(horizon, limit):
 
 
 def test_the_environment_pays_and_charges_what_the_form_says():
-    returned, cost = safe.judge(Efforts(best_efforts()), deterministic=True)
+    returned, cost = known_problem.judge(Efforts(best_efforts()), deterministic=True)
     assert cost == pytest.approx(COST_LIMIT, rel=1e-5)
     # Up to the mean of 2,000 starting speeds, which is felt in every step.
     assert returned == pytest.approx(best_return(), abs=4 * HORIZON * 0.2 / np.sqrt(3 * 2000))
     constant = Efforts(np.full(HORIZON, np.sqrt(COST_LIMIT / HORIZON)))
-    worse, same_cost = safe.judge(constant, deterministic=True)
+    worse, same_cost = known_problem.judge(constant, deterministic=True)
     assert same_cost == pytest.approx(COST_LIMIT, rel=1e-5)
     assert worse < 0.9 * best_return()
 
@@ -86,7 +86,7 @@ def test_a_limit_beyond_the_closed_form_is_refused():
 
 def test_the_command_writes_a_file_and_a_table(tmp_path, capsys):
     figures, page = tmp_path / "safe.json", tmp_path / "page.md"
-    page.write_text(f"before\n{safe.BEGIN}\nold\n{safe.END}\nafter\n")
+    page.write_text(f"before\n{known_problem.BEGIN}\nold\n{known_problem.END}\nafter\n")
     words = f"benchmark safe --algorithms cpo --seeds 3 --steps 4000 --json {figures}"
     # Four thousand steps, one rollout, are not enough, and the status says so.
     assert main([*words.split(), "--table", str(page)]) == 1
@@ -118,11 +118,11 @@ def test_the_page_shows_the_file():
     page, file = DOCS / "safe-baselines.md", DOCS / "results" / "safe.json"
     text = page.read_text()
     if not file.exists():
-        assert not text.partition(safe.BEGIN)[2].partition(safe.END)[0].strip()
+        assert not text.partition(known_problem.BEGIN)[2].partition(known_problem.END)[0].strip()
         return
     figures = read_figures(file, "safe")
-    assert safe.placed(page, safe.render(figures)) == text
-    assert safe.BEGIN in text
+    assert known_problem.placed(page, known_problem.render(figures)) == text
+    assert known_problem.BEGIN in text
     assert {one["algorithm"] for one in figures["rows"]} == {
         algorithm.__name__ for algorithm in ALGORITHMS.values()
     }
@@ -131,8 +131,8 @@ def test_the_page_shows_the_file():
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("name", safe.NAMES)
+@pytest.mark.parametrize("name", known_problem.NAMES)
 def test_each_meets_the_limit_near_the_optimum(name, seed):
-    row = safe.one_run(name, seed, safe.STEPS[name])
+    row = known_problem.one_run(name, seed, known_problem.STEPS[name])
     assert row["cost"] <= COST_LIMIT
-    assert 1 - safe.WITHIN <= row["share_of_optimum"] <= 1.0 + 1e-6
+    assert 1 - known_problem.WITHIN <= row["share_of_optimum"] <= 1.0 + 1e-6

@@ -1,0 +1,1 @@
+"""Where a training run spends its time, beside stock SB3."""

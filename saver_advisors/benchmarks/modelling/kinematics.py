@@ -1,0 +1,297 @@
+"""Learned inverse kinematics in use: how exact, how fast, and whether a policy still succeeds.
+
+Three questions: how far the hand stays from unseen targets, raw and behind the refinement; what a
+call costs beside damped least squares; and the success of a policy when set-points become joints
+through each model instead of through damped least squares.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from statistics import median
+from typing import Any, Final
+
+from saver_advisors.benchmarks.machine import median_ratio, timed
+from saver_advisors.benchmarks.measured import hand_over, measured_or_read
+
+EXAMPLES: Final = """\
+examples:
+  saver benchmark kinematics --json kinematics.json --table kinematics.md
+  saver benchmark kinematics --models cgan lsgan bigan dualgan    raw networks of chapter 7 as well
+  saver benchmark kinematics --robots jaco --episodes 20"""
+
+ARMS: Final = ("mico", "jaco", "fetch")
+ENVS: Final = {"jaco": "JacoPush-v0", "mico": "MicoPush-v0"}
+POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
+"""The MICO is driven by the Jaco's policy, which it was not trained for, and by a scripted one."""
+NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
+
+_TARGETS: Final = 5000
+_UNSEEN: Final = 1000
+"""Seed of the targets: weights are trained on seed 0 and the like."""
+
+_N_ENVS: Final = (16, 64, 256)
+_ROUNDS: Final = 15
+_STEPS: Final = 2
+"""Refinement of the shipped models, Newton steps."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.benchmarks.modelling.arguments import add_arms_and_models
+    from saver_advisors.cli.arguments import add_page, at_least
+
+    purpose = "models that are trained here, on the workspace's targets, and used raw"
+    add_arms_and_models(parser, ARMS, NETWORKS, purpose)
+    parser.add_argument(
+        "--samples",
+        type=at_least(100),
+        default=60_000,
+        metavar="N",
+        help="to train those on (default: 60000)",
+    )
+    parser.add_argument(
+        "--episodes", type=at_least(1), default=100, metavar="N", help="(default: 100)"
+    )
+    add_page(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    from saver_advisors.threads import one_thread_of_algebra
+
+    training = {"epochs": args.epochs, "precision": args.precision}
+    with one_thread_of_algebra():
+        figures = measured_or_read(
+            args,
+            "kinematics",
+            lambda: measure(args.robots, args.models, args.samples, training, args.episodes),
+        )
+    hand_over(render(figures), figures, args.json, args.table)
+    return 0
+
+
+def measure(
+    robots: Sequence[str],
+    models: Sequence[str],
+    samples: int,
+    training: Mapping[str, Any],
+    episodes: int,
+) -> dict[str, Any]:
+    """Take every measurement.
+
+    :param robots: arms by name
+    :param models: to train here, besides the shipped ones
+    :param samples: to train them on
+    :param training: of them: ``epochs`` and ``precision``
+    :param episodes: of each evaluation
+    :return: JSON-able: ``accuracy``, ``cost`` and ``success``
+    """
+    accuracies, cost, success = [], [], []
+    for robot in robots:
+        inverses = _inverses(robot, models, samples, training)
+        accuracies += [accuracy(robot, name, model) for name, model in inverses.items()]
+        if robot not in ENVS:
+            continue
+        cost += [_cost(robot, inverses["shipped"], n_envs) for n_envs in _N_ENVS]
+        for name, model in {"damped least squares": None, **inverses}.items():
+            # Networks that are trained here are of interest raw, behind the arm's own policy.
+            trained = name in models
+            raw_and_refined = (0,) if trained else (0, _STEPS)
+            for steps in raw_and_refined if model is not None else (None,):
+                for policy in POLICIES[robot][-1:] if trained else POLICIES[robot]:
+                    success.append(_success(robot, policy, name, model, steps, episodes))
+    return {
+        "title": "Learned inverse kinematics in use",
+        "kind": "kinematics",
+        "samples": samples,
+        **training,
+        "accuracy": accuracies,
+        "cost": cost,
+        "success": success,
+    }
+
+
+def _inverses(
+    robot: str, names: Sequence[str], samples: int, training: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The shipped model, and those that are trained here."""
+    from tqdm import tqdm
+
+    from saver_envs.modelling.models import Training, new_model
+    from saver_envs.modelling.shipped import shipped_model
+    from saver_envs.modelling.workspace import workspace_samples
+
+    found: dict[str, Any] = {"shipped": shipped_model(robot)}
+    if names:
+        data = workspace_samples(robot, samples, 0)
+        for name in tqdm(names, desc=f"{robot}: training", unit="model"):
+            found[name] = new_model(name, robot, "ik")
+            found[name].fit(data.targets, data.joints, Training(**training))
+    return found
+
+
+def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
+    """How far the hand is from unseen targets.
+
+    :param robot: the arm's name
+    :param name: what the model is called
+    :param model: a fitted inverse kinematics of the workspace
+    :return: JSON-able; ``millimetres`` has median, 99th percentile and mean, raw and refined
+    """
+    import numpy as np
+
+    from saver_advisors.benchmarks.modelling.cells import distances
+    from saver_envs.modelling.kinematics import LearnedInverseKinematics
+    from saver_envs.modelling.workspace import workspace_samples
+
+    unseen = workspace_samples(robot, _TARGETS, _UNSEEN)
+    present = None
+    if model.needs_present:
+        present = np.concatenate([unseen.joints[:1], unseen.joints[:-1]])
+    errors = {}
+    for label, steps, nearest in (
+        ("raw", 0, False),
+        ("one_step", 1, False),
+        ("two_steps", 2, False),
+        ("as_used", _STEPS, True),
+    ):
+        learned = LearnedInverseKinematics(robot, model, steps, nearest)
+        errors[label] = distances(learned.solve(unseen.targets, present).error)
+    return {"robot": robot, "model": name, "targets": _TARGETS, "millimetres": errors}
+
+
+def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
+    """A call of the refined model beside one of damped least squares, and beside a step."""
+    import numpy as np
+
+    from saver_envs.control import DampedLeastSquares
+    from saver_envs.modelling.kinematics import LearnedInverseKinematics
+    from saver_envs.registration import make_episodes
+
+    episodes = make_episodes(ENVS[robot], n_envs)
+    episodes.reset()
+    arms = episodes.simulation.arm_state()
+    generator = np.random.default_rng(0)
+    way = generator.uniform(-1, 1, episodes.set_point.shape)
+    target = episodes.moved_set_point(way)
+    learned = LearnedInverseKinematics(robot, model, _STEPS)
+    squares = DampedLeastSquares(episodes.settings.robot)
+    actions = np.zeros((n_envs, episodes.action_size))
+    calls: dict[str, Callable[[], object]] = {
+        "learned": lambda: learned(arms, target),
+        "squares": lambda: squares(arms, target),
+    }
+    times: dict[str, list[float]] = {name: [] for name in (*calls, "step")}
+    for _ in range(_ROUNDS):
+        for name, call in calls.items():
+            times[name].append(min(timed(call) for _ in range(5)))
+        times["step"].append(timed(lambda: episodes.step(actions)))
+    return {
+        "robot": robot,
+        "n_envs": n_envs,
+        "learned_us": median(times["learned"]) * 1e6,
+        "damped_least_squares_us": median(times["squares"]) * 1e6,
+        "ratio": median_ratio(times["learned"], times["squares"]),
+        "share_of_step": median_ratio(times["learned"], times["step"]),
+    }
+
+
+def _success(
+    robot: str, policy: str, name: str, model: Any, steps: int | None, episodes: int
+) -> dict[str, Any]:
+    from saver_advisors.cli.policies import resolve
+    from saver_advisors.evaluation.episodes import evaluate_policy
+    from saver_envs.modelling.kinematics import LearnedInverseKinematics
+
+    env_id = ENVS[robot]
+    kwargs: dict[str, Any] = {}
+    if model is not None and steps is not None:
+        kwargs["inverse_kinematics"] = LearnedInverseKinematics(robot, model, steps)
+    outcomes = evaluate_policy(
+        resolve(policy, env_id, {}).predict, env_id, episodes=episodes, env_kwargs=kwargs
+    )
+    low, high = outcomes.confidence_interval
+    return {
+        "env": env_id,
+        "policy": policy,
+        "inverse_kinematics": name,
+        "refinement": steps,
+        "episodes": episodes,
+        "success": outcomes.success_rate,
+        "interval": [low, high],
+    }
+
+
+def render(figures: dict[str, Any]) -> str:
+    """The figures as a page of Markdown.
+
+    :param figures: what was measured, or its JSON file's content
+    """
+    from saver_advisors.cli.tables import markdown
+
+    labels = ("raw", "one_step", "two_steps", "as_used")
+    accuracy = [
+        [
+            one["robot"],
+            one["model"],
+            *(
+                f"{one['millimetres'][label]['median']:.3g} / "
+                f"{one['millimetres'][label]['p99']:.3g}"
+                for label in labels
+            ),
+        ]
+        for one in figures["accuracy"]
+    ]
+    cost = [
+        [
+            one["robot"],
+            str(one["n_envs"]),
+            f"{one['learned_us']:.0f}",
+            f"{one['damped_least_squares_us']:.0f}",
+            f"{one['ratio']:.2f}x",
+            f"{one['share_of_step']:.1%}",
+        ]
+        for one in figures["cost"]
+    ]
+    success = [
+        [
+            one["env"],
+            one["policy"],
+            one["inverse_kinematics"],
+            "-" if one["refinement"] is None else str(one["refinement"]),
+            f"{one['success']:.3f} [{one['interval'][0]:.3f}, {one['interval'][1]:.3f}]",
+        ]
+        for one in sorted(figures["success"], key=lambda one: (one["env"], one["policy"]))
+    ]
+    counted = f" over {figures['success'][0]['episodes']} episodes" if success else ""
+    parts = [
+        f"# {figures['title']}\n",
+        "## How exact\n",
+        "Distance of the hand from unseen targets over the workspace, median / 99th percentile, "
+        "mm. *As used* adds the search for the nearest point where two steps miss.\n",
+        markdown(["arm", "model", "raw", "one step", "two steps", "as used"], accuracy),
+    ]
+    if cost:
+        parts += [
+            "## How fast\n",
+            "One call for all environments, the shipped models with their refinement.\n",
+            markdown(
+                ["arm", "n_envs", "learned (us)", "least squares (us)", "ratio", "share of a step"],
+                cost,
+            ),
+        ]
+    if success:
+        parts += [
+            "## In use\n",
+            f"Success{counted}, 95% intervals.\n",
+            markdown(
+                ["environment", "policy", "inverse kinematics", "Newton steps", "success"], success
+            ),
+        ]
+    return "\n".join(parts)

@@ -1,0 +1,1 @@
+"""The benchmark's protocol for algorithms that are not ours."""

@@ -1,0 +1,1 @@
+"""What every page told from training runs shares: their files, tables and pictures."""

@@ -1,0 +1,1 @@
+"""How fast the environments are, beside the bare simulator and beside other suites."""

@@ -1,0 +1,1 @@
+"""The whole robot over many trials, beside chapter 8."""
