@@ -66,8 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Do all of it; whoever interrupts it loses nothing but the page."""
-    from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
     from saver_advisors.cli.demo_robot import whole_robot
+    from saver_advisors.cli.pages.catalogue import COLUMNS, entry, sparse_ids
     from saver_advisors.provenance import provenance, write_json_atomic
 
     start = time.perf_counter()
@@ -207,6 +207,6 @@ def _record(
 
 def _scenes() -> list[dict[str, str]]:
     """A picture of each of a few environments."""
-    from saver_advisors.cli.pictures import OVERVIEW, start_picture
+    from saver_advisors.cli.pages.pictures import OVERVIEW, start_picture
 
     return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in OVERVIEW]

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         path.write_text(texts[path], encoding="utf-8")
         print(f"wrote {path}")
     if not args.no_pictures:
-        from saver_advisors.cli.pictures import draw_all
+        from saver_advisors.cli.pages.pictures import draw_all
 
         draw_all(args.output, args.only)
     return 0
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _texts(args: argparse.Namespace) -> dict[Path, str]:
     """What every page should read."""
-    from saver_advisors.cli.pages import all_pages, with_table
+    from saver_advisors.cli.pages.generated import all_pages, with_table
 
     output = args.output
     texts = {output / name: text for name, text in all_pages(output).items()}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saver_advisors.cli import wrist_page
+from saver_advisors.cli.pages import wrist_push
 from saver_envs.core import Episodes
 from saver_envs.registration import ENVIRONMENTS, PIXELS, make_episodes
 from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE
@@ -135,7 +135,7 @@ def succeeds(episodes: Episodes) -> str:
     task = episodes.task
     centimetres = f"{100 * task.success_threshold:g} cm"
     if task.moves_person:
-        return wrist_page.SUCCEEDS.format(centimetres)
+        return wrist_push.SUCCEEDS.format(centimetres)
     what = "the cube is" if task.n_arms == 1 else "every cube is"
     text = f"{what} within {centimetres} of its target"
     text += " on the table" if task.held_height is not None else ", on the table or in the air"

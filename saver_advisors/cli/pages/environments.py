@@ -7,9 +7,9 @@ import re
 from dataclasses import fields
 from typing import Any, Final
 
-from saver_advisors.cli import wrist_page
-from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
-from saver_advisors.cli.results_page import results_of
+from saver_advisors.cli.pages import wrist_push
+from saver_advisors.cli.pages.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
+from saver_advisors.cli.pages.results import results_of
 from saver_advisors.cli.tables import markdown
 from saver_envs.core import ACTION_DURATION, Episodes
 from saver_envs.registration import Options, make_episodes
@@ -91,7 +91,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         reward=_sparse_reward(one, _thing(episodes)),
         dense=_dense_reward(one, _thing(episodes)),
         costs=_costs(one, episodes),
-        readings=wrist_page.READINGS if episodes.task.moves_person else "",
+        readings=wrist_push.READINGS if episodes.task.moves_person else "",
         keywords=_keywords(),
         results=results_of(one.env_id, results),
     )
@@ -115,7 +115,7 @@ def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
         ("an action lasts", f"{ACTION_DURATION:g} s"),
         ("horizon", f"{one.horizon} actions, {one.horizon * ACTION_DURATION:g} s"),
         ("top speed of a hand", f"{settings.max_speed:g} m/s"),
-        wrist_page.facts() if episodes.task.moves_person else cubes,
+        wrist_push.facts() if episodes.task.moves_person else cubes,
     ]
 
 
@@ -175,7 +175,7 @@ def _start(episodes: Episodes) -> list[str]:
     """What the sampler guarantees, each with its figure."""
     task, scene = episodes.task, episodes.scene
     if task.moves_person:
-        return wrist_page.start()
+        return wrist_push.start()
     rules = task.start_rules(scene.object_rest_height)
     lines = [
         f"A cube {_span(HAND_TO_OBJECT)} from its hand, its target {_span(OBJECT_TO_TARGET)} from "
@@ -259,7 +259,7 @@ def _dense_reward(one: Entry, thing: str) -> str:
 
 
 def _costs(one: Entry, episodes: Episodes) -> str:
-    meanings = wrist_page.COST_MEANINGS if episodes.task.moves_person else COST_MEANINGS
+    meanings = wrist_push.COST_MEANINGS if episodes.task.moves_person else COST_MEANINGS
     rows = [
         [f"`cost_{name}`", meanings[name], "yes" if name in one.summed_costs else "no"]
         for name in one.costs

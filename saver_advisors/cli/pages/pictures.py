@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from tqdm import tqdm
 
-from saver_advisors.cli.catalogue import sparse_ids
 from saver_advisors.cli.errors import UsageError, unknown
+from saver_advisors.cli.pages.catalogue import sparse_ids
 from saver_advisors.cli.policies import Policy, resolve
 from saver_advisors.cli.video import Frame, record, write_clip
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Final
 
 from saver_advisors.benchmarks.pose.page import pose_page
-from saver_advisors.cli.catalogue import entry, sparse_ids
-from saver_advisors.cli.environment_pages import (
+from saver_advisors.cli.pages.catalogue import entry, sparse_ids
+from saver_advisors.cli.pages.environments import (
     environment_page,
     environments_page,
     environments_table,
 )
-from saver_advisors.cli.results_page import read_results, results_page
+from saver_advisors.cli.pages.results import read_results, results_page
 from saver_advisors.cli.tables import markdown
 
 GENERATED: Final = "Generated from the code by `saver docs`.\n"
