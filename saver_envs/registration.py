@@ -69,8 +69,8 @@ class Options:
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     :param contested_share: share of the episodes of several arms in which the ways of two hands
         meet (push and pick and place).
-    :param in_hand_share: share of the arms that start with their cube in hand (pick and place;
-        for training).
+    :param in_hand_share: share of the arms that start with their cube in hand (tasks whose fingers
+        move; for training).
     :param reward_stage: ``goal`` or ``constrained`` (distance task alone).
     :param reward_combination: ``min``, ``linear`` or ``shaped``, how the constrained stage puts
         goal and constraint together (distance task alone).
@@ -181,28 +181,22 @@ def make_episodes(
 
 
 def _task(row: Row, options: Options) -> Task:
+    _refuse_idle(row.task, options)
     n_arms = row.n_arms if options.n_arms is None else options.n_arms
-    constraint: dict[str, Any] = {
-        "reward_stage": options.reward_stage,
-        "reward_combination": options.reward_combination,
-        "constraint_weight": options.constraint_weight,
-    }
     if row.task is Distance:
+        constraint: dict[str, Any] = {name: getattr(options, name) for name in _OF_CONSTRAINT}
         return Distance(
             n_arms,
             row.reward_type,
             options.success_threshold,
             **{name: value for name, value in constraint.items() if value is not None},
         )
-    for name, value in constraint.items():
-        if value is not None:
-            raise ValueError(f"{name}={value!r}: only the distance task has a constraint")
     if row.task is WristPush:
-        _refuse_options_of_cubes(options)
         return WristPush(n_arms, row.reward_type, options.success_threshold)
     return row.task(n_arms, row.reward_type, options.success_threshold, options.contested_share)
 
 
+_OF_CONSTRAINT = ("reward_stage", "reward_combination", "constraint_weight")
 #: Options that say how cubes are or how they start, and where other arms would stand.
 _OF_CUBES = (
     "object_size",
@@ -213,17 +207,28 @@ _OF_CUBES = (
     "contested_share",
     "in_hand_share",
 )
+_NO_CONSTRAINT = "only the distance task has a constraint in its reward"
+#: Options that would change nothing in a task, by the reason.
+_IDLE: dict[type[Task], dict[str, tuple[str, ...]]] = {
+    Push: {_NO_CONSTRAINT: _OF_CONSTRAINT, "the fingers of push are locked": ("in_hand_share",)},
+    PickAndPlace: {_NO_CONSTRAINT: _OF_CONSTRAINT},
+    Distance: {"the cubes of the distance task go side by side": ("contested_share",)},
+    WristPush: {
+        _NO_CONSTRAINT: _OF_CONSTRAINT,
+        "not an option of wrist push, whose two arms stand in a row and whose objects are a "
+        "person's wrists": _OF_CUBES,
+    },
+}
 
 
-def _refuse_options_of_cubes(options: Options) -> None:
+def _refuse_idle(task: type[Task], options: Options) -> None:
+    """Refuse what would change nothing, rather than let somebody believe that it does."""
     usual = Options()
-    for name in _OF_CUBES:
-        value = getattr(options, name)
-        if value != getattr(usual, name):
-            raise ValueError(
-                f"{name}={value!r}: not an option of wrist push, whose two arms stand in a row "
-                "and whose objects are a person's wrists"
-            )
+    for reason, names in _IDLE[task].items():
+        for name in names:
+            value = getattr(options, name)
+            if value != getattr(usual, name):
+                raise ValueError(f"{name}={value!r}: {reason}")
 
 
 def _settings(row: Row, options: Options) -> Settings:

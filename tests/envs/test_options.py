@@ -164,6 +164,7 @@ def test_number_of_arms(env_id: str, n_arms: int, layout: Any) -> None:
         ({"reward_stage": "goal"}, "only the distance task"),
         ({"reward_combination": "linear"}, "only the distance task"),
         ({"constraint_weight": 2.0}, "only the distance task"),
+        ({"in_hand_share": 0.5}, "fingers of push are locked"),
     ],
 )
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
@@ -182,6 +183,8 @@ def test_reward_stages_of_the_distance_task() -> None:
         make_episodes("DualJacoDistance-v0", reward_combination="max")
     with pytest.raises(ValueError, match="constraint_weight=0"):
         make_episodes("DualJacoDistance-v0", constraint_weight=0)
+    with pytest.raises(ValueError, match=r"contested_share=0\.1: the cubes of the distance"):
+        make_episodes("DualJacoDistance-v0", contested_share=0.1)
 
 
 def test_bases_stand_where_the_layout_says() -> None:
