@@ -18,6 +18,7 @@ from pathlib import Path
 import mujoco
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.drives import add_servo, drive_by_torques
 
 _PREFIX = "robot0:"
 _NAMES = (
@@ -48,7 +49,7 @@ FINGER_LOWER, FINGER_UPPER = 0.0, 0.05  # m
 #: Position servos, ours: stiffness (N/m, N m/rad), and reflected inertia (kg, kg m^2).
 STIFFNESS = (20000.0, 1500.0, 1500.0, 800.0, 800.0, 400.0, 400.0, 200.0)
 ARMATURE = (10.0, 0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
-FINGER_STIFFNESS, FINGER_FORCE = 500.0, 60.0  # N/m, N
+FINGER_STIFFNESS, FINGER_DAMPING, FINGER_FORCE = 500.0, 20.0, 60.0  # N/m, N s/m, N
 #: The hand in front of the chest, level (m, rad).
 HOME = (0.15, 0.0, 0.6, 0.0, 1.0, 0.0, -1.6, 0.0)
 
@@ -145,24 +146,11 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
             body.gravcomp = 1
     spec.body(GRIPPER_BODY).add_site(name=TOOL_SITE, size=(0.005, 0, 0), group=4)
     for index, name in enumerate(ARM_JOINTS):
-        servo = spec.add_actuator(
-            name=f"servo_{_NAMES[index]}",
-            target=name,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-JOINT_TORQUES[index], JOINT_TORQUES[index]),
-        )
-        servo.set_to_position(kp=STIFFNESS[index], dampratio=1.0)
+        add_servo(spec, f"servo_{_NAMES[index]}", name, JOINT_TORQUES[index], STIFFNESS[index])
     if fingers is Fingers.ACTUATED:
         for name, side in zip(FINGER_JOINTS, "rl", strict=True):
-            servo = spec.add_actuator(
-                name=f"servo_{side}_finger",
-                target=name,
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                forcelimited=True,
-                forcerange=(-FINGER_FORCE, FINGER_FORCE),
-            )
-            servo.set_to_position(kp=FINGER_STIFFNESS, kv=20.0)
+            servo = f"servo_{side}_finger"
+            add_servo(spec, servo, name, FINGER_FORCE, FINGER_STIFFNESS, FINGER_DAMPING)
     return spec
 
 
@@ -173,21 +161,7 @@ def build_torque_driven() -> mujoco.MjSpec:
     ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
     """
     spec = build(Fingers.LOCKED)
-    for actuator in list(spec.actuators):
-        spec.delete(actuator)
-    for body in spec.bodies:
-        body.gravcomp = 0
-    for index, name in enumerate(ARM_JOINTS):
-        joint = spec.joint(name)
-        joint.armature, joint.actgravcomp = 0.0, 0
-        motor = spec.add_actuator(
-            name=f"motor_{_NAMES[index]}",
-            target=name,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-JOINT_TORQUES[index], JOINT_TORQUES[index]),
-        )
-        motor.set_to_motor()
+    drive_by_torques(spec, [f"motor_{name}" for name in _NAMES], ARM_JOINTS, JOINT_TORQUES)
     return spec
 
 

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.drives import add_servo
 
 ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 7))
 FINGER_JOINTS = tuple(f"finger_{index}" for index in range(1, 4))
@@ -248,26 +249,19 @@ def _torque_limit(index: int) -> float:
 
 def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
     for index, joint in enumerate(ARM_JOINTS):
-        limit = _torque_limit(index)
-        servo = spec.add_actuator(
-            name=f"servo_{joint}",
-            target=joint,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-limit, limit),
-        )
-        servo.set_to_position(kp=LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS, dampratio=1.0)
+        stiffness = LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS
+        add_servo(spec, f"servo_{joint}", joint, _torque_limit(index), stiffness)
     if fingers is Fingers.LOCKED:
         return
     for joint, share in zip(FINGER_JOINTS, FINGER_SHARES, strict=True):
-        servo = spec.add_actuator(
-            name=f"servo_{joint}",
-            target=joint,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-share * FINGER_TORQUE, share * FINGER_TORQUE),
+        add_servo(
+            spec,
+            f"servo_{joint}",
+            joint,
+            limit=share * FINGER_TORQUE,
+            stiffness=share * FINGER_STIFFNESS,
+            damping=share * FINGER_DAMPING,
         )
-        servo.set_to_position(kp=share * FINGER_STIFFNESS, kv=share * FINGER_DAMPING)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:

@@ -16,6 +16,7 @@ import math
 import mujoco
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.drives import add_servo, drive_by_torques
 
 ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 5))
 FINGER_JOINTS = ("finger_1", "finger_2")
@@ -224,26 +225,12 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
 
 def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
     for index, joint in enumerate(ARM_JOINTS):
-        limit = JOINT_TORQUES[index]
-        servo = spec.add_actuator(
-            name=f"servo_{joint}",
-            target=joint,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-limit, limit),
-        )
-        servo.set_to_position(kp=STIFFNESS[index], kv=DAMPING[index])
+        limit, stiffness, damping = JOINT_TORQUES[index], STIFFNESS[index], DAMPING[index]
+        add_servo(spec, f"servo_{joint}", joint, limit, stiffness, damping)
     if fingers is Fingers.LOCKED:
         return
     for joint in FINGER_JOINTS:
-        servo = spec.add_actuator(
-            name=f"servo_{joint}",
-            target=joint,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-FINGER_TORQUE, FINGER_TORQUE),
-        )
-        servo.set_to_position(kp=FINGER_STIFFNESS, kv=FINGER_DAMPING)
+        add_servo(spec, f"servo_{joint}", joint, FINGER_TORQUE, FINGER_STIFFNESS, FINGER_DAMPING)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -270,21 +257,8 @@ def build_torque_driven() -> mujoco.MjSpec:
     ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
     """
     spec = build(Fingers.LOCKED)
-    for servo in list(spec.actuators):
-        spec.delete(servo)
-    for body in spec.bodies:
-        body.gravcomp = 0
-    for index, name in enumerate(ARM_JOINTS):
-        joint, limit = spec.joint(name), JOINT_TORQUES[index]
-        joint.armature, joint.actgravcomp = 0.0, 0
-        motor = spec.add_actuator(
-            name=f"motor_{name}",
-            target=name,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
-            forcelimited=True,
-            forcerange=(-limit, limit),
-        )
-        motor.set_to_motor()
+    names = [f"motor_{joint}" for joint in ARM_JOINTS]
+    drive_by_torques(spec, names, ARM_JOINTS, JOINT_TORQUES)
     return spec
 
 
