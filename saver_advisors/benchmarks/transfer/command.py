@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXAMPLES: Final = """\
 examples:
   saver benchmark transfer --json transfer.json --table transfer.md --video-dir videos
-  saver benchmark transfer --push advised=dual-jaco-push scratch=alone.safetensors --pick
+  saver benchmark transfer --push advised=dual-jaco-push-advised scratch=alone.safetensors --pick
   saver benchmark transfer --conditions mico all --trials 10
   saver benchmark transfer --from transfer.json --table transfer.md
 
@@ -38,7 +38,7 @@ ENVIRONMENTS: Final = {
     ("pick", "jaco"): "DualJacoPickAndPlace-v0",
     ("pick", "mico"): "DualMicoPickAndPlace-v0",
 }
-STUDENTS: Final = {"push": "dual-jaco-push", "pick": "dual-jaco-pick-and-place"}
+STUDENTS: Final = {"push": "dual-jaco-push-advised", "pick": "dual-jaco-pick-and-place"}
 TEACHERS: Final = {"push": "jaco-push", "pick": "jaco-pick-and-place"}
 TITLES: Final = {"push": "Push", "pick": "Pick and place"}
 EXPERT: Final = "expert"
