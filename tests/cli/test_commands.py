@@ -191,8 +191,8 @@ def test_the_settings_are_those_of_the_shipped_weights(saver: Saver) -> None:
         card = load_policy(name).card
         words = card.command.split()
         if words[:3] == ["saver", "experiments", "run"]:
-            run = read_grid(ROOT / words[3]).named(f"{words[-1]}-seed{card.seed}")
-            config = run.config.to_mapping()
+            chosen = read_grid(ROOT / words[3]).only(words[words.index("--only") + 1 :]).runs
+            (config,) = (one.config.to_mapping() for one in chosen if one.config.seed == card.seed)
         else:
             result = saver("train", "--env", card.env_id, "--print-config")
             assert result.status == 0, result.err
