@@ -208,10 +208,10 @@ _OF_CUBES = (
     "in_hand_share",
 )
 _NO_CONSTRAINT = "only the distance task has a constraint in its reward"
-#: Options that would change nothing in a task, by the reason.
+#: Options that would change nothing in a task, by the reason. A task that is not named has no
+#: constraint.
 _IDLE: dict[type[Task], dict[str, tuple[str, ...]]] = {
     Push: {_NO_CONSTRAINT: _OF_CONSTRAINT, "the fingers of push are locked": ("in_hand_share",)},
-    PickAndPlace: {_NO_CONSTRAINT: _OF_CONSTRAINT},
     Distance: {"the cubes of the distance task go side by side": ("contested_share",)},
     WristPush: {
         _NO_CONSTRAINT: _OF_CONSTRAINT,
@@ -224,7 +224,7 @@ _IDLE: dict[type[Task], dict[str, tuple[str, ...]]] = {
 def _refuse_idle(task: type[Task], options: Options) -> None:
     """Refuse what would change nothing, rather than let somebody believe that it does."""
     usual = Options()
-    for reason, names in _IDLE[task].items():
+    for reason, names in _IDLE.get(task, {_NO_CONSTRAINT: _OF_CONSTRAINT}).items():
         for name in names:
             value = getattr(options, name)
             if value != getattr(usual, name):

@@ -172,6 +172,11 @@ def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
         make_episodes("JacoPush-v0", **options)
 
 
+def test_a_task_without_a_constraint_refuses_its_options() -> None:
+    with pytest.raises(ValueError, match="reward_stage='goal': only the distance task"):
+        make_episodes("JacoPickAndPlace-v0", reward_stage="goal")
+
+
 def test_reward_stages_of_the_distance_task() -> None:
     assert make_episodes("DualJacoDistance-v0").task.reward_stage == "constrained"
     assert make_episodes("DualJacoDistance-v0", reward_stage="goal").task.reward_stage == "goal"

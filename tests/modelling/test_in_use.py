@@ -180,7 +180,8 @@ def test_behind_the_seam_it_does_what_least_squares_does(env_id: str) -> None:
 def test_vector_and_single_agree_and_pickle() -> None:
     learned = LearnedInverseKinematics("jaco")
     vector = gymnasium.make_vec("JacoPush-v0", num_envs=3, inverse_kinematics=learned)
-    single = gymnasium.make("JacoPush-v0", inverse_kinematics=pickle.loads(pickle.dumps(learned)))
+    carried = pickle.loads(pickle.dumps(learned))  # as another process gets it; no file is read
+    single = gymnasium.make("JacoPush-v0", inverse_kinematics=carried)
     vector.reset(seed=5)
     single.reset(seed=5)
     for _ in range(5):
