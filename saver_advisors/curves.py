@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any, Final
+
+from saver_envs.files import written_whole
 
 CURVE_FILE: Final = "curve.jsonl"
 #: Of a point, what two equal runs do not share.
@@ -36,9 +37,8 @@ def write_curve(folder: str | Path, points: list[dict[str, Any]]) -> None:
     :param points: one mapping an evaluation
     """
     path = Path(folder) / CURVE_FILE
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text("".join(_line(point) for point in points), encoding="utf-8")
-    os.replace(partial, path)
+    with written_whole(path) as file:
+        file.write("".join(_line(point) for point in points).encode("utf-8"))
 
 
 def append_point(folder: str | Path, point: dict[str, Any]) -> None:

@@ -13,6 +13,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from saver_envs.files import written_whole
+
 PACKAGES = {
     "torch": "torch",
     "sb3": "stable-baselines3",
@@ -61,17 +63,9 @@ def write_json_atomic(path: str | Path, data: Any) -> None:
     :raises TypeError: for what JSON does not know
     :raises OSError: when it cannot be written; an old file is then intact
     """
-    path = Path(path)
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
-    temporary = path.with_name(path.name + ".partial")
-    try:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with written_whole(path) as file:
+        file.write(text.encode("utf-8"))
 
 
 def portable_command(command: str) -> str:

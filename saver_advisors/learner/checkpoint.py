@@ -25,6 +25,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from saver_advisors.learner.algorithms import GoalLearnerMixin
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.provenance import write_json_atomic
+from saver_envs.files import written_whole
 
 POLICY_FILE = "policy.safetensors"
 TRAINING_FILE = "training.safetensors"
@@ -216,15 +217,8 @@ def _load_optimizer(
 
 def _write_tensors(path: Path, tensors: dict[str, th.Tensor]) -> None:
     """Write through Python's own file, whose errors are OSErrors."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with open(partial, "wb") as file:
-            file.write(tensors_to_bytes(tensors))
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with written_whole(path) as file:
+        file.write(tensors_to_bytes(tensors))
 
 
 def _read_tensors(path: Path) -> dict[str, th.Tensor]:

@@ -13,7 +13,6 @@ computed when its transition is drawn.
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +26,8 @@ from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from saver_envs.files import written_whole
 
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -454,28 +455,20 @@ class GoalReplayBuffer(ReplayBuffer):
         :param path: of the file; an old one is replaced only once the new one is complete
         :raises OSError: when it cannot be written; an old file is then intact
         """
-        path = Path(path)
         used = self.n_slots if self.full else self._next_slot
-        temporary = path.with_name(path.name + ".partial")
-        try:
-            with open(temporary, "wb") as file:
-                np.savez(
-                    file,
-                    header=np.array(json.dumps(self._header(used))),
-                    slot=self._slot,
-                    running=self._running,
-                    length=self.length[:used],
-                    observation=self.observation[:used],
-                    achieved_goal=self.achieved_goal[:used],
-                    desired_goal=self.desired_goal[:used],
-                    action=self.action[:used],
-                    advised=self.advised[:used],
-                )
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with written_whole(path) as file:
+            np.savez(
+                file,
+                header=np.array(json.dumps(self._header(used))),
+                slot=self._slot,
+                running=self._running,
+                length=self.length[:used],
+                observation=self.observation[:used],
+                achieved_goal=self.achieved_goal[:used],
+                desired_goal=self.desired_goal[:used],
+                action=self.action[:used],
+                advised=self.advised[:used],
+            )
 
     def _header(self, used: int) -> dict[str, Any]:
         """What must agree between a file and a buffer (``shape``), and the scalars of the state."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import Tensor
 
@@ -21,6 +21,7 @@ from saver_advisors.advising.sb3_networks import networks_from_sb3
 from saver_advisors.advising.teacher import Teacher
 from saver_advisors.pretrained.cards import PolicyCard, write_card
 from saver_advisors.pretrained.policy import PretrainedPolicy
+from saver_envs.files import written_whole
 
 FORMAT: Final = "saver-policy-1"
 """Stands in the header, so that a foreign safetensors file is told apart from ours."""
@@ -60,9 +61,8 @@ def save_policy(
     _check_finite(tensors, str(path))
     metadata = {"format": FORMAT, "card": card.with_networks(networks.spec).to_json()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_file(tensors, path, metadata=metadata)
-    # safetensors leaves a file that only its owner may read; weights are there to be shared.
-    path.chmod(0o644)
+    with written_whole(path) as file:
+        file.write(to_bytes(tensors, metadata))
     write_card(path)
     return path
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from saver_envs.files import written_whole
 from saver_envs.modelling.arms import Task, arm_named
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.recordings import COLUMNS, Processing, Recording, process
@@ -169,14 +170,10 @@ def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
     :param recordings: of equal length.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
     columns = {column: np.stack([getattr(one, column) for one in recordings]) for column in COLUMNS}
-    try:
-        content: dict[str, Any] = {"robot": np.array(name), **columns}
-        np.savez(partial, **content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    content: dict[str, Any] = {"robot": np.array(name), **columns}
+    with written_whole(path) as file:
+        np.savez(file, **content)
 
 
 def load_recordings(path: Path, name: str) -> list[Recording]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.files import written_whole
 from saver_envs.perception.camera import KINECT_V2, Camera, CameraPose
 from saver_envs.perception.skeleton import COCO_JOINTS, Visibility, from_coco, to_coco
 from saver_envs.perception.stage import Labelled, Stage, StageOptions
@@ -149,9 +149,8 @@ def _render_shard(
         depth = np.stack([one.depth for one in found]) / _DEPTH_UNIT
         np.save(folder / f"{shard:04d}-depth.npy", np.rint(depth).astype(np.uint16))
     # The labels come last: a shard without them is rendered anew.
-    temporary = folder / f"{shard:04d}.partial.npz"
-    np.savez(temporary, allow_pickle=False, **content)
-    os.replace(temporary, folder / f"{shard:04d}.npz")
+    with written_whole(folder / f"{shard:04d}.npz") as file:
+        np.savez(file, allow_pickle=False, **content)
 
 
 class RenderedDataset:
@@ -163,7 +162,7 @@ class RenderedDataset:
 
     def __init__(self, folder: Path) -> None:
         description = folder / "description.json"
-        names = sorted(path for path in folder.glob("[0-9]*.npz") if ".partial" not in path.name)
+        names = sorted(folder.glob("[0-9]*.npz"))
         if not names or not description.is_file():
             raise FileNotFoundError(f"{folder} holds no rendered pictures")
         camera = json.loads(description.read_text(encoding="utf-8"))["camera"]

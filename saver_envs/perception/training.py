@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from saver_envs.files import written_whole
 from saver_envs.perception.augment import Augmentation, augment
 from saver_envs.perception.dataset import Dataset, Example, RenderedDataset
 from saver_envs.perception.estimator import NETWORK_SIZE, PoseEstimator, normalised
@@ -163,7 +163,7 @@ class Trainer:
 
     def save(self) -> None:
         """Write the checkpoint, and the averaged network as a weight file."""
-        from safetensors.torch import save_file
+        from safetensors.torch import save as to_bytes
 
         tensors = {f"network/{name}": value for name, value in self._state().items()}
         tensors |= {f"average/{name}": value for name, value in self._average.items()}
@@ -173,9 +173,8 @@ class Trainer:
                 tensors[f"optimiser/{name}/{key}"] = value
         tensors = {name: value.detach().clone().contiguous() for name, value in tensors.items()}
         metadata = {"frames": str(self.frames), "seconds": str(self.seconds)}
-        temporary = self.folder / (CHECKPOINT + ".partial")
-        save_file(tensors, temporary, metadata)
-        os.replace(temporary, self.folder / CHECKPOINT)
+        with written_whole(self.folder / CHECKPOINT) as file:
+            file.write(to_bytes(tensors, metadata))
         info = {"frames": self.frames, "seconds": round(self.seconds)}
         save_network(self.averaged(), self.folder / NETWORK, info)
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import torch
 from torch import Tensor
 
+from saver_envs.files import written_whole
 from saver_envs.perception.network import Architecture, PoseNetwork
 from saver_envs.perception.skeleton import LIMB_NAMES, limb_indices
 
@@ -30,7 +31,7 @@ def save_network(
     :param info: JSON-able, anything worth knowing.
     :param half: in 16 bits, which is half the size.
     """
-    from safetensors.torch import save_file
+    from safetensors.torch import save as to_bytes
 
     tensors = {
         name: value.half() if half and value.is_floating_point() else value
@@ -42,7 +43,9 @@ def save_network(
         "limbs": json.dumps(network.limbs),
         "info": json.dumps(dict(info)),
     }
-    save_file({name: value.contiguous() for name, value in tensors.items()}, path, metadata)
+    whole = {name: value.contiguous() for name, value in tensors.items()}
+    with written_whole(path) as file:
+        file.write(to_bytes(whole, metadata))
 
 
 def read_info(path: Path) -> dict[str, Any]:

@@ -12,9 +12,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import save_file
+from safetensors.torch import save as to_bytes
 from torch import Tensor
 
+from saver_envs.files import written_whole
 from saver_envs.modelling.arms import Arm, Task, arm_named
 from saver_envs.modelling.networks import PRECISIONS, Precision
 
@@ -191,8 +192,9 @@ class InverseModel(ABC):
         path.parent.mkdir(parents=True, exist_ok=True)
         # A file without any tensor would be refused as cut short.
         content = tensors or {"nothing": torch.zeros(1)}
-        save_file({name: one.contiguous() for name, one in content.items()}, path, metadata=header)
-        path.chmod(0o644)
+        whole = {name: one.contiguous() for name, one in content.items()}
+        with written_whole(path) as file:
+            file.write(to_bytes(whole, header))
 
     def _checked(self, values: FloatArray, size: int, name: str) -> FloatArray:
         values = np.asarray(values, dtype=np.float64)
