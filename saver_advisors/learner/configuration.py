@@ -25,6 +25,33 @@ ADVISOR_FIELDS = (
     "arms",
 )
 
+# Numbers of a run, by the range that they lie in.
+_POSITIVE = (
+    "n_envs",
+    "total_steps",
+    "batch_size",
+    "learning_rate",
+    "policy_delay",
+    "buffer_size",
+    "gradient_steps",
+    "eval_every",
+    "eval_episodes",
+    "checkpoint_every",
+)
+_NOT_NEGATIVE = (
+    "seed",
+    "learning_starts",
+    "exploration_noise",
+    "target_policy_noise",
+    "target_noise_clip",
+    "action_penalty",
+    "imitation_weight",
+    "imitation_filter_from",
+    "constraint_value_weight",
+    "eval_seed",
+)
+_SHARES = ("random_action_probability", "relabel_probability", "tau")
+
 Config = TypeVar("Config", "RunConfig", "AdviceConfig", "StageConfig")
 
 
@@ -72,8 +99,7 @@ class AdviceConfig:
     def __post_init__(self) -> None:
         _check_types(self, "advice.")
         limit = self.threshold
-        finite = limit is None or (math.isfinite(limit) and limit >= 0)
-        _require(finite, "advice.threshold", limit, "a finite number of at least 0")
+        _require(limit is None or limit >= 0, "advice.threshold", limit, "0 or more")
         for name in ("budget", "demonstration_steps", "cloning_updates"):
             _require(getattr(self, name) >= 0, f"advice.{name}", getattr(self, name), "0 or more")
         share = self.demonstration_share
@@ -215,35 +241,23 @@ class RunConfig:
             raise ValueError(f"advice.bootstrap=True needs algorithm='td3', not {self.algorithm!r}")
         if self.arms_apart and self.algorithm != "td3":
             raise ValueError(f"arms_apart=True needs algorithm='td3', not {self.algorithm!r}")
-        for name in (
-            "n_envs",
-            "total_steps",
-            "batch_size",
-            "learning_rate",
-            "policy_delay",
-            "buffer_size",
-            "gradient_steps",
-            "eval_every",
-            "eval_episodes",
-            "checkpoint_every",
-        ):
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
+        """
+        :raises ValueError: for a value out of its range, naming both
+        """
+        for name in _POSITIVE:
             _require(getattr(self, name) > 0, name, getattr(self, name), "positive")
+        for name in _NOT_NEGATIVE:
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+        for name in _SHARES:
+            _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "in [0, 1]")
         if self.constraint_relabelling is not None:
             ways = ("next", "future", "keep")
             known = self.constraint_relabelling in ways
             wanted = f"one of {', '.join(ways)}, or null"
             _require(known, "constraint_relabelling", self.constraint_relabelling, wanted)
-        for name in (
-            "seed",
-            "learning_starts",
-            "exploration_noise",
-            "action_penalty",
-            "constraint_value_weight",
-            "eval_seed",
-        ):
-            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
-        for name in ("random_action_probability", "relabel_probability", "tau"):
-            _require(0 <= getattr(self, name) <= 1, name, getattr(self, name), "in [0, 1]")
         if self.final_learning_rate is not None:
             wanted = f"positive and at most learning_rate={self.learning_rate}"
             within = 0 < self.final_learning_rate <= self.learning_rate
@@ -376,6 +390,8 @@ def _check_types(config: RunConfig | AdviceConfig | StageConfig, prefix: str) ->
             if isinstance(value, str) and float in allowed:
                 hint += "; YAML reads 1e-3 as text, write 1.0e-3"
             raise TypeError(f"{prefix}{f.name}={value!r} must be {hint}")
+        if isinstance(value, float):
+            _require(math.isfinite(value), prefix + f.name, value, "finite")
 
 
 _EXPECTED: dict[str, tuple[tuple[type, ...], str]] = {

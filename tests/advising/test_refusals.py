@@ -34,7 +34,7 @@ def advice(folder: Path, **more: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("strategy", ["mc-q", "mc-act", "mc-actabs", "early-mc"])
 def test_thresholds(tmp_path: Path, strategy: str, threshold: float) -> None:
     given = advice(tmp_path, strategy=strategy, threshold=threshold)
-    refused(tmp_path, given, r"advice.threshold=.* must be a finite number of at least 0")
+    refused(tmp_path, given, r"advice.threshold=.* must be (finite|0 or more)")
     with pytest.raises(ValueError, match="threshold"):
         make_advisor(strategy, make_teacher(), 10, n_arms=2, threshold=threshold)
 

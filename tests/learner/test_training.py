@@ -10,7 +10,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -394,6 +394,9 @@ def test_configurations_survive_a_file(tmp_path: Path, suffix: str) -> None:
         ({"env_id": "a", "final_learning_rate": 0.1}, ValueError, "at most learning_rate=0.001"),
         ({"env_id": "a", "final_learning_rate": 0.0}, ValueError, "final_learning_rate=0.0 must"),
         ({"env_id": "a", "gamma": 1}, ValueError, "gamma=1 must be in"),
+        ({"env_id": "a", "target_policy_noise": -0.1}, ValueError, "target_policy_noise=-0.1 must"),
+        ({"env_id": "a", "target_noise_clip": -0.1}, ValueError, "target_noise_clip=-0.1 must"),
+        ({"env_id": "a", "imitation_weight": -1.0}, ValueError, "imitation_weight=-1.0 must be 0"),
         ({"env_id": "a", "algorithm": "ppo"}, ValueError, "algorithm='ppo' must be one of"),
         ({"env_id": "a", "net_arch": []}, ValueError, "net_arch="),
         ({"env_id": "a", "net_arch": [64, "x"]}, TypeError, "net_arch="),
@@ -408,6 +411,15 @@ def test_wrong_configurations_are_named(
     path.write_text(json.dumps(values))
     with pytest.raises(error, match=rf"run\.json: .*{message}"):
         RunConfig.from_file(path)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize(
+    "name", [one.name for one in fields(RunConfig) if str(one.type).startswith("float")]
+)
+def test_no_setting_is_infinite_or_no_number(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf"{name}={value} must be finite"):
+        RunConfig.from_mapping({"env_id": "a", name: value})
 
 
 def test_the_learning_rate_falls_through_the_last_third(start: Start, tmp_path: Path) -> None:
