@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.person.patient import People
+from saver_envs.person.people import Arm
 from saver_envs.person.scene import HIPS, PersonAddresses
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
@@ -135,55 +136,26 @@ class WristStartSampler:
     ) -> tuple[FloatArray, ...] | None:
         """Draw one arm whose wrist is at ``distance`` from its target, metres."""
         arm = self._person.arms[body][index]
-        target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
-        target[2] = arm.wrist_height
-        angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
-        way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
-        wrist = target + distance * way
-        outwards = generator.random(_BLOCK) < 0.5
-        elbow = arm.elbow_at(wrist, outwards)
-        side = generator.uniform(-BEHIND, BEHIND, _BLOCK)
-        apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
-        heading = angle + side
-        aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
-        hand = wrist.copy()
-        hand[:, :2] += np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)[:, None] * aside
-        hand[:, 2] = PUSH_HEIGHT
-        behind = wrist + ROOM_BEHIND * way
-        behind[:, 2] = PUSH_HEIGHT
-        fingers = wrist + arm.hand_share * (wrist - elbow)
-        places = [self._to_base(points, hips, yaw, index) for points in (wrist, hand, behind)]
-        valid = np.isfinite(elbow[:, 0]) & (places[0][:, 0] >= WRIST_LEAST_X)
-        valid &= arm.bend(elbow, wrist) <= np.where(outwards, MOST_BENT_OUTWARDS, MOST_BENT)
-        # Swung to where the target is, as a push does it, the arm must not squeeze the trunk.
-        headings = [np.arctan2(*(point - arm.shoulder).T[[1, 0]]) for point in (target, wrist)]
-        swing = headings[0] - headings[1]
-        for turn, air in ((np.zeros(_BLOCK), AIR_AT_START), (swing, AIR_AT_END)):
-            valid &= arm.gap_to_trunk(arm.swung(elbow, turn), arm.swung(wrist, turn)) >= air
+        drawn = _proposed(arm, generator, distance)
+        wrist, hand, behind = (
+            self._to_base(points, hips, yaw, index)
+            for points in (drawn.wrist, drawn.hand, drawn.behind)
+        )
         base = self._from_base(np.zeros(3), hips, yaw, index)
-        for start, end, radius in zip(
-            (np.broadcast_to(arm.shoulder, wrist.shape), elbow),
-            (elbow, wrist),
-            arm.radius[:2],
-            strict=True,
-        ):
-            clear = radius + BASE_RADIUS + CLEARANCE
-            valid &= distance_to_segment(base[None, :2], start[:, :2], end[:, :2]) >= clear
-        for start, end, radius in ((elbow, wrist, arm.radius[1]), (wrist, fingers, arm.radius[2])):
-            clear = radius + HAND_RADIUS + CLEARANCE
-            valid &= distance_to_segment(hand[:, :2], start[:, :2], end[:, :2]) >= clear
-        valid &= np.hypot(places[0][:, 0], places[0][:, 1]) <= self._regions.reach
-        for points in places[1:]:
+        valid = (wrist[:, 0] >= WRIST_LEAST_X) & _person_at_ease(arm, drawn)
+        valid &= _robot_clear(arm, drawn, base)
+        valid &= np.hypot(wrist[:, 0], wrist[:, 1]) <= self._regions.reach
+        for points in (hand, behind):
             valid &= self._hand_can_be_at(points, index)
         chosen = np.flatnonzero(valid)
         if not chosen.size:
             return None
         first = chosen[0]
-        rotation, bend = arm.joints(elbow[first], wrist[first])
+        rotation, bend = arm.joints(drawn.elbow[first], drawn.wrist[first])
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
-        goal = self._to_base(target[None], hips, yaw, index)[0]
-        return places[0][first], goal, places[1][first], quaternion, np.asarray(bend)
+        goal = self._to_base(drawn.target[None], hips, yaw, index)[0]
+        return wrist[first], goal, hand[first], quaternion, np.asarray(bend)
 
     def _to_base(self, points: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Turn points (k, 3) of the manikin's frame into ones in the base frame of ``arm``."""
@@ -205,3 +177,76 @@ class WristStartSampler:
         inside = self._regions.workspace.contains(every)[:, arm]
         reached: NDArray[np.bool_] = self._reachability.reachable(points)
         return inside & reached
+
+
+@dataclass(frozen=True)
+class _Proposals:
+    """Ways for one arm to lie, and a hand beside its wrist, in the person's frame.
+
+    :param target: (3,) of the wrist.
+    :param wrist: (k, 3).
+    :param elbow: (k, 3); not numbers where the wrist is out of its reach.
+    :param outwards: (k,) whether the elbow points away from the trunk.
+    :param fingers: (k, 3) end of the person's hand.
+    :param hand: (k, 3) the robot's.
+    :param behind: (k, 3) where the robot's hand finds room to start pushing.
+    """
+
+    target: FloatArray
+    wrist: FloatArray
+    elbow: FloatArray
+    outwards: NDArray[np.bool_]
+    fingers: FloatArray
+    hand: FloatArray
+    behind: FloatArray
+
+
+def _proposed(arm: Arm, generator: np.random.Generator, distance: float) -> _Proposals:
+    """Draw a block of proposals with the wrist at ``distance`` from its target, metres."""
+    target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
+    target[2] = arm.wrist_height
+    angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
+    way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
+    wrist = target + distance * way
+    outwards = generator.random(_BLOCK) < 0.5
+    elbow = arm.elbow_at(wrist, outwards)
+    heading = angle + generator.uniform(-BEHIND, BEHIND, _BLOCK)
+    apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
+    aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
+    hand = wrist.copy()
+    hand[:, :2] += np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)[:, None] * aside
+    hand[:, 2] = PUSH_HEIGHT
+    behind = wrist + ROOM_BEHIND * way
+    behind[:, 2] = PUSH_HEIGHT
+    fingers = wrist + arm.hand_share * (wrist - elbow)
+    return _Proposals(target, wrist, elbow, outwards, fingers, hand, behind)
+
+
+def _person_at_ease(arm: Arm, drawn: _Proposals) -> NDArray[np.bool_]:
+    """Say in which proposals (k,) the elbow can be there, not too bent and off the trunk."""
+    elbow, wrist = drawn.elbow, drawn.wrist
+    most_bent = np.where(drawn.outwards, MOST_BENT_OUTWARDS, MOST_BENT)
+    valid = np.isfinite(elbow[:, 0]) & (arm.bend(elbow, wrist) <= most_bent)
+    # Swung to where the target is, as a push does it, the arm must not squeeze the trunk.
+    headings = [np.arctan2(*(point - arm.shoulder).T[[1, 0]]) for point in (drawn.target, wrist)]
+    swing = headings[0] - headings[1]
+    for turn, air in ((np.zeros(_BLOCK), AIR_AT_START), (swing, AIR_AT_END)):
+        valid &= arm.gap_to_trunk(arm.swung(elbow, turn), arm.swung(wrist, turn)) >= air
+    return valid
+
+
+def _robot_clear(arm: Arm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
+    """Say in which proposals (k,) the arm is clear of the robot's base (3,) and of its hand."""
+    elbow, wrist, fingers = drawn.elbow, drawn.wrist, drawn.fingers
+    shoulder = np.broadcast_to(arm.shoulder, wrist.shape)
+    upper, fore, palm = arm.radius
+    valid = np.ones(len(wrist), dtype=bool)
+    for point, own, start, end, radius in (
+        (base[None], BASE_RADIUS, shoulder, elbow, upper),
+        (base[None], BASE_RADIUS, elbow, wrist, fore),
+        (drawn.hand, HAND_RADIUS, elbow, wrist, fore),
+        (drawn.hand, HAND_RADIUS, wrist, fingers, palm),
+    ):
+        distance = distance_to_segment(point[:, :2], start[:, :2], end[:, :2])
+        valid &= distance >= radius + own + CLEARANCE
+    return valid

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.modelling import grid, kinematics, tracking, training_time
+from saver_advisors.benchmarks.modelling import (
+    grid,
+    kinematics_page,
+    tracking,
+    training_time,
+)
 from saver_advisors.benchmarks.modelling.cells import Cell, distances
 from saver_advisors.benchmarks.modelling.claims import (
     ADVERSARIAL,
@@ -291,7 +296,7 @@ def test_other_pages_come_from_their_figures() -> None:
         "cost": [],
         "success": [],
     }
-    assert "| mico | shipped | 2 / 2.98 |" in kinematics.render(figures)
+    assert "| mico | shipped | 2 / 2.98 |" in kinematics_page.render(figures)
     row = {"robot": "mico", "gain": 1.0, "per_joint": [0.001] * 4}
     rows = [
         {**row, "feed_forward": "analytic", "rms": 0.004},

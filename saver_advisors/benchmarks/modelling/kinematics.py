@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
+    from saver_advisors.benchmarks.modelling.kinematics_page import render
     from saver_advisors.threads import one_thread_of_algebra
 
     training = {"epochs": args.epochs, "precision": args.precision}
@@ -226,72 +227,3 @@ def _success(
         "success": outcomes.success_rate,
         "interval": [low, high],
     }
-
-
-def render(figures: dict[str, Any]) -> str:
-    """The figures as a page of Markdown.
-
-    :param figures: what was measured, or its JSON file's content
-    """
-    from saver_advisors.cli.tables import markdown
-
-    labels = ("raw", "one_step", "two_steps", "as_used")
-    accuracy = [
-        [
-            one["robot"],
-            one["model"],
-            *(
-                f"{one['millimetres'][label]['median']:.3g} / "
-                f"{one['millimetres'][label]['p99']:.3g}"
-                for label in labels
-            ),
-        ]
-        for one in figures["accuracy"]
-    ]
-    cost = [
-        [
-            one["robot"],
-            str(one["n_envs"]),
-            f"{one['learned_us']:.0f}",
-            f"{one['damped_least_squares_us']:.0f}",
-            f"{one['ratio']:.2f}x",
-            f"{one['share_of_step']:.1%}",
-        ]
-        for one in figures["cost"]
-    ]
-    success = [
-        [
-            one["env"],
-            one["policy"],
-            one["inverse_kinematics"],
-            "-" if one["refinement"] is None else str(one["refinement"]),
-            f"{one['success']:.3f} [{one['interval'][0]:.3f}, {one['interval'][1]:.3f}]",
-        ]
-        for one in sorted(figures["success"], key=lambda one: (one["env"], one["policy"]))
-    ]
-    counted = f" over {figures['success'][0]['episodes']} episodes" if success else ""
-    parts = [
-        f"# {figures['title']}\n",
-        "## How exact\n",
-        "Distance of the hand from unseen targets over the workspace, median / 99th percentile, "
-        "mm. *As used* adds the search for the nearest point where two steps miss.\n",
-        markdown(["arm", "model", "raw", "one step", "two steps", "as used"], accuracy),
-    ]
-    if cost:
-        parts += [
-            "## How fast\n",
-            "One call for all environments, the shipped models with their refinement.\n",
-            markdown(
-                ["arm", "n_envs", "learned (us)", "least squares (us)", "ratio", "share of a step"],
-                cost,
-            ),
-        ]
-    if success:
-        parts += [
-            "## In use\n",
-            f"Success{counted}, 95% intervals.\n",
-            markdown(
-                ["environment", "policy", "inverse kinematics", "Newton steps", "success"], success
-            ),
-        ]
-    return "\n".join(parts)

@@ -1,0 +1,77 @@
+"""The figures of ``saver benchmark kinematics`` as a page of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from saver_advisors.cli.tables import markdown
+
+
+def render(figures: dict[str, Any]) -> str:
+    """The figures as a page of Markdown.
+
+    :param figures: what was measured, or its JSON file's content
+    """
+    parts = [
+        f"# {figures['title']}\n",
+        "## How exact\n",
+        "Distance of the hand from unseen targets over the workspace, median / 99th percentile, "
+        "mm. *As used* adds the search for the nearest point where two steps miss.\n",
+        _accuracy_table(figures["accuracy"]),
+    ]
+    if figures["cost"]:
+        parts += [
+            "## How fast\n",
+            "One call for all environments, the shipped models with their refinement.\n",
+            _cost_table(figures["cost"]),
+        ]
+    if figures["success"]:
+        episodes = figures["success"][0]["episodes"]
+        parts += [
+            "## In use\n",
+            f"Success over {episodes} episodes, 95% intervals.\n",
+            _success_table(figures["success"]),
+        ]
+    return "\n".join(parts)
+
+
+def _accuracy_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    def cells(one: Mapping[str, Any]) -> Iterator[str]:
+        for label in ("raw", "one_step", "two_steps", "as_used"):
+            found = one["millimetres"][label]
+            yield f"{found['median']:.3g} / {found['p99']:.3g}"
+
+    columns = ["arm", "model", "raw", "one step", "two steps", "as used"]
+    return markdown(columns, [[one["robot"], one["model"], *cells(one)] for one in rows])
+
+
+def _cost_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    cells = [
+        [
+            one["robot"],
+            str(one["n_envs"]),
+            f"{one['learned_us']:.0f}",
+            f"{one['damped_least_squares_us']:.0f}",
+            f"{one['ratio']:.2f}x",
+            f"{one['share_of_step']:.1%}",
+        ]
+        for one in rows
+    ]
+    columns = ["arm", "n_envs", "learned (us)", "least squares (us)", "ratio", "share of a step"]
+    return markdown(columns, cells)
+
+
+def _success_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    cells = [
+        [
+            one["env"],
+            one["policy"],
+            one["inverse_kinematics"],
+            "-" if one["refinement"] is None else str(one["refinement"]),
+            f"{one['success']:.3f} [{one['interval'][0]:.3f}, {one['interval'][1]:.3f}]",
+        ]
+        for one in sorted(rows, key=lambda one: (one["env"], one["policy"]))
+    ]
+    columns = ["environment", "policy", "inverse kinematics", "Newton steps", "success"]
+    return markdown(columns, cells)
