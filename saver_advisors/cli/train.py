@@ -75,7 +75,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--print-config", action="store_true", help="show the settings as YAML and stop"
     )
     advice = parser.add_argument_group("advice")
-    advice.add_argument("--advice", metavar="STRATEGY", help="early, mc-q, MODULE:CLASS, none")
+    advice.add_argument(
+        "--advice",
+        metavar="STRATEGY",
+        help="early, mc-q, MODULE:CLASS, none; instead of how the settings use the teacher",
+    )
     advice.add_argument("--teacher", type=teacher, metavar="NAME", help="shipped, or a weight file")
     advice.add_argument(
         "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
@@ -239,11 +243,11 @@ def _apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
     if args.advice == "none":
         values["advice"] = None
         return
-    advice = {**(values.get("advice") or {}), **given}
+    kept = values.get("advice") or {}
     if args.advice is not None:
-        # Another strategy: what belonged to the settings' own does not belong to it.
-        for name in {"threshold", "correcting", "settings"} - set(given):
-            advice.pop(name, None)
+        # Another use of the teacher: nothing that belonged to the settings' own belongs to it.
+        kept = {name: kept[name] for name in ("teacher", "arms") if name in kept}
+    advice = {**kept, **given}
     for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
         if name not in advice:
             raise UsageError(f"argument --{argument}: advice needs it as well")

@@ -106,7 +106,10 @@ CASES = {
         ["--budget"],
     ),
     "threshold for early advice": (
-        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--threshold", "0.1"],
+        [
+            *("train", "--env", "DualJacoPush-v0", "--output", "run"),
+            *("--advice", "early", "--budget", "100", "--threshold", "0.1"),
+        ],
         ["'early'", "threshold=0.1"],
     ),
     "teacher that does not fit": (

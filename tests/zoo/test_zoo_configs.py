@@ -129,7 +129,12 @@ def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
     assert read == config.achieved_goal_input
     if config.advice is None:
         assert advice is None
+        return
+    assert advice is not None
+    assert advice["teacher"] == config.advice.teacher
+    if config.advice.start_as_teacher and advice["strategy"] != "none":
+        # RL Zoo cannot start as the teacher: there the budget is spent early instead.
+        assert (advice["strategy"], advice["budget"] > 0) == ("early", True)
     else:
-        wanted = (config.advice.strategy, config.advice.teacher, config.advice.budget)
-        assert advice is not None
-        assert (advice["strategy"], advice["teacher"], advice["budget"]) == wanted
+        wanted = (config.advice.strategy, config.advice.budget)
+        assert (advice["strategy"], advice["budget"]) == wanted

@@ -38,7 +38,10 @@ ENVIRONMENTS: Final = {
     ("pick", "jaco"): "DualJacoPickAndPlace-v0",
     ("pick", "mico"): "DualMicoPickAndPlace-v0",
 }
-STUDENTS: Final = {"push": "dual-jaco-push-advised", "pick": "dual-jaco-pick-and-place"}
+STUDENTS: Final = {
+    "push": "dual-jaco-push-advised",
+    "pick": "dual-jaco-pick-and-place-advised",
+}
 TEACHERS: Final = {"push": "jaco-push", "pick": "jaco-pick-and-place"}
 TITLES: Final = {"push": "Push", "pick": "Pick and place"}
 EXPERT: Final = "expert"
