@@ -268,6 +268,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     write_run(folder, "JacoPush-v0", "none", 0, curve(3))
     evaluation = {"kind": "evaluation", "env": PUSH, "policy": "side-by-side:jaco-push"}
     evaluation |= {"episodes": 100, "success_rate": 0.83, "ci95": [0.745, 0.891]}
+    evaluation["env_kwargs"] = {"n_arms": 3}
     (folder / "side.json").write_text(json.dumps(evaluation))
     (folder / "cut.json").write_text('{"kind"')
     page, drawn, data = tmp_path / "page.md", tmp_path / "figures", tmp_path / "all.json"
@@ -281,7 +282,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "| random | 1 |" in text
     assert "> 1,000,000 (2 of 2 never)" in text
     assert "| 100,000 | 40.0 | 5.0 |" in text
-    assert "side-by-side:jaco-push | 100 | 0.830" in text
+    assert f"| {PUSH}, n_arms=3 | side-by-side:jaco-push | 100 | 0.830" in text
     assert "mc-q 0.01 seed 0" in text
     assert "- `cut.json` is no JSON" in text
     assert "| push | one arm | 1 |" in text

@@ -9,6 +9,7 @@ from typing import Any, Final
 from saver_advisors.cli import evaluate
 from saver_advisors.cli.tables import markdown
 from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
+from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
 from saver_advisors.evaluation.summary import MINUTE, Censored, Row
 from saver_advisors.evaluation.training_runs import Skipped, TrainingRun
@@ -226,7 +227,7 @@ def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
         low, high = one["ci95"]
         cells.append(
             [
-                str(one["env"]),
+                environment_text(str(one["env"]), one.get("env_kwargs") or {}),
                 str(one["policy"]),
                 str(one["episodes"]),
                 f"{one['success_rate']:.3f}",
