@@ -1,6 +1,6 @@
 """Write the documentation pages that come from the code: environments, weights, results.
 
-The README's table of environments, between its markers, is written as well.
+The README's tables, between their markers, are written as well.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--readme",
         type=Path,
         metavar="FILE",
-        help="whose table is written as well (default: README.md beside the folder)",
+        help="whose tables are written as well (default: README.md beside the folder)",
     )
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
@@ -62,14 +62,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _texts(args: argparse.Namespace) -> dict[Path, str]:
     """What every page should read."""
-    from saver_advisors.cli.pages.generated import all_pages, with_table
+    from saver_advisors.cli.pages.generated import all_pages, with_tables
 
     output = args.output
     texts = {output / name: text for name, text in all_pages(output).items()}
     readme = args.readme or output.resolve().parent / "README.md"
     if args.readme is not None or readme.is_file():
         try:
-            texts[readme] = with_table(readme.read_text(encoding="utf-8"), output)
+            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), output)
         except (OSError, ValueError) as error:
             raise UsageError(f"argument --readme: {error}") from error
     return texts

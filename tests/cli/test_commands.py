@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -226,17 +227,30 @@ def test_settings_add_up_however_they_are_given(saver: Saver) -> None:
 
 def test_docs_are_complete_and_noticed_when_stale(saver: Saver, tmp_path: Path) -> None:
     docs, readme = tmp_path / "docs", tmp_path / "README.md"
-    readme.write_text("Table:\n<!-- envs:begin -->\nold\n<!-- envs:end -->\nrest\n")
+    readme.write_text(
+        "Table:\n<!-- envs:begin -->\nold\n<!-- envs:end -->\n"
+        "Success:\n<!-- success:begin -->\nold\n<!-- success:end -->\nrest\n"
+    )
     (docs / "results").mkdir(parents=True)
     (docs / "results" / "speed.json").write_text('{"rows": [{"env": "X", "n_envs": 4}]}')
+    for policy, rate in (("dual-jaco-push", 0.9), ("side-by-side:jaco-push", 0.7), ("my.zip", 1.0)):
+        figures = {"env": "DualJacoPush-v0", "policy": policy, "success_rate": rate}
+        figures |= {"ci95": [rate, 1], "episodes": 9, "final_distance_mean": [0.1, 0.1]}
+        file = docs / "results" / f"{policy[:4]}.json"
+        file.write_text(json.dumps({**figures, "seed": 0, "cost_means": {}}))
     assert saver("docs", "--output", docs, "--check").status == 1
     assert not (docs / "environments").exists()
     assert saver("docs", "--output", docs, "--no-pictures").status == 0
     assert saver("docs", "--output", docs, "--check").status == 0
     text = readme.read_text()
     assert text.startswith("Table:\n<!-- envs:begin -->\n| id |")
-    assert text.endswith("<!-- envs:end -->\nrest\n")
+    assert text.endswith("<!-- success:end -->\nrest\n")
     assert "old" not in text
+    # The shipped policy stands beside its teachers, and nobody else's does.
+    assert (
+        "| `dual-jaco-push` | 0.900 [0.900, 1.000] of 9 | 0.700 [0.700, 1.000] of 9 | - |" in text
+    )
+    assert "my.zip" not in text
     for name in ENVIRONMENTS:
         page = (docs / "environments" / f"{name.replace('Dense', '')}.md").read_text()
         assert f"`{name}`" in page or f"# {name}\n" in page

@@ -16,11 +16,10 @@ from saver_advisors.cli.pages.environments import (
     environments_page,
     environments_table,
 )
-from saver_advisors.cli.pages.results import read_results, results_page
+from saver_advisors.cli.pages.results import read_results, results_page, success_overview
 from saver_advisors.cli.tables import markdown
 
 GENERATED: Final = "Generated from the code by `saver docs`.\n"
-BEGIN, END = "<!-- envs:begin -->", "<!-- envs:end -->"
 
 
 def all_pages(output: Path) -> dict[str, str]:
@@ -41,20 +40,32 @@ def all_pages(output: Path) -> dict[str, str]:
     return pages
 
 
-def with_table(readme: str, output: Path) -> str:
-    """The README with the table of environments between its markers.
+def with_tables(readme: str, output: Path) -> str:
+    """The README with its tables, of environments and of success, between their markers.
 
     :param readme: its text
-    :param output: the documentation's folder, beside the README
+    :param output: the documentation's folder, beside the README; its ``results/*.json`` are read
     :return: the new text
     :raises ValueError: where a marker is missing
     """
-    before, begin, rest = readme.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"the README has no {BEGIN} and {END}")
     entries = [entry(name) for name in sparse_ids()]
-    table = environments_table(entries, f"{output.name}/environments/")
+    folder = f"{output.name}/environments/"
+    tables = {
+        "envs": environments_table(entries, folder),
+        "success": success_overview(read_results(output / "results"), folder),
+    }
+    for name, table in tables.items():
+        readme = _between(readme, name, table)
+    return readme
+
+
+def _between(text: str, name: str, table: str) -> str:
+    """A text with a table between the markers of that name."""
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not found or not closed:
+        raise ValueError(f"the README has no {begin} and {end}")
     return f"{before}{begin}\n{table}{end}{after}"
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from saver_advisors.cli import evaluate, runs
 from saver_advisors.cli.tables import markdown
+from saver_advisors.evaluation.protocol import environment_text
 
 PAGES: Final = {
     "advising": "advising-results.md",
@@ -61,6 +62,42 @@ def _evaluation_table(found: list[dict[str, Any]]) -> str:
         collisions = one.get("cost_means", {}).get("cost_collision")
         rows.append([*evaluate.cells(one), "-" if collisions is None else f"{collisions:.2f}"])
     return markdown(columns, rows)
+
+
+def success_overview(results: list[dict[str, Any]], folder: str) -> str:
+    """The best shipped policy of each environment, beside what needs no training there.
+
+    :param results: as ``read_results`` returns them
+    :param folder: of the environments' pages, as the reader sees it
+    :return: a table in Markdown, of the environments that a policy ships for
+    """
+    from saver_advisors.pretrained import shipped_policies
+
+    shipped = set(shipped_policies())
+    places: dict[str, list[dict[str, Any]]] = {}
+    for one in _evaluations(results):
+        places.setdefault(environment_text(one["env"], one.get("env_kwargs") or {}), []).append(one)
+    rows = []
+    for place, found in places.items():
+        ours = [one for one in found if one["policy"] in shipped]
+        if not ours:
+            continue
+        best = max(ours, key=lambda one: one["success_rate"])
+        teachers = [one for one in found if one["policy"].startswith("side-by-side:")]
+        experts = [one for one in found if one["policy"] == "expert"]
+        cells = [_success(one) for one in ([best], teachers, experts)]
+        rows.append([f"[`{place}`]({folder}{best['env']}.md)", f"`{best['policy']}`", *cells])
+    columns = ("environment", "policy", "success", "teachers side by side", "scripted expert")
+    return markdown(columns, rows)
+
+
+def _success(found: list[dict[str, Any]]) -> str:
+    """A success rate with its 95% interval and its episodes."""
+    if not found:
+        return "-"
+    low, high = found[0]["ci95"]
+    rate, episodes = found[0]["success_rate"], found[0]["episodes"]
+    return f"{rate:.3f} [{low:.3f}, {high:.3f}] of {episodes}"
 
 
 def results_page(results: list[dict[str, Any]]) -> str:
