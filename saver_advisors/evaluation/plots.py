@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -115,8 +116,10 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
     width = min(len(panels), 2)
     figure = Figure(figsize=(5.6 * width, 0.3 + 3.9 * lines), layout="constrained", dpi=120)
     grid = figure.subplots(lines, width, sharey=True, squeeze=False)
+    colours: dict[str, str] = {}
     for index, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
-        _draw_panel(axes, panel, column)
+        colours |= _colours(panel, colours)
+        _draw_panel(axes, panel, column, colours)
         axes.set_xlabel(f"epochs of {EPOCH_STEPS:,} environment steps")
         if index % width == 0:
             axes.set_ylabel(LABELS.get(column, column.replace("_", " ")))
@@ -125,10 +128,18 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
     return figure
 
 
-def _draw_panel(axes: Axes, panel: Panel, column: str) -> None:
-    colours = iter(COLOURS * (1 + len(panel.rows) // len(COLOURS)))
+def _colours(panel: Panel, known: Mapping[str, str]) -> dict[str, str]:
+    """A colour for each label: the one that it has in other panels, else one that is free here."""
+    labels = [label for label in panel.rows if label != panel.grey]
+    found = {label: known[label] for label in labels if label in known}
+    free = [colour for colour in COLOURS if colour not in found.values()]
+    others = cycle(free + [colour for colour in COLOURS if colour not in free])
+    return {label: found.get(label) or next(others) for label in labels}
+
+
+def _draw_panel(axes: Axes, panel: Panel, column: str, colours: Mapping[str, str]) -> None:
     for label, runs in panel.rows.items():
-        colour = GREY if label == panel.grey else next(colours)
+        colour = GREY if label == panel.grey else colours[label]
         _draw_row(axes, label, runs, column, colour)
     dress(axes, column)
     axes.set_title(panel.title, loc="left", fontsize=11, pad=8)

@@ -355,3 +355,23 @@ def test_panels_draw_every_seed_and_their_mean(tmp_path: Path) -> None:
     legend = axes[0].get_legend()
     assert legend is not None
     assert [one.get_text() for one in legend.get_texts()] == ["none (n = 1)", "mc-q 0.1 (n = 3)"]
+
+
+def test_a_row_has_the_same_colour_in_every_panel(tmp_path: Path) -> None:
+    for row in ("none", "early", "mc-q 0.1", "mc-act 0.1"):
+        write_run(tmp_path, PUSH, row, 0, curve(6))
+    rows = read_results([tmp_path]).of_task(PUSH)
+    panels = [
+        Panel("one", {name: rows[name] for name in ("none", "early", "mc-q 0.1")}, "none"),
+        Panel("two", {name: rows[name] for name in ("none", "mc-act 0.1", "mc-q 0.1")}, "none"),
+    ]
+    first, second = (
+        {str(line.get_label()).split(" (")[0]: line.get_color() for line in axes.lines}
+        for axes in draw_panels(panels).axes
+    )
+    assert first["none"] == second["none"]
+    assert first["mc-q 0.1"] == second["mc-q 0.1"]
+    # And no two of a panel share one.
+    for found in (first, second):
+        named = [colour for label, colour in found.items() if not label.startswith("_")]
+        assert len(set(named)) == len(named) == 3
