@@ -68,3 +68,20 @@ def _line(cells: Sequence[str]) -> str:
 
 def _is_number(text: str) -> bool:
     return text.replace(",", "").replace(".", "", 1).lstrip("-").isdigit() or text in ("-", "")
+
+
+def between_markers(text: str, begin: str, end: str, content: str) -> str:
+    """A text with other content between two markers.
+
+    :param text: of a page
+    :param begin: the first marker
+    :param end: the second
+    :param content: what takes the place of the old
+    :return: the new text
+    :raises ValueError: where a marker is missing
+    """
+    before, opened, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not opened or not closed:
+        raise ValueError(f"there is no {begin} and {end}")
+    return f"{before}{begin}\n{content}{end}{after}"

@@ -31,7 +31,7 @@ EXAMPLES = """\
 examples:
   saver train --env JacoPush-v0 --output runs/push                   as the shipped teacher was
   saver train --output runs/push --resume                            go on after Ctrl-C
-  saver train --env DualJacoPush-v0 --output runs/dual               a student, with early advice
+  saver train --env DualJacoPush-v0 --output runs/dual               as the shipped student was
   saver train --env DualJacoPush-v0 --output runs/alone --advice none
   saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
       --budget 100000 --threshold 0.1
@@ -300,7 +300,7 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
 
     callback = None if args.time_limit is None else _time_limit(args.time_limit)
     try:
-        # What is left can only be wrong with the folder: a damaged or a foreign checkpoint.
+        # What is left is mostly wrong with the folder: a damaged or a foreign checkpoint.
         with user_mistakes("argument --output"):
             return train(
                 config,

@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.modelling import (
-    grid,
-    kinematics_page,
-    tracking,
-    training_time,
-)
+from saver_advisors.benchmarks.modelling import grid, kinematics_page, tracking, training_time
 from saver_advisors.benchmarks.modelling.cells import Cell, distances
 from saver_advisors.benchmarks.modelling.claims import (
     ADVERSARIAL,

@@ -306,7 +306,10 @@ def placed(path: Path, text: str) -> str:
     :param path: of the file, which need not exist
     :param text: the figures as Markdown
     """
+    from saver_advisors.cli.tables import between_markers
+
     old = path.read_text(encoding="utf-8") if path.is_file() else ""
-    before, begin, rest = old.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    return f"{before}{begin}\n{text}{end}{after}" if begin and end else text
+    try:
+        return between_markers(old, BEGIN, END, text)
+    except ValueError:
+        return text

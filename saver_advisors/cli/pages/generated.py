@@ -17,7 +17,7 @@ from saver_advisors.cli.pages.environments import (
     environments_table,
 )
 from saver_advisors.cli.pages.results import read_results, results_page, success_overview
-from saver_advisors.cli.tables import markdown
+from saver_advisors.cli.tables import between_markers, markdown
 
 GENERATED: Final = "Generated from the code by `saver docs`.\n"
 
@@ -55,18 +55,8 @@ def with_tables(readme: str, output: Path) -> str:
         "success": success_overview(read_results(output / "results"), folder),
     }
     for name, table in tables.items():
-        readme = _between(readme, name, table)
+        readme = between_markers(readme, f"<!-- {name}:begin -->", f"<!-- {name}:end -->", table)
     return readme
-
-
-def _between(text: str, name: str, table: str) -> str:
-    """A text with a table between the markers of that name."""
-    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
-    before, found, rest = text.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not found or not closed:
-        raise ValueError(f"the README has no {begin} and {end}")
-    return f"{before}{begin}\n{table}{end}{after}"
 
 
 def weights_page() -> str:
