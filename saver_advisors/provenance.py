@@ -26,6 +26,9 @@ PACKAGES = {
 COMMAND_VARIABLE = "SAVER_COMMAND"
 """The environment variable that tells a process which command it works for, where that is not its
 own command line."""
+COMMIT_VARIABLE = "SAVER_COMMIT"
+"""The environment variable that names the commit where the files are without their repository, as
+on a cluster's node."""
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -45,6 +48,7 @@ def provenance() -> dict[str, Any]:
             "cpu": _cpu_model(),
             "cores": os.cpu_count(),
             "system": f"{platform.system()} {platform.machine()}",
+            **_gpu(),
         },
     }
 
@@ -92,10 +96,11 @@ def _version(package: str) -> str | None:
 
 
 def _commit() -> str | None:
-    """The checkout's commit; None for an installed package, even inside somebody's repository."""
+    """The checkout's commit, or the one that the environment names; None for an installed package,
+    even inside somebody's repository."""
     top_level = _git("rev-parse", "--show-toplevel")
     if top_level is None or Path(top_level).resolve() != REPOSITORY:
-        return None
+        return os.environ.get(COMMIT_VARIABLE)
     commit = _git("rev-parse", "HEAD")
     if commit is not None and _git("status", "--porcelain"):
         commit += "-dirty"
@@ -115,6 +120,14 @@ def _git(*arguments: str) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return completed.stdout.strip()
+
+
+def _gpu() -> dict[str, str]:
+    """The name of the GPU that this process works on, if it does."""
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.cuda.is_initialized():
+        return {}
+    return {"gpu": torch.cuda.get_device_name()}
 
 
 def _cpu_model() -> str:

@@ -17,11 +17,13 @@ Float32 = NDArray[np.float32]
 Scale = tuple[NDArray[np.float64], NDArray[np.float64]]
 Activation = Literal["leaky_relu", "relu", "sigmoid"]
 Precision = Literal["float32", "bfloat16"]
+Device = Literal["cpu", "cuda"]
 
 #: What the paper's search chose from (Table 7.3).
 LAYERS: Final = (3, 4, 5, 6, 7, 8)
 WIDTHS: Final = (128, 256, 512, 1024)
 PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
+DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
 ACTIVATIONS: Final[tuple[Activation, ...]] = ("relu", "sigmoid", "leaky_relu")
 LEAKS: Final = (0.1, 0.3, 0.4, 0.5, 0.7, 0.9)
 

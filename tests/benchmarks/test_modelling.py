@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from saver_advisors.benchmarks.modelling import grid, kinematics_page, tracking, training_time
 from saver_advisors.benchmarks.modelling.cells import Cell, distances
@@ -256,6 +257,31 @@ def test_epochs_and_precision_have_files_of_their_own() -> None:
     assert len({cell.file_name for cell in cells}) == 4
     flow = cells_of("mico", "ik", ["flow"], [1], [0.0], [0], 100, 0.0, "bfloat16")
     assert flow[0].precision == "float32"
+
+
+def test_what_a_gpu_trained_has_a_file_of_its_own(tmp_path: Path, trained: list[Cell]) -> None:
+    models = ["mlp", "flow", "analytic"]
+    there = cells_of("mico", "ik", models, [1], [0.0], [0], 100, device="cuda")
+    here = cells_of("mico", "ik", models, [1], [0.0], [0], 100)
+    assert [cell.device for cell in there] == ["cuda", "cuda", "cpu"]
+    assert len({cell.file_name for cell in (*there, *here)}) == 5
+    list(run_grid(here[:1], tmp_path, 1))
+    assert read_result(tmp_path, there[0]) is None
+    # A file from before there was a choice is of the CPU.
+    path = tmp_path / here[0].file_name
+    content = json.loads(path.read_text())
+    del content["device"]
+    path.write_text(json.dumps(content))
+    assert read_result(tmp_path, here[0]) == content
+
+
+def test_a_grid_on_a_gpu_is_refused_where_there_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU")
+    assert main(["benchmark", "ik", "--device", "cuda", "--results", str(tmp_path)]) == 2
+    assert "argument --device: device='cuda'" in capsys.readouterr().err
 
 
 def test_a_grid_goes_on_in_another_precision(tmp_path: Path, trained: list[Cell]) -> None:

@@ -12,7 +12,12 @@ import pytest
 import torch
 
 from saver_advisors import provenance as module
-from saver_advisors.provenance import portable_command, provenance, write_json_atomic
+from saver_advisors.provenance import (
+    COMMIT_VARIABLE,
+    portable_command,
+    provenance,
+    write_json_atomic,
+)
 
 
 def test_provenance_names_versions_and_machine(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,6 +51,8 @@ def test_the_commit_is_that_of_our_own_checkout(
     (tmp_path / "inner").mkdir()
     monkeypatch.setattr(module, "REPOSITORY", (tmp_path / "inner").resolve())
     assert provenance()["commit"] is None
+    monkeypatch.setenv(COMMIT_VARIABLE, commit)
+    assert provenance()["commit"] == commit
 
 
 def test_json_is_written_whole_or_not_at_all(tmp_path: Path) -> None:

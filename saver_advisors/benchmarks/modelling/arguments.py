@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from saver_advisors.benchmarks.modelling.cells import PAPER_EPOCHS, SIGMAS, SIZES, Task
+from saver_advisors.benchmarks.modelling.cells import PAPER_EPOCHS, SIGMAS, SIZES, Device, Task
 
 ROBOTS: Final = ("mico", "fetch")
 MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
@@ -15,6 +15,7 @@ MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "id": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "identified"),
 }
 PRECISIONS: Final = ("float32", "bfloat16")
+DEVICES: Final = ("cpu", "cuda")
 RESULTS: Final = Path("runs/modelling")
 
 
@@ -94,12 +95,13 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
         help=f"(default: {PAPER_EPOCHS}, the paper's)",
     )
     add_precision(parser)
+    add_device(parser)
     parser.add_argument(
         "--processes",
         type=at_least(1),
         default=1,
         metavar="N",
-        help="cells trained at once, one core each (default: 1)",
+        help="cells trained at once, one core each, and all on the one GPU if on that (default: 1)",
     )
 
 
@@ -164,6 +166,7 @@ def add_arms_and_models(
         help=f"of those (default: {PAPER_EPOCHS})",
     )
     add_precision(parser)
+    add_device(parser)
 
 
 def add_precision(parser: argparse.ArgumentParser) -> None:
@@ -180,6 +183,42 @@ def add_precision(parser: argparse.ArgumentParser) -> None:
         "takes two thirds of the time where the processor has it, and very long where it has not "
         "(default: float32)",
     )
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Declare what networks are trained on.
+
+    :param parser: a command's that trains inverse models
+    """
+    parser.add_argument(
+        "--device",
+        choices=DEVICES,
+        default="cpu",
+        help="what trains the networks; whatever it is, they predict on the CPU (default: cpu)",
+    )
+
+
+def training_of(args: argparse.Namespace) -> dict[str, Any]:
+    """How models are trained while measuring: ``epochs``, ``precision`` and ``device``.
+
+    :param args: of a command with :func:`add_arms_and_models`
+    :raises UsageError: for a GPU where there is none
+    """
+    check_device(args.device)
+    return {"epochs": args.epochs, "precision": args.precision, "device": args.device}
+
+
+def check_device(device: Device) -> None:
+    """Refuse a GPU where there is none, before anything is made ready for it.
+
+    :param device: as asked for
+    :raises UsageError: naming the argument
+    """
+    from saver_advisors.cli.errors import user_mistakes
+    from saver_envs.modelling.models import Training
+
+    with user_mistakes("argument --device"):
+        Training(device=device)
 
 
 def _weight(text: str) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Task = Literal["ik", "id"]
 Precision = Literal["float32", "bfloat16"]
+Device = Literal["cpu", "cuda"]
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k is the first k x 10,000 consecutive samples."""
@@ -46,6 +47,7 @@ class Cell:
     :param supervised_weight: of the squared error in an adversarial model's loss
     :param precision: of the products while training
     :param data_seed: of the data set
+    :param device: that trains
     """
 
     robot: str
@@ -58,6 +60,7 @@ class Cell:
     supervised_weight: float = 0.0
     precision: Precision = "float32"
     data_seed: int = 0
+    device: Device = "cpu"
 
     @property
     def file_name(self) -> str:
@@ -65,8 +68,9 @@ class Cell:
         supervised = f"-supervised{self.supervised_weight:g}" if self.supervised_weight else ""
         epochs = f"-epochs{self.epochs}" if self.epochs != PAPER_EPOCHS else ""
         precision = f"-{self.precision}" if self.precision != "float32" else ""
+        device = f"-{self.device}" if self.device != "cpu" else ""
         return (
-            f"{self.robot}-{self.task}-{self.model}{supervised}{epochs}{precision}"
+            f"{self.robot}-{self.task}-{self.model}{supervised}{epochs}{precision}{device}"
             f"-size{self.size}-sigma{self.sigma:g}-seed{self.seed}.json"
         )
 
@@ -92,6 +96,7 @@ def run_cell(cell: Cell) -> dict[str, Any]:
         sigma=cell.sigma,
         supervised_weight=cell.supervised_weight,
         precision=cell.precision,
+        device=cell.device,
         seed=cell.seed,
     )
     wall, cpu = time.perf_counter(), time.process_time()

@@ -6,15 +6,17 @@ import json
 import multiprocessing
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.benchmarks.modelling.cells import Cell, Precision, Task, run_cell
+from saver_advisors.benchmarks.modelling.cells import Cell, Device, Precision, Task, run_cell
 from saver_advisors.provenance import provenance, write_json_atomic
 
 #: Models whose networks are trained in the precision that is asked for.
 _IN_EITHER_PRECISION = frozenset({"mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional"})
+#: Models that are trained on the device that is asked for; the others have no networks.
+_ON_EITHER_DEVICE = _IN_EITHER_PRECISION | {"flow"}
 #: A result has these besides the cell's own fields; one that lacks them is made again.
 _COMPLETE = frozenset({"test_rmse", "validation_rmse", "latency_ms", "provenance"})
 
@@ -29,6 +31,7 @@ def cells_of(
     epochs: int,
     supervised_weight: float = 0.0,
     precision: Precision = "float32",
+    device: Device = "cpu",
 ) -> list[Cell]:
     """The cells of a grid, cheapest sizes first.
 
@@ -44,6 +47,7 @@ def cells_of(
     :param epochs: of the training
     :param supervised_weight: of the adversarial models
     :param precision: of the networks' products while training
+    :param device: that trains the networks
     """
     from saver_envs.modelling.models import ADVERSARIAL
 
@@ -54,8 +58,12 @@ def cells_of(
             for sigma in sigmas if adversarial else (0.0,):
                 for seed in seeds if model != "analytic" else seeds[:1]:
                     weight = supervised_weight if adversarial else 0.0
-                    kind = precision if model in _IN_EITHER_PRECISION else "float32"
-                    cells.append(Cell(robot, task, model, size, sigma, seed, epochs, weight, kind))
+                    cell = Cell(robot, task, model, size, sigma, seed, epochs, weight)
+                    if model in _IN_EITHER_PRECISION:
+                        cell = replace(cell, precision=precision)
+                    if model in _ON_EITHER_DEVICE:
+                        cell = replace(cell, device=device)
+                    cells.append(cell)
     return cells
 
 
@@ -72,7 +80,11 @@ def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
         return None
     if not isinstance(content, dict) or not content.keys() >= _COMPLETE:
         return None
-    same = all(content.get(name) == value for name, value in asdict(cell).items())
+    # A file from before a setting was there has its default.
+    same = all(
+        content.get(field.name, field.default) == getattr(cell, field.name)
+        for field in fields(cell)
+    )
     return content if same else None
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.benchmarks.measured import hand_over, measured_or_read
+from saver_advisors.benchmarks.modelling.arguments import check_device
 from saver_advisors.benchmarks.modelling.cells import Task
 from saver_advisors.benchmarks.modelling.data import prepare_data
 
@@ -54,10 +55,12 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     from saver_envs.modelling.arms import TASK_NAMES
 
     grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
-    weighted = [cells_of(*grid, weight, args.precision) for weight in args.supervised_weight]
+    how = args.precision, args.device
+    weighted = [cells_of(*grid, weight, *how) for weight in args.supervised_weight]
     wanted = dict.fromkeys(cell for part in weighted for cell in part)
     cells = [in_known_precision(cell, args.results, args.or_precision) for cell in wanted]
     if not args.no_training:
+        check_device(args.device)
         prepare_data(args.robot)
         _train(cells, args.results, args.processes, run_grid)
     results = results_of(cells, args.results)

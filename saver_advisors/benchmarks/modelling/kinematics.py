@@ -63,10 +63,11 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
+    from saver_advisors.benchmarks.modelling.arguments import training_of
     from saver_advisors.benchmarks.modelling.kinematics_page import render
     from saver_advisors.threads import one_thread_of_algebra
 
-    training = {"epochs": args.epochs, "precision": args.precision}
+    training = training_of(args)
     with one_thread_of_algebra():
         figures = measured_or_read(
             args,
@@ -89,7 +90,7 @@ def measure(
     :param robots: arms by name
     :param models: to train here, besides the shipped ones
     :param samples: to train them on
-    :param training: of them: ``epochs`` and ``precision``
+    :param training: of them: ``epochs``, ``precision`` and ``device``
     :param episodes: of each evaluation
     :return: JSON-able: ``accuracy``, ``cost`` and ``success``
     """

@@ -48,9 +48,10 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
+    from saver_advisors.benchmarks.modelling.arguments import training_of
     from saver_advisors.threads import one_thread_of_algebra
 
-    training = {"epochs": args.epochs, "precision": args.precision}
+    training = training_of(args)
     with one_thread_of_algebra():
         figures = measured_or_read(
             args, "tracking", lambda: measure(args.robots, args.models, training, args.weights)
@@ -69,7 +70,7 @@ def measure(
 
     :param robots: arms by name
     :param models: to train here
-    :param training: of them: ``epochs`` and ``precision``
+    :param training: of them: ``epochs``, ``precision`` and ``device``
     :param weights: files of models that were trained before
     :return: JSON-able; ``rows`` has one of every arm, feed-forward and gain
     """

@@ -154,5 +154,6 @@ def _origin(one: dict[str, Any]) -> str:
     if source.get("commit"):
         parts.append(f"commit `{source['commit'][:12]}`")
     if machine := source.get("machine"):
-        parts.append(f"{machine['cpu']}, {machine['cores']} cores")
+        gpu = f", {machine['gpu']}" if "gpu" in machine else ""
+        parts.append(f"{machine['cpu']}, {machine['cores']} cores{gpu}")
     return "; ".join(parts) + ("." if parts else "")

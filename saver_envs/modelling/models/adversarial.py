@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saver_envs.modelling.models.base import Training
-from saver_envs.modelling.models.network_model import NetworkModel
+from saver_envs.modelling.models.network_model import NetworkModel, adam
 
 #: Adam's decay rates: the first below the usual 0.9, as is the custom with adversarial losses.
 _BETAS = (0.5, 0.999)
@@ -28,8 +28,8 @@ class AdversarialModel(NetworkModel):
         self._loop_weight = training.loop_weight
         generators, discriminators = self._build()
         self._generators, self._discriminators = generators, discriminators
-        self._generator_adam = _adam(generators, training.learning_rate)
-        self._discriminator_adam = _adam(discriminators, training.learning_rate)
+        self._generator_adam = _adam(generators, training)
+        self._discriminator_adam = _adam(discriminators, training)
         return generators[0]
 
     def _optimisers(self) -> list[torch.optim.Optimizer]:
@@ -94,6 +94,5 @@ def squared_distance(first: Tensor, second: Tensor) -> Tensor:
     return (first - second).square().sum(dim=1).mean()
 
 
-def _adam(networks: Iterable[nn.Module], learning_rate: float) -> torch.optim.Adam:
-    parameters = [one for network in networks for one in network.parameters()]
-    return torch.optim.Adam(parameters, lr=learning_rate, betas=_BETAS, fused=True)
+def _adam(networks: Iterable[nn.Module], training: Training) -> torch.optim.Adam:
+    return adam([one for network in networks for one in network.parameters()], training, _BETAS)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from saver_envs.files import written_whole
 from saver_envs.modelling.arms import Arm, Task, arm_named
-from saver_envs.modelling.networks import PRECISIONS, Precision
+from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
 
 FloatArray = NDArray[np.float64]
 
@@ -44,8 +44,10 @@ class Training:
     :param precision: of the products between hidden layers, ``float32`` or ``bfloat16``: the
         latter takes two thirds of the time on a processor that has it (AVX-512 BF16, AMX) and much
         more on one that has not. Weights and predictions are in float32 either way.
+    :param device: that the networks learn on, ``cpu`` or ``cuda``. Models predict on the CPU. From
+        a seed, weights, split and order are the same on both; the noise of the fake inputs is not.
     :param seed: of weights, split, order and noise.
-    :raises ValueError: for a value out of range.
+    :raises ValueError: for a value out of range, or a GPU where there is none.
     """
 
     epochs: int = 100
@@ -58,6 +60,7 @@ class Training:
     loop_weight: float = 0.1
     seed: int = 0
     precision: Precision = "float32"
+    device: Device = "cpu"
 
     def __post_init__(self) -> None:
         checks = {
@@ -70,10 +73,15 @@ class Training:
             "supervised_weight": (0 <= self.supervised_weight < np.inf, "at least 0"),
             "loop_weight": (0 <= self.loop_weight < np.inf, "at least 0"),
             "precision": (self.precision in PRECISIONS, f"one of {', '.join(PRECISIONS)}"),
+            "device": (self.device in DEVICES, f"one of {', '.join(DEVICES)}"),
         }
         for name, (holds, valid) in checks.items():
             if not holds:
                 raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+        if self.device == "cuda" and not torch.cuda.is_available():
+            raise ValueError(
+                f"device='cuda': torch {torch.__version__} sees no GPU here; 'cpu' would do"
+            )
 
 
 @dataclass

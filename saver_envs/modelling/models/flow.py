@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.base import FloatArray, Training
-from saver_envs.modelling.models.network_model import NetworkModel
+from saver_envs.modelling.models.network_model import NetworkModel, adam
 from saver_envs.modelling.networks import Architecture, Float32, FrozenNetwork, build_network
 
 #: Coupling layers, and the perceptron in each.
@@ -42,14 +42,14 @@ class ConditionalFlow(nn.Module):
         super().__init__()
         self.nets = nn.ModuleList()
         for layer in range(COUPLINGS):
-            kept, changed = halves(size, layer)
-            self.nets.append(build_network(condition + len(kept), 2 * len(changed), architecture))
+            read, given = (len(range(size)[half]) for half in halves(size, layer))
+            self.nets.append(build_network(condition + read, 2 * given, architecture))
             nn.init.zeros_(self.nets[-1][-1].weight)  # type: ignore[index]
         self._size = size
 
     def log_likelihood(self, values: Tensor, condition: Tensor) -> Tensor:
         """Return log p(values | condition), (n,), less a constant."""
-        total = torch.zeros(len(values))
+        total = values.new_zeros(len(values))
         for layer, net in enumerate(self.nets):
             kept, changed = halves(self._size, layer)
             shift, raw = net(torch.cat([condition, values[:, kept]], dim=1)).chunk(2, dim=1)
@@ -60,9 +60,9 @@ class ConditionalFlow(nn.Module):
         return total - 0.5 * values.square().sum(dim=1)
 
 
-def halves(size: int, layer: int) -> tuple[list[int], list[int]]:
+def halves(size: int, layer: int) -> tuple[slice, slice]:
     """Return which entries a layer reads, and which it changes."""
-    even, odd = list(range(0, size, 2)), list(range(1, size, 2))
+    even, odd = slice(0, size, 2), slice(1, size, 2)
     return (even, odd) if layer % 2 == 0 else (odd, even)
 
 
@@ -118,10 +118,9 @@ class Flow(NetworkModel):
         self._draws[0] = 0.0
 
     def _prepare(self, training: Training) -> nn.Module:
-        self._flow = ConditionalFlow(self.input_size, self.output_size, self.architecture)
-        self._adam = torch.optim.Adam(
-            self._flow.parameters(), lr=training.learning_rate, fused=True
-        )
+        flow = ConditionalFlow(self.input_size, self.output_size, self.architecture)
+        self._flow = flow.to(self._device)
+        self._adam = adam(self._flow.parameters(), training)
         return self._flow
 
     def _optimisers(self) -> list[torch.optim.Optimizer]:

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saver_envs.modelling.models.base import Training
-from saver_envs.modelling.models.network_model import NetworkModel
+from saver_envs.modelling.models.network_model import NetworkModel, adam
 
 
 class Mlp(NetworkModel):
@@ -19,9 +19,7 @@ class Mlp(NetworkModel):
 
     def _prepare(self, training: Training) -> nn.Module:
         self._network = self._new_network(self.network_input_size, self.output_size)
-        self._adam = torch.optim.Adam(
-            self._network.parameters(), lr=training.learning_rate, fused=True
-        )
+        self._adam = adam(self._network.parameters(), training)
         return self._network
 
     def _optimisers(self) -> list[torch.optim.Optimizer]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
+from saver_envs.modelling.models.captured import own_stream, updates_from
 from saver_envs.modelling.networks import (
     Architecture,
     FrozenNetwork,
@@ -67,6 +68,7 @@ class NetworkModel(InverseModel):
         self.architecture = architecture or Architecture(layers=PAPER_LAYERS[task])
         self._input_scale = self._output_scale = Standardiser(np.zeros(1), np.ones(1))
         self._precision: Precision = "float32"
+        self._device = torch.device("cpu")
         self._weights: dict[str, Tensor] | None = None
         self._frozen: Frozen | None = None
 
@@ -109,27 +111,39 @@ class NetworkModel(InverseModel):
         held_out = max(1, round(training.validation_share * len(inputs)))
         held, used = order[:held_out], order[held_out:]
         torch.manual_seed(training.seed)
-        x = torch.from_numpy(self._input_scale.forward(inputs[used]))
-        y = torch.from_numpy(self._output_scale.forward(outputs[used]))
-        self._precision = training.precision
-        network = self._prepare(training)
-        schedules = [_cosine(one, training) for one in self._optimisers()]
+        self._precision, self._device = training.precision, torch.device(training.device)
+        samples = inputs[used], outputs[used]
         history, kept = History(), None
-        for epoch in range(training.epochs):
-            shuffled = torch.randperm(len(x))
-            for batch in shuffled.split(training.batch_size):
-                self._update(x[batch], y[batch])
-            for schedule in schedules:
-                schedule.step()
-            self._frozen = self._frozen_of(network.state_dict())
-            if history.add(self._forward(inputs[held]) - outputs[held]):
-                kept = {name: one.detach().clone() for name, one in network.state_dict().items()}
-            if progress is not None:
-                progress(epoch, history.validation_rmse[-1])
+        with own_stream(self._device):
+            for weights in self._epochs(*samples, training):
+                self._frozen = self._frozen_of(weights)
+                if history.add(self._forward(inputs[held]) - outputs[held]):
+                    kept = {
+                        name: one.detach().to("cpu", copy=True) for name, one in weights.items()
+                    }
+                if progress is not None:
+                    progress(len(history.validation_rmse) - 1, history.validation_rmse[-1])
         if kept is None:
             raise FloatingPointError(f"{self.name} diverged: no epoch has a finite error")
         self._weights, self._frozen = kept, self._frozen_of(kept)
         return history
+
+    def _epochs(
+        self, inputs: FloatArray, outputs: FloatArray, training: Training
+    ) -> Iterator[Mapping[str, Tensor]]:
+        """Learn; yield the weights of the predicting network after every epoch."""
+        x = torch.from_numpy(self._input_scale.forward(inputs)).to(self._device)
+        y = torch.from_numpy(self._output_scale.forward(outputs)).to(self._device)
+        network = self._prepare(training)
+        update = updates_from(self._update, x, y, training.batch_size)
+        schedules = [_cosine(one, training) for one in self._optimisers()]
+        for _ in range(training.epochs):
+            # The order is drawn on the CPU, whose numbers are the same for both devices.
+            for batch in torch.randperm(len(x)).to(self._device).split(training.batch_size):
+                update(batch)
+            for schedule in schedules:
+                schedule.step()
+            yield network.state_dict()
 
     def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
         """Return outputs; see :class:`InverseModel`."""
@@ -150,7 +164,8 @@ class NetworkModel(InverseModel):
         return self.input_size
 
     def _new_network(self, inputs: int, outputs: int) -> nn.Sequential:
-        return build_network(inputs, outputs, self.architecture, self._precision)
+        network = build_network(inputs, outputs, self.architecture, self._precision)
+        return network.to(self._device)
 
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         if self._weights is None:
@@ -188,6 +203,23 @@ class NetworkModel(InverseModel):
 
     def _network_to_load(self) -> nn.Module:
         return self._new_network(self.network_input_size, self.output_size)
+
+
+def adam(
+    parameters: Iterable[nn.Parameter],
+    training: Training,
+    betas: tuple[float, float] = (0.9, 0.999),
+) -> torch.optim.Adam:
+    """Return Adam over parameters; on a GPU one that a CUDA graph can hold.
+
+    :param parameters: on the device of the training.
+    :param training: its learning rate and its device.
+    :param betas: decay rates of the moments.
+    """
+    on_gpu = training.device == "cuda"
+    # A graph would keep a rate that is a number as it was when it was captured.
+    rate = torch.tensor(training.learning_rate, device="cuda") if on_gpu else training.learning_rate
+    return torch.optim.Adam(parameters, lr=rate, betas=betas, fused=True, capturable=on_gpu)
 
 
 def _cosine(
