@@ -24,8 +24,8 @@ from saver_advisors.benchmarks.modelling.claims import (
     paper_cells,
 )
 from saver_advisors.benchmarks.modelling.grid import (
+    as_known,
     cells_of,
-    in_known_precision,
     read_result,
     results_of,
     run_grid,
@@ -284,13 +284,14 @@ def test_a_grid_on_a_gpu_is_refused_where_there_is_none(
     assert "argument --device: device='cuda'" in capsys.readouterr().err
 
 
-def test_a_grid_goes_on_in_another_precision(tmp_path: Path, trained: list[Cell]) -> None:
+def test_a_grid_goes_on_on_other_hardware(tmp_path: Path, trained: list[Cell]) -> None:
     half = cells_of("mico", "ik", ["mlp", "flow"], [1], [0.0], [0], 30, 0.0, "bfloat16")
     list(run_grid(half, tmp_path, 1))
     whole = cells_of("mico", "ik", ["mlp", "flow"], [1, 2], [0.0], [0], 30)
-    known = [in_known_precision(cell, tmp_path, ["bfloat16"]) for cell in whole]
+    known = [as_known(cell, tmp_path) for cell in whole]
     assert known == [*half, *whole[2:]]
-    assert [in_known_precision(cell, tmp_path, []) for cell in whole] == whole
+    on_gpu = cells_of("mico", "ik", ["mlp", "flow"], [1, 2], [0.0], [0], 30, device="cuda")
+    assert [as_known(cell, tmp_path) for cell in on_gpu] == [*half, *on_gpu[2:]]
     trained.clear()
     cells = list(run_grid(known, tmp_path, 1))
     assert trained == whole[2:]
@@ -300,6 +301,12 @@ def test_a_grid_goes_on_in_another_precision(tmp_path: Path, trained: list[Cell]
     )
     assert "30 of the paper's 100 epochs, products between hidden layers in bfloat16" in page
     assert "in 1 of 3 cells" in page
+    origin = {"provenance": {"machine": {"gpu": "A GPU"}}}
+    page = render(
+        {"title": "T", "robot": "mico", "task": "ik", "epochs": 100, "claims": []}
+        | {"cells": [result(cell) | origin for cell in on_gpu]}
+    )
+    assert "; 100 epochs, on a GPU (A GPU). Of size k" in page
 
 
 def test_other_pages_come_from_their_figures() -> None:

@@ -7,15 +7,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.benchmarks.modelling.cells import PAPER_EPOCHS, SIGMAS, SIZES, Device, Task
+from saver_advisors.benchmarks.modelling.cells import (
+    DEVICES,
+    PAPER_EPOCHS,
+    PRECISIONS,
+    SIGMAS,
+    SIZES,
+    Device,
+    Task,
+)
 
 ROBOTS: Final = ("mico", "fetch")
 MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
     "id": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "identified"),
 }
-PRECISIONS: Final = ("float32", "bfloat16")
-DEVICES: Final = ("cpu", "cuda")
 RESULTS: Final = Path("runs/modelling")
 
 
@@ -115,13 +121,10 @@ def _add_kept_results(parser: argparse.ArgumentParser) -> None:
         help=f"where the cells' files are kept (default: {RESULTS})",
     )
     parser.add_argument(
-        "--or-precision",
-        nargs="+",
-        choices=PRECISIONS,
-        default=[],
-        metavar="NAME",
-        help="let results count that were trained in these: for a grid that went from one "
-        "processor to another",
+        "--any-hardware",
+        action="store_true",
+        help="let results count whatever device and precision they were trained in: for a grid "
+        "that goes from one machine to another",
     )
     parser.add_argument(
         "--no-training",

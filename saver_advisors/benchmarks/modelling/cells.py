@@ -16,6 +16,9 @@ Task = Literal["ik", "id"]
 Precision = Literal["float32", "bfloat16"]
 Device = Literal["cpu", "cuda"]
 
+PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
+DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
+
 SAMPLES_A_SIZE: Final = 10_000
 """Size k is the first k x 10,000 consecutive samples."""
 

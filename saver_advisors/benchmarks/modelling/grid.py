@@ -10,7 +10,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.benchmarks.modelling.cells import Cell, Device, Precision, Task, run_cell
+from saver_advisors.benchmarks.modelling.cells import (
+    DEVICES,
+    PRECISIONS,
+    Cell,
+    Device,
+    Precision,
+    Task,
+    run_cell,
+)
 from saver_advisors.provenance import provenance, write_json_atomic
 
 #: Models whose networks are trained in the precision that is asked for.
@@ -88,19 +96,21 @@ def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
     return content if same else None
 
 
-def in_known_precision(cell: Cell, folder: Path, precisions: Sequence[Precision]) -> Cell:
-    """The cell in the first precision that it has a result in; as it is where it has none.
+def as_known(cell: Cell, folder: Path) -> Cell:
+    """The cell on the hardware that it has a result of, its own first; itself where it has none.
 
     :param cell: what
     :param folder: of the results
-    :param precisions: that will do, besides its own
     """
-    if cell.model in _IN_EITHER_PRECISION:
-        for precision in (cell.precision, *precisions):
-            other = replace(cell, precision=precision)
-            if read_result(folder, other) is not None:
-                return other
-    return cell
+    others = (
+        replace(cell, device=device, precision=precision)
+        for device in DEVICES
+        for precision in PRECISIONS
+    )
+    return next(
+        (one for one in (cell, *others) if read_result(folder, one) is not None),
+        cell,
+    )
 
 
 def run_grid(cells: Sequence[Cell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:

@@ -46,8 +46,8 @@ def execute(args: argparse.Namespace, task: Task) -> int:
 def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     from saver_advisors.benchmarks.modelling.claims import claims, little_data
     from saver_advisors.benchmarks.modelling.grid import (
+        as_known,
         cells_of,
-        in_known_precision,
         results_of,
         run_grid,
     )
@@ -57,8 +57,9 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
     weighted = [cells_of(*grid, weight, *how) for weight in args.supervised_weight]
-    wanted = dict.fromkeys(cell for part in weighted for cell in part)
-    cells = [in_known_precision(cell, args.results, args.or_precision) for cell in wanted]
+    cells = list(dict.fromkeys(cell for part in weighted for cell in part))
+    if args.any_hardware:
+        cells = [as_known(cell, args.results) for cell in cells]
     if not args.no_training:
         check_device(args.device)
         prepare_data(args.robot)

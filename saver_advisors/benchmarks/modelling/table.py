@@ -60,7 +60,7 @@ def _introduction(robot: str, task: str, figures: Mapping[str, Any]) -> str:
 
 
 def _training(figures: Mapping[str, Any]) -> str:
-    """How long, and in what precision."""
+    """How long, in what precision and on what."""
     epochs = int(figures["epochs"])
     text = (
         f"{epochs} epochs"
@@ -68,11 +68,20 @@ def _training(figures: Mapping[str, Any]) -> str:
         else f"{epochs} of the paper's {PAPER_EPOCHS} epochs"
     )
     cells = figures["cells"]
-    halved = sum(cell.get("precision") == "bfloat16" for cell in cells)
+    halved = [cell for cell in cells if cell.get("precision") == "bfloat16"]
     if halved:
-        where = "" if halved == len(cells) else f" in {halved} of {len(cells)} cells"
-        text += f", products between hidden layers in bfloat16 while training{where}"
+        text += (
+            f", products between hidden layers in bfloat16 while training{_share(halved, cells)}"
+        )
+    on_gpu = [cell for cell in cells if cell.get("device") == "cuda"]
+    if on_gpu:
+        gpus = {cell["provenance"]["machine"]["gpu"] for cell in on_gpu}
+        text += f", on a GPU ({', '.join(sorted(gpus))}){_share(on_gpu, cells)}"
     return text
+
+
+def _share(some: Sequence[object], cells: Sequence[object]) -> str:
+    return "" if len(some) == len(cells) else f" in {len(some)} of {len(cells)} cells"
 
 
 def _claims(claims: Sequence[Mapping[str, Any]]) -> str:
@@ -147,7 +156,7 @@ def _cells(task: str, groups: Group) -> str:
     columns += ["test, moving", "test, all"] if task == "ik" else ["test"]
     if task == "ik":
         columns += ["hand off, raw (median / p99, mm)", "refined"]
-    columns += ["one prediction (ms)", "one of 4096 (us)", "training (min of CPU)"]
+    columns += ["one prediction (ms)", "one of 4096 (us)", "training (min)"]
     order = {name: index for index, name in enumerate((*_COLUMNS, *_PEERS))}
     rows = []
     for key in sorted(groups, key=lambda one: (one[1], order[one[0].split()[0]], one[2], one[0])):
