@@ -24,7 +24,13 @@ PAGES: Final = {
 }
 """Of results by their kind, where they are told in full."""
 
-PAGES_OF_FILES: Final = {"mico-ik-little-data": "modelling-little-data.md"}
+PAGES_OF_FILES: Final = {
+    "fetch-id": "modelling-fetch-id.md",
+    "fetch-ik": "modelling-fetch-ik.md",
+    "mico-id": "modelling-mico-id.md",
+    "mico-ik": "modelling-mico-ik.md",
+    "mico-ik-little-data": "modelling-little-data.md",
+}
 """The same by the file's name, where several files are of a kind."""
 
 
