@@ -7,7 +7,6 @@ for that environment. Ctrl-C lets the current block finish and writes a checkpoi
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import signal
 import time
@@ -18,14 +17,14 @@ from saver_advisors.cli.arguments import (
     add_env_kwargs,
     add_json,
     at_least,
-    checked_env_kwargs,
     env_id,
     positive_seconds,
-    settings,
     teacher,
     write_json,
 )
-from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.cli.train_settings import configuration
+from saver_advisors.cli.train_zoo import run_zoo
 
 EXAMPLES = """\
 examples:
@@ -104,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.learner.configuration import RunConfig
 
     if args.zoo is not None:
-        return _run_zoo(args)
+        return run_zoo(args)
     if args.zoo_arguments:
         raise UsageError(f"argument {args.zoo_arguments[0]}: only --zoo takes further arguments")
     values = configuration(args)
@@ -121,137 +120,6 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
     # A time limit that was asked for is an end like any other; Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
-
-
-def _run_zoo(args: argparse.Namespace) -> int:
-    """Train under RL Zoo, from the same arguments as far as they mean something there."""
-    from saver_advisors.zoo.command import (
-        ZooRun,
-        algorithm_name,
-        check_arguments,
-        latest_model,
-        read_settings,
-        ready_advice,
-        settings_path,
-        start,
-    )
-
-    for name in ("algorithm", "time_limit", "json", "print_config"):
-        if getattr(args, name):
-            raise UsageError(f"argument --{name.replace('_', '-')}: RL Zoo knows no such thing")
-    for name in ("env", "output"):
-        if getattr(args, name) is None:
-            raise UsageError(f"argument --{name}: --zoo needs it")
-    algorithm_name(args.zoo, advised=False)  # is there one of that name?
-    check_arguments(args.zoo_arguments)
-    config = args.config or settings_path(args.zoo)
-    entry, advice = read_settings(config, args.env)
-    values: dict[str, Any] = {"advice": advice}
-    _apply_advice(values, args)
-    chosen = dict(entry)
-    _apply_set(chosen, args)
-    env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
-    if values["advice"] is not None:
-        with user_mistakes("advice"):
-            steps, seed = args.steps or int(chosen["n_timesteps"]), args.seed or 0
-            values["advice"] = ready_advice(values["advice"], args.env, env_kwargs, steps, seed)
-    algorithm = algorithm_name(args.zoo, advised=values["advice"] is not None)
-    trained = latest_model(args.output, algorithm, args.env) if args.resume else None
-    start(
-        ZooRun(
-            algorithm,
-            args.env,
-            config,
-            args.output,
-            advice=values["advice"],
-            steps=args.steps,
-            seed=args.seed or 0,
-            overrides={k: v for k, v in chosen.items() if k not in entry or v != entry[k]},
-            env_kwargs=env_kwargs,
-            trained=trained,
-            more=args.zoo_arguments,
-        )
-    )
-    return 0
-
-
-def configuration(args: argparse.Namespace) -> dict[str, Any]:
-    """The settings: the file's or the environment's, then what the command line says otherwise.
-
-    :param args: the command line
-    :return: fields of ``RunConfig``
-    """
-    values = _starting_point(args)
-    for name, given in (
-        ("total_steps", args.steps),
-        ("seed", args.seed),
-        ("algorithm", args.algorithm),
-    ):
-        if given is not None:
-            values[name] = given
-    env_kwargs = settings(args.env_kwargs, "--env-kwargs")
-    values["env_kwargs"] = {**values.get("env_kwargs", {}), **env_kwargs}
-    _apply_advice(values, args)
-    _apply_set(values, args)
-    return values
-
-
-def _apply_set(values: dict[str, Any], args: argparse.Namespace) -> None:
-    """What ``--set`` says; ``outer.inner=value`` sets a part of a setting."""
-    for name, value in settings(args.set, "--set").items():
-        outer, _, inner = name.partition(".")
-        if not inner:
-            values[name] = value
-        elif isinstance(values.get(outer) or {}, dict):
-            values[outer] = {**(values.get(outer) or {}), inner: value}
-        else:
-            raise UsageError(f"argument --set: {name!r}: {outer!r} has no parts")
-
-
-def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.defaults import default_settings, read_settings
-
-    if args.config is not None:
-        with user_mistakes("argument --config"):
-            return read_settings(args.config, args.env)
-    record = None if args.output is None else args.output / "run.json"
-    if args.resume and record is not None and record.is_file():
-        with user_mistakes(f"argument --output: {record}"):
-            saved: dict[str, Any] = json.loads(record.read_text(encoding="utf-8"))["config"]
-        return {**saved, "env_id": args.env or saved["env_id"]}
-    if args.env is None:
-        raise UsageError("argument --env: say what to train in; `saver envs` lists the ids")
-    return default_settings(args.env)
-
-
-def _apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
-    """What the command line says about advice, on top of the settings."""
-    from saver_advisors.advising import STRATEGIES
-
-    given = {
-        "strategy": args.advice,
-        "teacher": args.teacher,
-        "budget": args.budget,
-        "threshold": args.threshold,
-    }
-    given = {name: value for name, value in given.items() if value is not None}
-    if not given:
-        return
-    own = args.advice is not None and ":" in args.advice
-    if args.advice is not None and not own and args.advice not in STRATEGIES:
-        raise UsageError(f"argument --advice: {unknown('strategy', args.advice, STRATEGIES)}")
-    if args.advice == "none":
-        values["advice"] = None
-        return
-    kept = values.get("advice") or {}
-    if args.advice is not None:
-        # Another use of the teacher: nothing that belonged to the settings' own belongs to it.
-        kept = {name: kept[name] for name in ("teacher", "arms") if name in kept}
-    advice = {**kept, **given}
-    for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
-        if name not in advice:
-            raise UsageError(f"argument --{argument}: advice needs it as well")
-    values["advice"] = advice
 
 
 def _check_before_start(args: argparse.Namespace, config: Any) -> None:
