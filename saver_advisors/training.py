@@ -72,6 +72,7 @@ __all__ = [
     "RunResult",
     "build_advisor",
     "build_model",
+    "check_run",
     "load_trained",
     "train",
 ]
@@ -158,6 +159,20 @@ def train(
         run = _Run(config, output_dir, env, evaluate or _evaluate_policy())
         run.begin(checkpoint)
         return run.loop(callback, progress, stop_after_steps)
+    finally:
+        env.close()
+
+
+def check_run(config: RunConfig) -> None:
+    """Build a run's learner and let it go: whatever is wrong with the settings is wrong by then.
+
+    :param config: of the run
+    :raises ValueError: where teachers, arms, strategy, budget or networks do not fit
+    :raises TypeError: for a teacher that cannot be used so
+    """
+    env = _saver_env(config)
+    try:
+        build_model(config, env)
     finally:
         env.close()
 

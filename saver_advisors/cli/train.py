@@ -125,6 +125,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_before_start(args: argparse.Namespace, config: Any) -> None:
     """Find the user's mistakes before a long run, each under its argument."""
     from saver_advisors.cli.arguments import env_id as known_env
+    from saver_advisors.training import check_run
     from saver_envs.registration import make_episodes
 
     if args.output is None:
@@ -144,23 +145,8 @@ def _check_before_start(args: argparse.Namespace, config: Any) -> None:
         with user_mistakes(name):
             make_episodes(config.env_id, **getattr(config, name))
     if config.advice is not None:
-        _check_advice(config)
-
-
-def _check_advice(config: Any) -> None:
-    """Refuse a teacher that does not fit the arms, and settings that its strategy does not know."""
-    from saver_advisors.training import build_advisor
-    from saver_envs.envs.spaces import action_space, observation_space
-    from saver_envs.registration import make_episodes
-
-    episodes = make_episodes(config.env_id, **config.env_kwargs)
-    with user_mistakes("advice"):
-        build_advisor(
-            config,
-            observation_space(episodes),
-            action_space(episodes),
-            episodes.settings.horizon,
-        )
+        with user_mistakes("advice"):
+            check_run(config)
 
 
 def _train(args: argparse.Namespace, config: Any) -> Any:

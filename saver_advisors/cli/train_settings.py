@@ -90,6 +90,12 @@ def apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
     if args.advice is not None:
         # Another use of the teacher: nothing that belonged to the settings' own belongs to it.
         kept = {name: kept[name] for name in ("teacher", "arms") if name in kept}
+    elif kept.get("strategy") == "none" and not given.keys() <= {"teacher"}:
+        argument = "budget" if args.budget is not None else "threshold"
+        raise UsageError(
+            f"argument --{argument}: the settings use the teacher without advice; say which by "
+            "--advice STRATEGY as well"
+        )
     advice = {**kept, **given}
     for name, argument in (("strategy", "advice"), ("teacher", "teacher"), ("budget", "budget")):
         if name not in advice:

@@ -112,6 +112,14 @@ CASES = {
         ],
         ["'early'", "threshold=0.1"],
     ),
+    "budget where nothing is advised": (
+        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--budget", "100"],
+        ["--budget", "--advice"],
+    ),
+    "network too narrow for its teachers": (
+        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--env-kwargs", "n_arms=3"],
+        ["advice: net_arch=[256, 256, 256]", "use net_arch=[384, 384, 384]"],
+    ),
     "teacher that does not fit": (
         [
             *("train", "--env", "DualJacoPickAndPlace-v0", "--output", "run"),
