@@ -11,7 +11,8 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
-from saver_advisors.learner.replay import FloatArray, GoalReplayBuffer, IntArray
+from saver_advisors.learner.episodes import FloatArray, IntArray
+from saver_advisors.learner.replay import GoalReplayBuffer
 
 ConstraintRelabelling = Literal["next", "future", "keep"]
 RELABELLINGS: Final[tuple[str, ...]] = get_args(ConstraintRelabelling)
