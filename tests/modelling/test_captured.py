@@ -8,7 +8,7 @@ import torch
 
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.models import ADVERSARIAL, Training, new_model
-from saver_envs.modelling.models.captured import updates_from
+from saver_envs.modelling.models.captured import own_stream, updates_from
 from saver_envs.modelling.networks import Architecture, Device
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
@@ -43,8 +43,28 @@ def test_a_gpu_learns_what_the_cpu_learns(name: str) -> None:
 
 
 @needs_gpu
+def test_what_is_captured_is_done_once_a_call_and_draws_anew() -> None:
+    inputs = torch.arange(6.0, device="cuda")[:, None]
+    count, drawn = (torch.zeros(1, device="cuda") for _ in range(2))
+
+    def update(x: torch.Tensor, y: torch.Tensor) -> None:
+        count.add_(x.sum())
+        drawn.copy_(torch.randn_like(drawn))
+
+    seen = set()
+    with own_stream(inputs.device):
+        learn = updates_from(update, inputs, inputs, 2)
+        for call in range(8):
+            rows = [call % 6] if call == 5 else [call % 6, 1]  # one batch is short
+            learn(torch.tensor(rows, device="cuda"))
+            seen.add(float(drawn))
+        assert float(count) == sum(call % 6 for call in range(8)) + 7
+    assert len(seen) == 8
+
+
+@needs_gpu
 @pytest.mark.parametrize("name", ["cgan", "dualgan", "flow"])
-def test_a_gpu_draws_noise_anew_in_every_update(name: str) -> None:
+def test_a_gpu_learns_the_same_from_a_seed_with_noise_too(name: str) -> None:
     errors, _ = learned(name, "cuda", sigma=0.2)
     again, _ = learned(name, "cuda", sigma=0.2)
     assert again == errors

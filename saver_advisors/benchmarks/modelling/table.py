@@ -156,7 +156,7 @@ def _cells(task: str, groups: Group) -> str:
     columns += ["test, moving", "test, all"] if task == "ik" else ["test"]
     if task == "ik":
         columns += ["hand off, raw (median / p99, mm)", "refined"]
-    columns += ["one prediction (ms)", "one of 4096 (us)", "training (min)"]
+    columns += ["one prediction (ms)", "one of 4096 (us)", "training (min of CPU)"]
     order = {name: index for index, name in enumerate((*_COLUMNS, *_PEERS))}
     rows = []
     for key in sorted(groups, key=lambda one: (one[1], order[one[0].split()[0]], one[2], one[0])):
