@@ -136,6 +136,11 @@ class Row:
         return self._over(lambda run: float(run.advice_spent))
 
     @cached_property
+    def advice_over(self) -> Estimate | None:
+        """Environment steps by which the last advice was given; None without advice."""
+        return self._over(lambda run: run.advice_over)
+
+    @cached_property
     def collisions(self) -> Estimate | None:
         """Steps with a collision in an episode."""
         return self._over(lambda run: run.collisions)
@@ -209,6 +214,7 @@ FIGURES: Final = (
     "last_success",
     "area",
     "advice_spent",
+    "advice_over",
     "collisions",
     "wall_clock_s",
 )

@@ -96,6 +96,19 @@ class TrainingRun:
         return int(self.points[-1].get("advice_spent") or 0)
 
     @property
+    def advice_over(self) -> float | None:
+        """Environment steps at the first evaluation after the last advice; None without advice."""
+        if not self.advice_spent:
+            return None
+        return float(
+            next(
+                point["steps"]
+                for point in self.points
+                if (point.get("advice_spent") or 0) >= self.advice_spent
+            )
+        )
+
+    @property
     def collisions(self) -> float | None:
         """Steps with a collision in an episode, of the final evaluation where there is one, else of
         the curve's last.

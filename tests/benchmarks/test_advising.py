@@ -147,6 +147,8 @@ def test_a_row_sums_up_its_seeds_by_hand(tmp_path: Path) -> None:
     assert row.seconds_to_solved.text(1, 1 / 60) == "6.0 [5.0, 7.0]"
     assert row.advice_spent is not None
     assert row.advice_spent.value == 100_000
+    assert row.advice_over is not None
+    assert row.advice_over.value == 4 * EVERY
     assert row.unsolved_seeds == []
     assert row.collisions is not None
     assert row.collisions.value == 2.5
@@ -180,6 +182,7 @@ def test_files_without_optional_entries_are_read(tmp_path: Path) -> None:
     assert not run.finished
     assert run.final_success is None
     assert run.collisions is None
+    assert (run.advice_spent, run.advice_over) == (0, None)
     assert run.spent_before is None  # advised, by a teacher of unknown training
     assert run.metrics_with_teacher is None
     [row] = summarize(PUSH, {run.row: [run]})

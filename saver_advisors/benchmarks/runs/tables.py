@@ -34,6 +34,7 @@ the other.
 - **final success**: of the last policy, on report seeds, which had no part in anything before; the
   **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
 - **mean success**: the area under the curve, over the steps that all rows of the task did
+- **advice over by**: steps of the run at the first evaluation after its last advice
 - **collisions per episode**: steps with contact between arms, or of an arm with the table or with
   another arm's cube
 """
@@ -69,6 +70,7 @@ def beyond(rows: Sequence[Row]) -> str:
         "final success",
         "mean success",
         "advice used",
+        "advice over by",
         "steps before the run",
         "minutes in all",
         "collisions per episode",
@@ -83,6 +85,7 @@ def beyond(rows: Sequence[Row]) -> str:
             _told(row.final_success, 3),
             _told(row.area, 3),
             _value(row.advice_spent, 0),
+            _told(row.advice_over, 0),
             " or ".join(f"{steps:,}" for steps in row.steps_before) or "unknown",
             _value(row.wall_clock_s, 1, 1 / MINUTE),
             _told(row.collisions, 2),
