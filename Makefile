@@ -11,6 +11,7 @@ PYTEST_WORKERS ?= 2
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.saver-installed
 DOCS_STAMP := $(VENV)/.saver-docs-installed
+CLUSTER_STAMP := $(VENV)/.saver-cluster-installed
 
 # Off-screen rendering through EGL on Linux, unless the caller says otherwise.
 ifeq ($(shell uname -s),Linux)
@@ -41,6 +42,11 @@ $(DOCS_STAMP): $(STAMP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[docs]'
 	@touch $@
 
+# The long tests start a cluster of two nodes.
+$(CLUSTER_STAMP): $(STAMP)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[cluster]'
+	@touch $@
+
 # Finds EGL, or installs it where that is allowed, or says what to install.
 rendering:
 	@tools/ensure_egl.sh
@@ -51,7 +57,7 @@ demo: $(STAMP) rendering  ## play the shipped policies, learn for two minutes, l
 test: lint rendering  ## lint, types and tests, within ten minutes
 	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not long" --durations=10
 
-test-long: $(STAMP) rendering  ## the tests that take longer
+test-long: $(CLUSTER_STAMP) rendering  ## the tests that take longer
 	$(BIN)/python -m pytest -m long --durations=0
 
 lint: $(STAMP)  ## ruff and mypy, nothing is changed
