@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     robot = whole_robot(args.output, ROBOT_TRIALS, args.seed)
     print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
     evaluations = _evaluate(args)
-    print(f"[3/5] recording {args.video_episodes} episodes of each")
+    print(f"[3/5] recording {args.video_episodes} episodes of the best in each environment")
     videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
     print(
         f"[4/5] learning for {args.train_seconds:.0f} seconds: one student is taught, one is alone"
@@ -167,19 +168,37 @@ def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
     return results
 
 
+def best_shipped(
+    evaluations: Sequence[Mapping[str, Any]], but: str = ""
+) -> list[Mapping[str, Any]]:
+    """Of the shipped policies the best in each environment, of equals the first.
+
+    :param evaluations: as ``saver evaluate`` writes them
+    :param but: an environment's id, which is left out
+    :return: one evaluation an environment
+    """
+    from saver_advisors.pretrained import shipped_policies
+
+    best: dict[str, Mapping[str, Any]] = {}
+    for one in evaluations:
+        if one["policy"] in shipped_policies() and one["env"] != but:
+            environment = environment_text(one["env"], one["env_kwargs"])
+            other = best.setdefault(environment, one)
+            if one["success_rate"] > other["success_rate"]:
+                best[environment] = one
+    return list(best.values())
+
+
 def _record(
     args: argparse.Namespace, evaluations: list[dict[str, Any]], robot_env: str
 ) -> list[dict[str, Any]]:
-    """A video of each shipped policy, but for the whole robot's, which has one of its own."""
+    """A video from each environment, but for the whole robot's, which has one of its own."""
     from saver_advisors.cli.policies import resolve
     from saver_advisors.cli.video import GREY, captioned, record, write_mp4
-    from saver_advisors.pretrained import shipped_policies
 
     videos = []
-    for one in evaluations:
+    for one in best_shipped(evaluations, but=robot_env):
         name, env, kwargs = one["policy"], one["env"], one["env_kwargs"]
-        if name not in shipped_policies() or env == robot_env:
-            continue
         recordings = record(
             resolve(name, env, kwargs).predict,
             env,

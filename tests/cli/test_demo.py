@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from saver_advisors.cli.demo import players
+from saver_advisors.cli.demo import best_shipped, players
 from saver_advisors.cli.policies import resolve
 from saver_advisors.pretrained import shipped_policies
 
@@ -21,3 +21,22 @@ def test_each_environment_of_several_arms_has_its_teachers_side_by_side_once() -
     assert len(baselines) == len(set(baselines))
     assert "DualJacoPush-v0" in baselines
     assert any("n_arms=3" in name for name in baselines)
+
+
+def test_a_video_shows_the_best_shipped_policy_of_each_environment() -> None:
+    def measured(policy: str, env: str, success: float, **kwargs: int) -> dict[str, object]:
+        return {"policy": policy, "env": env, "env_kwargs": kwargs, "success_rate": success}
+
+    push, three = "DualJacoPush-v0", {"n_arms": 3}
+    found = best_shipped(
+        [
+            measured("dual-jaco-push-advised", push, 0.95),
+            measured("dual-jaco-push", push, 0.97),
+            measured("side-by-side:jaco-push", push, 0.99),
+            measured("triple-jaco-push", push, 0.78, **three),
+            measured("jaco-push", "JacoPush-v0", 1.0),
+            measured("wrist-push", "WristPush-v0", 0.98),
+        ],
+        but="WristPush-v0",
+    )
+    assert [one["policy"] for one in found] == ["dual-jaco-push", "triple-jaco-push", "jaco-push"]
