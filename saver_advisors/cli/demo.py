@@ -169,19 +169,19 @@ def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def best_shipped(
-    evaluations: Sequence[Mapping[str, Any]], but: str = ""
+    evaluations: Sequence[Mapping[str, Any]], left_out: str
 ) -> list[Mapping[str, Any]]:
     """Of the shipped policies the best in each environment, of equals the first.
 
     :param evaluations: as ``saver evaluate`` writes them
-    :param but: an environment's id, which is left out
+    :param left_out: id of an environment that is passed over
     :return: one evaluation an environment
     """
     from saver_advisors.pretrained import shipped_policies
 
     best: dict[str, Mapping[str, Any]] = {}
     for one in evaluations:
-        if one["policy"] in shipped_policies() and one["env"] != but:
+        if one["policy"] in shipped_policies() and one["env"] != left_out:
             environment = environment_text(one["env"], one["env_kwargs"])
             other = best.setdefault(environment, one)
             if one["success_rate"] > other["success_rate"]:
@@ -197,7 +197,7 @@ def _record(
     from saver_advisors.cli.video import GREY, captioned, record, write_mp4
 
     videos = []
-    for one in best_shipped(evaluations, but=robot_env):
+    for one in best_shipped(evaluations, left_out=robot_env):
         name, env, kwargs = one["policy"], one["env"], one["env_kwargs"]
         recordings = record(
             resolve(name, env, kwargs).predict,
