@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from saver_advisors.benchmarks.modelling.figures import draw_recording
+from saver_advisors.benchmarks.modelling.weights import cards_of, origin, trained_before
 from saver_advisors.cli import main
-from saver_envs.modelling.arms import arm_named
+from saver_advisors.cli.errors import UsageError
+from saver_envs.modelling.arms import Task, arm_named
 from saver_envs.modelling.datasets import save_recordings
-from saver_envs.modelling.models import load_model, read_card
+from saver_envs.modelling.models import load_model, new_model, read_card
 from saver_envs.modelling.recordings import Recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "modelling.md"
@@ -45,6 +47,41 @@ def test_training_on_the_workspace(tmp_path: Path) -> None:
     words = "model train --robot mico --data workspace --samples 200 --set epochs=1 width=8"
     assert main([*words.split(), "--output", str(weights)]) == 0
     assert read_card(weights)["unseen_targets_mm"]["as_used"]["median"] < 2
+
+
+def test_weights_that_were_trained_before(tmp_path: Path) -> None:
+    card = {"training": {"epochs": 3}, "samples": 1000}
+    ours, bare = tmp_path / "flow.safetensors", tmp_path / "bare.safetensors"
+    new_model("analytic", "mico", "ik").save(ours, card)
+    new_model("analytic", "mico", "ik").save(bare)
+    found = trained_before([ours, bare], ["mico", "jaco"], "ik", ["shipped"])
+    assert {robot: list(models) for robot, models in found.items()} == {
+        "mico": ["flow", "bare"],
+        "jaco": [],
+    }
+    assert origin(cards_of([ours, bare])) == " Trained before: `flow`: 3 epochs of 1,000 samples."
+    assert origin({}) == origin(cards_of([bare])) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "robots", "task", "message"),
+    [
+        ("own", ["mico"], "id", "is of task 'ik', not 'id'"),
+        ("own", ["fetch"], "ik", "of the arm 'mico', and --robots asks for fetch"),
+        ("shipped", ["mico"], "ik", "there is another 'shipped' for 'mico'; rename the file"),
+        ("cut", ["mico"], "ik", "no complete safetensors file"),
+    ],
+)
+def test_weights_that_cannot_be_measured(
+    name: str, robots: list[str], task: Task, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"{name}.safetensors"
+    new_model("analytic", "mico", "ik").save(path)
+    if name == "cut":
+        path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(UsageError, match="argument --weights") as caught:
+        trained_before([path], robots, task, ["shipped"])
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,19 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.benchmarks.machine import median_ratio, timed
 from saver_advisors.benchmarks.measured import hand_over, measured_or_read
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.models import InverseModel
 
 EXAMPLES: Final = """\
 examples:
   saver benchmark kinematics --json kinematics.json --table kinematics.md
   saver benchmark kinematics --models cgan lsgan bigan dualgan    raw networks of chapter 7 as well
+  saver benchmark kinematics --robots jaco --weights flow.safetensors    one that was trained before
   saver benchmark kinematics --robots jaco --episodes 20"""
 
 ARMS: Final = ("mico", "jaco", "fetch")
@@ -26,6 +30,8 @@ ENVS: Final = {"jaco": "JacoPush-v0", "mico": "MicoPush-v0"}
 POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
 """The MICO is driven by the Jaco's policy, which it was not trained for, and by a scripted one."""
 NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
+SQUARES: Final = "damped least squares"
+SHIPPED: Final = "shipped"
 
 _TARGETS: Final = 5000
 _UNSEEN: Final = 1000
@@ -40,10 +46,12 @@ _STEPS: Final = 2
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmarks.modelling.arguments import add_arms_and_models
+    from saver_advisors.benchmarks.modelling.weights import add_weights
     from saver_advisors.cli.arguments import add_page, at_least
 
     purpose = "models that are trained here, on the workspace's targets, and used raw"
     add_arms_and_models(parser, ARMS, NETWORKS, purpose)
+    add_weights(parser)
     parser.add_argument(
         "--samples",
         type=at_least(100),
@@ -65,14 +73,19 @@ def run(args: argparse.Namespace) -> int:
     """
     from saver_advisors.benchmarks.modelling.arguments import training_of
     from saver_advisors.benchmarks.modelling.kinematics_page import render
+    from saver_advisors.benchmarks.modelling.weights import cards_of, trained_before
     from saver_advisors.threads import one_thread_of_algebra
 
     training = training_of(args)
+    before = trained_before(args.weights, args.robots, "ik", (SHIPPED, *args.models))
     with one_thread_of_algebra():
         figures = measured_or_read(
             args,
             "kinematics",
-            lambda: measure(args.robots, args.models, args.samples, training, args.episodes),
+            lambda: (
+                measure(args.robots, args.models, before, args.samples, training, args.episodes)
+                | cards_of(args.weights)
+            ),
         )
     hand_over(render(figures), figures, args.json, args.table)
     return 0
@@ -81,6 +94,7 @@ def run(args: argparse.Namespace) -> int:
 def measure(
     robots: Sequence[str],
     models: Sequence[str],
+    before: Mapping[str, Mapping[str, InverseModel]],
     samples: int,
     training: Mapping[str, Any],
     episodes: int,
@@ -89,21 +103,22 @@ def measure(
 
     :param robots: arms by name
     :param models: to train here, besides the shipped ones
-    :param samples: to train them on
+    :param before: models that were trained before, of each arm by name
+    :param samples: to train those of here on
     :param training: of them: ``epochs``, ``precision`` and ``device``
     :param episodes: of each evaluation
     :return: JSON-able: ``accuracy``, ``cost`` and ``success``
     """
     accuracies, cost, success = [], [], []
     for robot in robots:
-        inverses = _inverses(robot, models, samples, training)
+        inverses = _inverses(robot, models, samples, training) | dict(before[robot])
         accuracies += [accuracy(robot, name, model) for name, model in inverses.items()]
         if robot not in ENVS:
             continue
-        cost += [_cost(robot, inverses["shipped"], n_envs) for n_envs in _N_ENVS]
-        for name, model in {"damped least squares": None, **inverses}.items():
-            # Networks that are trained here are of interest raw, behind the arm's own policy.
-            trained = name in models
+        cost += [_cost(robot, inverses[SHIPPED], n_envs) for n_envs in _N_ENVS]
+        for name, model in {SQUARES: None, **inverses}.items():
+            # The table's networks are of interest raw, behind the arm's own policy.
+            trained = name not in (SQUARES, SHIPPED)
             raw_and_refined = (0,) if trained else (0, _STEPS)
             for steps in raw_and_refined if model is not None else (None,):
                 for policy in POLICIES[robot][-1:] if trained else POLICIES[robot]:
@@ -129,7 +144,7 @@ def _inverses(
     from saver_envs.modelling.shipped import shipped_model
     from saver_envs.modelling.workspace import workspace_samples
 
-    found: dict[str, Any] = {"shipped": shipped_model(robot)}
+    found: dict[str, Any] = {SHIPPED: shipped_model(robot)}
     if names:
         data = workspace_samples(robot, samples, 0)
         for name in tqdm(names, desc=f"{robot}: training", unit="model"):

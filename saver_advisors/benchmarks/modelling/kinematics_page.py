@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from saver_advisors.benchmarks.modelling.weights import origin
 from saver_advisors.cli.tables import markdown
 
 
@@ -17,7 +18,8 @@ def render(figures: dict[str, Any]) -> str:
         f"# {figures['title']}\n",
         "## How exact\n",
         "Distance of the hand from unseen targets over the workspace, median / 99th percentile, "
-        "mm. *As used* adds the search for the nearest point where two steps miss.\n",
+        "mm. *As used* adds the search for the nearest point where two steps miss."
+        f"{origin(figures)}\n",
         _accuracy_table(figures["accuracy"]),
     ]
     if figures["cost"]:

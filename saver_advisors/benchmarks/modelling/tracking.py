@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.benchmarks.measured import hand_over, measured_or_read
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.models import InverseModel
 
 EXAMPLES: Final = """\
 examples:
@@ -16,6 +18,8 @@ examples:
   saver benchmark tracking --weights mico-id.safetensors --robots mico"""
 
 MODELS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "identified")
+UNTRAINED: Final = ("feedback alone", "analytic", "shipped")
+"""Feed-forwards that are there without training."""
 GAINS: Final = (1.0, 0.25)
 _UNSEEN: Final = 1000
 """Seed of the way-points: data sets have seed 0 and the like."""
@@ -27,18 +31,12 @@ _TRAJECTORIES: Final = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmarks.modelling.arguments import ROBOTS, add_arms_and_models
+    from saver_advisors.benchmarks.modelling.weights import add_weights
     from saver_advisors.cli.arguments import add_page
 
     purpose = "trained here on the whole data set, beside the shipped ones"
     add_arms_and_models(parser, ROBOTS, MODELS, purpose)
-    parser.add_argument(
-        "--weights",
-        nargs="*",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="models that were trained before",
-    )
+    add_weights(parser)
     add_page(parser)
 
 
@@ -49,12 +47,16 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmarks.modelling.arguments import training_of
+    from saver_advisors.benchmarks.modelling.weights import cards_of, trained_before
     from saver_advisors.threads import one_thread_of_algebra
 
     training = training_of(args)
+    before = trained_before(args.weights, args.robots, "id", (*UNTRAINED, *args.models))
     with one_thread_of_algebra():
         figures = measured_or_read(
-            args, "tracking", lambda: measure(args.robots, args.models, training, args.weights)
+            args,
+            "tracking",
+            lambda: measure(args.robots, args.models, training, before) | cards_of(args.weights),
         )
     hand_over(render(figures), figures, args.json, args.table)
     return 0
@@ -64,33 +66,36 @@ def measure(
     robots: Sequence[str],
     models: Sequence[str],
     training: Mapping[str, Any],
-    weights: Sequence[Path],
+    before: Mapping[str, Mapping[str, InverseModel]],
 ) -> dict[str, Any]:
     """Track with every arm and feed-forward.
 
     :param robots: arms by name
     :param models: to train here
     :param training: of them: ``epochs``, ``precision`` and ``device``
-    :param weights: files of models that were trained before
+    :param before: models that were trained before, of each arm by name
     :return: JSON-able; ``rows`` has one of every arm, feed-forward and gain
     """
-    rows = [row for robot in robots for row in _rows(robot, models, training, weights)]
+    rows = [row for robot in robots for row in _rows(robot, models, training, before[robot])]
     return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
 
 
 def _feed_forwards(
-    robot: str, models: Sequence[str], training: Mapping[str, Any], weights: Sequence[Path]
+    robot: str,
+    models: Sequence[str],
+    training: Mapping[str, Any],
+    before: Mapping[str, InverseModel],
 ) -> dict[str, Any]:
     """Feed-forwards by name; None is feedback alone."""
     from saver_advisors.benchmarks.modelling.data import prepare_data
-    from saver_advisors.cli.errors import user_mistakes
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.dynamics import LearnedInverseDynamics
-    from saver_envs.modelling.models import Training, load_model, new_model
+    from saver_envs.modelling.models import Training, new_model
 
-    found: dict[str, Any] = {"feedback alone": None}
-    found["analytic"] = LearnedInverseDynamics(robot, new_model("analytic", robot, "id"))
-    found["shipped"] = LearnedInverseDynamics(robot)
+    alone, analytic, shipped = UNTRAINED
+    found: dict[str, Any] = {alone: None}
+    found[analytic] = LearnedInverseDynamics(robot, new_model("analytic", robot, "id"))
+    found[shipped] = LearnedInverseDynamics(robot)
     if models:
         prepare_data(robot)
         samples = samples_of(twin_data_set(robot).train, "id")
@@ -98,16 +103,16 @@ def _feed_forwards(
             model = new_model(name, robot, "id")
             model.fit(*samples, Training(**training))
             found[name] = LearnedInverseDynamics(robot, model)
-    for path in weights:
-        with user_mistakes("argument --weights"):
-            model = load_model(path, task="id")
-        if model.robot == robot:
-            found[path.stem] = LearnedInverseDynamics(robot, model)
+    for name, model in before.items():
+        found[name] = LearnedInverseDynamics(robot, model)
     return found
 
 
 def _rows(
-    robot: str, models: Sequence[str], training: Mapping[str, Any], weights: Sequence[Path]
+    robot: str,
+    models: Sequence[str],
+    training: Mapping[str, Any],
+    before: Mapping[str, InverseModel],
 ) -> list[dict[str, Any]]:
     import numpy as np
 
@@ -123,7 +128,7 @@ def _rows(
     ]
     twin = Twin(robot)
     rows = []
-    for name, feed_forward in _feed_forwards(robot, models, training, weights).items():
+    for name, feed_forward in _feed_forwards(robot, models, training, before).items():
         for gain in GAINS:
             error = tracking_error(twin, ways, feed_forward, _UNSEEN, gain)
             rows.append(
@@ -143,6 +148,7 @@ def render(figures: dict[str, Any]) -> str:
 
     :param figures: what was measured, or its JSON file's content
     """
+    from saver_advisors.benchmarks.modelling.weights import origin
     from saver_advisors.cli.tables import markdown
 
     rows = figures["rows"]
@@ -161,13 +167,15 @@ def render(figures: dict[str, Any]) -> str:
         for one in sorted(rows, key=lambda one: (one["robot"], -one["gain"]))
     ]
     columns = ["arm", "gain", "feed-forward", "RMS (mrad)", "analytic's error over it", "per joint"]
-    trained = {one["feed_forward"] for one in rows} & set(MODELS)
+    before = {card["name"] for card in figures.get("weights", [])}
+    trained = {one["feed_forward"] for one in rows} & set(MODELS) - before
     others = f" The others were trained here for {figures.get('epochs', 100)} epochs."
     return (
         f"# {figures['title']}\n\n"
         "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
         "trajectories. A gain of 1 is the twin's own feedback; less is softer. *Shipped* is the "
         "network that comes along, *analytic* Newton-Euler with the inertia of Appendix A, "
-        f"*feedback alone* no feed-forward at all.{others if trained else ''}\n\n"
+        f"*feedback alone* no feed-forward at all.{others if trained else ''}"
+        f"{origin(figures)}\n\n"
         f"{markdown(columns, cells)}"
     )
