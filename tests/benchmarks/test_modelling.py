@@ -214,6 +214,7 @@ def test_the_command(
     assert len(content["cells"]) == 6
     assert content["provenance"].keys() >= {"command", "commit"}
     text = page.read_text()
+    assert "# Inverse kinematics, mico, 10,000 samples\n" in text
     assert "0.25 / 0.5 (0.09 / 0.395)" in text
     assert text == render(content) or render({**content, "provenance": None}) in text
     capsys.readouterr()

@@ -13,7 +13,7 @@ from typing import Any
 
 from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 from saver_advisors.benchmarks.modelling.arguments import check_device
-from saver_advisors.benchmarks.modelling.cells import Task
+from saver_advisors.benchmarks.modelling.cells import SAMPLES_A_SIZE, Task
 from saver_advisors.benchmarks.modelling.data import prepare_data
 
 
@@ -52,7 +52,6 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
         run_grid,
     )
     from saver_advisors.cli.errors import UsageError
-    from saver_envs.modelling.arms import TASK_NAMES
 
     grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
@@ -68,7 +67,7 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
     if not results:
         raise UsageError(f"argument --results: {args.results} has none of the cells asked for")
     return {
-        "title": f"{TASK_NAMES[task].capitalize()}, {args.robot}",
+        "title": _title(task, args.robot, args.sizes),
         "kind": f"modelling-{task}",
         "robot": args.robot,
         "task": task,
@@ -77,6 +76,14 @@ def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
         "claims": claims(args.robot, task, results),
         "little_data": little_data(task, results),
     }
+
+
+def _title(task: Task, robot: str, sizes: Sequence[int]) -> str:
+    """What the page is of; a grid of one size says which, for there is one of all sizes beside."""
+    from saver_envs.modelling.arms import TASK_NAMES
+
+    title = f"{TASK_NAMES[task].capitalize()}, {robot}"
+    return f"{title}, {sizes[0] * SAMPLES_A_SIZE:,} samples" if len(sizes) == 1 else title
 
 
 def _train(cells: Sequence[Any], folder: Path, processes: int, run_grid: Any) -> None:
