@@ -284,14 +284,14 @@ def _search(args: argparse.Namespace) -> int:
     samples = samples_of(recording.first(min(args.samples, len(recording))), args.task)
     with user_mistakes("argument --loop-weights"):
         space = loop_space(args.model, args.loop_weights, args.trials) or ARCHITECTURES
-    trials = search(
-        args.model, args.robot, args.task, samples, Training(**options), args.trials, space
-    )
-    columns = [*trials[0]["settings"], "validation RMSE", "minutes"]
+    training = Training(**options)
+    trials = search(args.model, args.robot, args.task, samples, training, args.trials, space)
+    columns = [*trials[0]["settings"], "epochs", "validation RMSE", "minutes"]
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
     rows = [
         [
             *(str(value) for value in one["settings"].values()),
+            str(one["epochs"]),
             f"{one['validation_rmse']:.4g}",
             f"{one['cpu_seconds'] / 60:.1f}",
         ]
@@ -305,6 +305,7 @@ def _search(args: argparse.Namespace) -> int:
             "robot": args.robot,
             "task": args.task,
             "model": args.model,
+            "samples": len(samples[0]),
             "trials": trials,
         },
     )

@@ -358,7 +358,7 @@ def test_a_real_cell_and_a_search(tmp_path: Path, short_campaign: None) -> None:
     assert 0 < found["latency_ms"] < 100
     inputs, outputs = samples_of(twin_data_set("mico").train.first(600), "id")
     trials = search("mlp", "mico", "id", (inputs, outputs), Training(epochs=1), 2)
-    assert len(trials) == 2
+    assert [one["epochs"] for one in trials] == [1, 1]
     assert all(np.isfinite(one["validation_rmse"]) for one in trials)
 
 
@@ -396,6 +396,25 @@ def test_a_search_for_the_weight_of_the_loop_tries_each_with_the_same_seeds() ->
     tried = sorted((one["settings"]["loop_weight"], one["settings"]["seed"]) for one in trials)
     assert tried == [(0.1, 0), (0.1, 1), (1.0, 0), (1.0, 1)]
     assert len({one["validation_rmse"] for one in trials}) == 4
+
+
+def test_a_search_never_trains_the_same_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    from saver_advisors.benchmarks.modelling import search as module
+    from saver_envs.modelling.models import Training
+
+    widths = (128, 256)
+    space = {"layers": (3,), "width": widths, "activation": ("relu", "leaky_relu"), "leak": (0.1,)}
+    monkeypatch.setattr(module, "ARCHITECTURES", space)
+    random = np.random.default_rng(0)
+    samples = random.normal(size=(60, 3)), random.normal(size=(60, 4))
+    for trials in (3, 9):
+        training = Training(epochs=1)
+        found = module.search("mlp", "mico", "ik", samples, training, trials, module.ARCHITECTURES)
+        settings = [tuple(one["settings"].values()) for one in found]
+        assert len(set(settings)) == len(settings) == min(trials, 4)
+    assert set(settings) == {
+        (3, width, *rest) for width in widths for rest in (("relu", "-"), ("leaky_relu", 0.1))
+    }
 
 
 @pytest.mark.parametrize(

@@ -126,16 +126,20 @@ def results_page(results: list[dict[str, Any]]) -> str:
         elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"On [a page of its own]({page}).", ""]
         elif one.get("kind") == "modelling-search":
-            lines.append(_plain_table([_trial(trial) for trial in one["trials"]]))
+            lines.append(_plain_table(_trials(one["trials"])))
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
     return "\n".join([*lines, "Rendered from the files in `docs/results`."])
 
 
-def _trial(trial: dict[str, Any]) -> dict[str, Any]:
-    """A trial of a search for settings, flat."""
-    return {**trial["settings"], "validation_rmse": trial["validation_rmse"]}
+def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The trials of a search for settings, flat, the best first."""
+    measured = ("epochs", "validation_rmse")
+    return [
+        {**trial["settings"], **{name: trial[name] for name in measured if name in trial}}
+        for trial in sorted(trials, key=lambda trial: float(trial["validation_rmse"]))
+    ]
 
 
 def _plain_table(rows: list[dict[str, Any]]) -> str:
