@@ -20,6 +20,7 @@ PAGES: Final = {
     "safe": "safe-baselines.md",
     "speed": "speed.md",
     "tracking": "modelling-tracking.md",
+    "modelling-time": "modelling-time.md",
     "transfer": "transfer.md",
 }
 """Of results by their kind, where they are told in full."""
