@@ -20,7 +20,6 @@ PAGES: Final = {
     "safe": "safe-baselines.md",
     "speed": "speed.md",
     "tracking": "modelling-tracking.md",
-    "modelling-time": "modelling-time.md",
     "transfer": "transfer.md",
 }
 """Of results by their kind, where they are told in full."""
