@@ -189,8 +189,10 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {column: file[column] for column in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is no complete data file: {error}") from error
+    except ValueError as error:  # NumPy takes what it does not know for a pickle, and says how to
+        raise ValueError(f"{path} is no complete data file: it is no .npz of numbers") from error
     missing = [column for column in COLUMNS if column not in content]
     if missing:
         raise ValueError(f"{path} lacks the columns {', '.join(missing)}")

@@ -234,5 +234,5 @@ def test_files_cut_short_or_pickled_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no complete data file"):
         load_recordings(path, "mico")
     np.savez(path, position=np.array([{"an": "object"}], dtype=object))
-    with pytest.raises(ValueError, match="no complete data file"):
+    with pytest.raises(ValueError, match=r"file: it is no \.npz of numbers"):
         load_recordings(path, "mico")
