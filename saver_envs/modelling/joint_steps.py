@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
@@ -24,6 +25,8 @@ _CHOICES = tuple(
     )
     for shift, turn in ((1, 1), (2, 2), (1, 2), (2, 1))
 )
+#: Systems up to which LAPACK is quicker than an elimination of all at once.
+_FEW = 128
 #: Volumes (m^3) and squared damping next to nothing.
 _LEAST_VOLUME, _DAMPING = 1e-9, 1e-7
 
@@ -43,6 +46,11 @@ def newton_step(jacobian: FloatArray, error: FloatArray) -> FloatArray:
         return least_squares_step(jacobian, error.T, _DAMPING).T
     if rows == 3:
         return _by_cramers_rule(jacobian, error)
+    if len(jacobian) <= _FEW:
+        # One call for each system, where elimination is some fifty for all of them.
+        with suppress(np.linalg.LinAlgError):
+            columns = np.linalg.solve(jacobian, error.T[..., None])[..., 0].T
+            return np.asarray(columns, np.float64)
     return _by_elimination(jacobian, error)
 
 
@@ -87,6 +95,9 @@ def _by_cramers_rule(jacobian: FloatArray, error: FloatArray) -> FloatArray:
 
 #: Squared damping of a search: first, and its changes after a good and a bad step.
 _FIRST, _BETTER, _WORSE = 1e-4, 0.3, 4.0
+#: A column is stuck after this many steps in a row that leave more than this part of its squared
+#: error: it is as near as it comes, as where a target is out of reach.
+_PATIENCE, _GAIN = 2, 0.98
 #: Longest step of a joint in a search (rad, m).
 _LONGEST = 0.3
 
@@ -112,8 +123,9 @@ def search(
     features = tool.features(joints)
     error = wanted - tool.pose(features)
     cost, damping = np.square(error).sum(axis=0), np.full(joints.shape[1], _FIRST)
+    stuck = np.zeros(joints.shape[1], dtype=int)
     for _ in range(steps):
-        if not (np.abs(error) > enough).any():
+        if not ((np.abs(error) > enough).any(axis=0) & (stuck < _PATIENCE)).any():
             break
         step = _damped_step(tool.jacobian(features), error, damping, joints, limits)
         tried = bounded(joints + bounded(step, -_LONGEST, _LONGEST), *limits)
@@ -121,6 +133,7 @@ def search(
         tried_error = wanted - tool.pose(tried_features)
         tried_cost = np.square(tried_error).sum(axis=0)
         better = tried_cost < cost
+        stuck = np.where(tried_cost < _GAIN * cost, 0, stuck + 1)
         damping = damping * np.where(better, _BETTER, _WORSE)
         cost = np.where(better, tried_cost, cost)
         joints, error = np.where(better, tried, joints), np.where(better, tried_error, error)

@@ -30,7 +30,7 @@ _TURN = 2 * math.pi
 POSITION_ENOUGH, ORIENTATION_ENOUGH = 0.008, 0.03
 #: Longest step of a joint (rad, m), the squared damping of one from the present joints, and the
 #: greatest number of steps of a search.
-_LONG, _DAMPING, _SEARCH = 0.3, 3e-4, 8
+_LONG, _DAMPING, _SEARCH = 0.3, 3e-4, 2
 #: A step leaves an error of up to a fifth of a metre times its length and the way from where its
 #: Jacobian is. Beyond this product (rad^2), as near singular postures, the present joints are the
 #: better start.
@@ -104,10 +104,10 @@ class LearnedInverseKinematics:
         """Return joint targets (n, arms, dof); see `saver_envs.control.InverseKinematics`.
 
         The refinement starts with the Jacobian of the present joints, which the state has anyway:
-        a set-point is a step of some centimetres away. Whatever a step may leave too far off is
-        checked by the forward map; what misses by more than 8 mm or 30 mrad is searched for from
-        the present joints, some steps a call, and counts as out of reach if it still does: the next
-        call goes on from there.
+        a set-point is a step of some centimetres away. Where such a step may end too far off, a
+        damped one from the present joints takes its place; what that misses by more than 8 mm or
+        30 mrad is searched for further, two steps a call, and counts as out of reach if it still
+        misses: the next call goes on from there.
         """
         targets = self._full(target.reshape(-1, 3))
         present = np.ascontiguousarray(state.joint_position.reshape(-1, self.arm.dof).T)
@@ -146,17 +146,24 @@ class LearnedInverseKinematics:
             state.tool_rotation.reshape(-1, 3, 3)[unsure],
             targets[unsure],
         )
-        step = least_squares_step(jacobian[unsure], lack, _DAMPING).T
-        joints[:, unsure] = self._moved(present[:, unsure], step)[0]
-        joints[:, unsure], error = search(
+        start, few = present[:, unsure], jacobian[unsure]
+        nearer = self._moved(start, least_squares_step(few, lack, _DAMPING).T)[0]
+        joints[:, unsure] = nearer
+        way = nearer - start
+        left_over = np.abs(lack.T - np.einsum("nrj,jn->rn", few, way[self._moving]))
+        short = np.square(way).max(axis=0) < _UNSURE
+        far = np.flatnonzero(~(short & (left_over <= self._enough).all(axis=0)))
+        if not far.size:
+            return joints, far
+        joints[:, unsure[far]], error = search(
             tool,
-            wanted[:, unsure],
-            joints[:, unsure],
+            wanted[:, unsure[far]],
+            nearer[:, far],
             (self._lower, self._upper),
             self._enough,
             _SEARCH if self.refinement > 1 else 0,
         )
-        return joints, unsure[(np.abs(error) > self._enough).any(axis=0)]
+        return joints, unsure[far[(np.abs(error) > self._enough).any(axis=0)]]
 
     def _moved(self, joints: FloatArray, step: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Joints (dof, n) after a step of those that move the tool, and which met no limit (n,)."""

@@ -25,7 +25,9 @@ def render(figures: dict[str, Any]) -> str:
     if figures["cost"]:
         parts += [
             "## How fast\n",
-            "One call for all environments, the shipped models with their refinement.\n",
+            "One call for all environments, the shipped models with their refinement, on states "
+            "and set-points of random actions, each after a step, as in use. *Ratio* is the median "
+            "of the turns'.\n",
             _cost_table(figures["cost"]),
         ]
     if figures["success"]:
