@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.off_screen import off_screen
 from saver_envs.person.patient import People
 from saver_envs.robots.description import COLLISION_GROUP
 from saver_envs.robots.stretcher import STRETCHER
@@ -103,7 +104,7 @@ class SceneRenderer:
     def _draw(self, depth: bool) -> NDArray[Any]:
         if self._renderer is None:
             width, height = self._size
-            self._renderer = mujoco.Renderer(self._model, height, width)
+            self._renderer = off_screen(self._model, height, width)
         if depth:
             self._renderer.enable_depth_rendering()
         else:

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.off_screen import off_screen
 from saver_envs.robots.description import COLLISION_GROUP
 
 #: MuJoCo's camera looks along -z with y up.
@@ -245,7 +246,7 @@ class RgbdCamera:
 
     def _opened(self) -> mujoco.Renderer:
         if self._renderer is None:
-            self._renderer = mujoco.Renderer(self._model, self.camera.height, self.camera.width)
+            self._renderer = off_screen(self._model, self.camera.height, self.camera.width)
         return self._renderer
 
     def _draw(self, data: mujoco.MjData, shadows: bool) -> NDArray[Any]:

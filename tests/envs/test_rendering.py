@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 
 import gymnasium
 import mujoco
@@ -115,3 +116,16 @@ def test_the_other_adapters() -> None:
     assert (views[0] != views[1]).any()
     assert vector.render("rgb_array").ndim == 3  # tiled by SB3
     vector.close()
+
+
+@pytest.mark.parametrize("way", ["", "glfw"])
+def test_no_display_is_an_error_and_not_the_end(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(display, raising=False)
+    monkeypatch.setenv("MUJOCO_GL", way)
+    monkeypatch.setattr(sys, "platform", "linux")
+    env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", **SIZE)
+    env.reset(seed=0)
+    with pytest.raises(RuntimeError, match="no display: pictures need a display, or MUJOCO_GL=egl"):
+        env.render()
+    env.close()
