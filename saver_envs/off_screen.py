@@ -18,10 +18,12 @@ def off_screen(model: mujoco.MjModel, height: int, width: int) -> mujoco.Rendere
         GLFW, which MuJoCo would try, would end the process.
     """
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    way = os.environ.get("MUJOCO_GL", "").lower()
-    if sys.platform == "linux" and way in ("", "glfw") and not displays:
+    # Not the variable: MuJoCo read it when it was imported.
+    context = getattr(mujoco, "GLContext", None)  # there is none with MUJOCO_GL=disable
+    by_glfw = getattr(context, "__module__", "") == "mujoco.glfw"
+    if sys.platform == "linux" and by_glfw and not displays:
         raise RuntimeError(
-            f"MUJOCO_GL={way!r} and no display: pictures need a display, or MUJOCO_GL=egl (with a "
-            "driver) or MUJOCO_GL=osmesa (without) in the environment before Python starts"
+            "no display: pictures need one, or MUJOCO_GL=egl (with a driver) or MUJOCO_GL=osmesa "
+            "(without) in the environment before MuJoCo is imported"
         )
     return mujoco.Renderer(model, height, width)

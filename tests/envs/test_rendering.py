@@ -118,14 +118,13 @@ def test_the_other_adapters() -> None:
     vector.close()
 
 
-@pytest.mark.parametrize("way", ["", "glfw"])
-def test_no_display_is_an_error_and_not_the_end(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_display_is_an_error_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     for display in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(display, raising=False)
-    monkeypatch.setenv("MUJOCO_GL", way)
+    monkeypatch.setattr(mujoco.GLContext, "__module__", "mujoco.glfw")
     monkeypatch.setattr(sys, "platform", "linux")
     env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", **SIZE)
     env.reset(seed=0)
-    with pytest.raises(RuntimeError, match="no display: pictures need a display, or MUJOCO_GL=egl"):
+    with pytest.raises(RuntimeError, match="no display: pictures need one, or MUJOCO_GL=egl"):
         env.render()
     env.close()
