@@ -95,9 +95,6 @@ def _by_cramers_rule(jacobian: FloatArray, error: FloatArray) -> FloatArray:
 
 #: Squared damping of a search: first, and its changes after a good and a bad step.
 _FIRST, _BETTER, _WORSE = 1e-4, 0.3, 4.0
-#: A column is stuck after this many steps in a row that leave more than this part of its squared
-#: error: it is as near as it comes, as where a target is out of reach.
-_PATIENCE, _GAIN = 2, 0.98
 #: Longest step of a joint in a search (rad, m).
 _LONGEST = 0.3
 
@@ -123,9 +120,8 @@ def search(
     features = tool.features(joints)
     error = wanted - tool.pose(features)
     cost, damping = np.square(error).sum(axis=0), np.full(joints.shape[1], _FIRST)
-    stuck = np.zeros(joints.shape[1], dtype=int)
     for _ in range(steps):
-        if not ((np.abs(error) > enough).any(axis=0) & (stuck < _PATIENCE)).any():
+        if not (np.abs(error) > enough).any():
             break
         step = _damped_step(tool.jacobian(features), error, damping, joints, limits)
         tried = bounded(joints + bounded(step, -_LONGEST, _LONGEST), *limits)
@@ -133,7 +129,6 @@ def search(
         tried_error = wanted - tool.pose(tried_features)
         tried_cost = np.square(tried_error).sum(axis=0)
         better = tried_cost < cost
-        stuck = np.where(tried_cost < _GAIN * cost, 0, stuck + 1)
         damping = damping * np.where(better, _BETTER, _WORSE)
         cost = np.where(better, tried_cost, cost)
         joints, error = np.where(better, tried, joints), np.where(better, tried_error, error)

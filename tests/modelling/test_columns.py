@@ -58,10 +58,11 @@ def test_a_tool_has_three_or_six_rows() -> None:
         MultilinearTool(arm_named("jaco").tool_chain, 4)
 
 
+@pytest.mark.parametrize("n", [100, 200])  # few systems are solved in another way than many
 @pytest.mark.parametrize(("rows", "dof"), [(3, 3), (6, 6), (3, 8), (6, 7)])
-def test_newton_steps_remove_the_error(rows: int, dof: int) -> None:
+def test_newton_steps_remove_the_error(rows: int, dof: int, n: int) -> None:
     generator = np.random.default_rng(0)
-    jacobian, error = generator.normal(size=(200, rows, dof)), generator.normal(size=(rows, 200))
+    jacobian, error = generator.normal(size=(n, rows, dof)), generator.normal(size=(rows, n))
     step = newton_step(jacobian, error)
     wanted = (np.linalg.pinv(jacobian) @ error.T[..., None])[..., 0].T
     good = np.linalg.cond(jacobian) < 30
@@ -71,9 +72,15 @@ def test_newton_steps_remove_the_error(rows: int, dof: int) -> None:
 
 def test_elimination_needs_no_pivots_that_are_there_by_chance() -> None:
     # Ones off the diagonal: every leading block of the matrix itself is singular.
-    jacobian = np.fliplr(np.eye(6))[None]
-    error = np.arange(6.0)[:, None]
+    jacobian = np.tile(np.fliplr(np.eye(6)), (200, 1, 1))  # as many as are eliminated
+    error = np.tile(np.arange(6.0)[:, None], 200)
     assert np.allclose(newton_step(jacobian, error), error[::-1], atol=1e-4)
+
+
+def test_a_singular_system_does_not_spoil_the_others() -> None:
+    jacobian = np.stack([np.eye(6), np.zeros((6, 6)), 2 * np.eye(6)])
+    step = newton_step(jacobian, np.ones((6, 3)))
+    assert np.allclose(step[:, [0, 2]], [1.0, 0.5], atol=1e-4)
 
 
 @pytest.mark.parametrize("robot", ARMS)
