@@ -16,7 +16,7 @@ from saver_advisors.training import load_trained
 
 
 def evaluate_trained(
-    run_dir: str | Path, which: str, *, episodes: int, seed: int
+    run_dir: str | Path, which: str, *, episodes: int, seed: int, threads: int = 1
 ) -> EpisodeOutcomes:
     """Evaluate a run's student alone, deterministic, on its own task without training's helps.
 
@@ -24,6 +24,7 @@ def evaluate_trained(
     :param which: ``best`` or ``latest``
     :param episodes: how many
     :param seed: of the first, the others count up
+    :param threads: of the simulation
     :return: what happened
     """
     config = _config(run_dir)
@@ -33,7 +34,12 @@ def evaluate_trained(
         return model.predict(observation, deterministic=True)[0]
 
     return evaluate_policy(
-        predict, config.env_id, episodes=episodes, seed=seed, env_kwargs=config.env_kwargs
+        predict,
+        config.env_id,
+        episodes=episodes,
+        seed=seed,
+        env_kwargs=config.env_kwargs,
+        threads=threads,
     )
 
 

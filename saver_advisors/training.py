@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from saver_advisors.learner.checkpoint import (
 )
 from saver_advisors.learner.configuration import AdviceConfig, RunConfig
 from saver_advisors.run import Evaluate, EvaluationResult, Run, RunResult
-from saver_advisors.threads import one_thread_of_algebra
+from saver_advisors.threads import threads_of_algebra
 
 __all__ = [
     "ALGORITHMS",
@@ -55,13 +56,13 @@ MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
 EnvFactory = Callable[[RunConfig], VecEnv]
 
 
-@one_thread_of_algebra()
 def train(
     config: RunConfig,
     output_dir: str | Path,
     *,
     resume: bool = False,
     progress: bool = True,
+    threads: int = 1,
     stop_after_steps: int | None = None,
     env_factory: EnvFactory | None = None,
     evaluate: Evaluate | None = None,
@@ -76,24 +77,28 @@ def train(
     :param output_dir: the run's folder, made if need be
     :param resume: go on from the folder's checkpoint, if it has one
     :param progress: show a progress bar
+    :param threads: of the simulation, and of torch, whose sums may then differ in their last bit;
+        one does exactly the same everywhere that a run is resumed
     :param stop_after_steps: stop, with a checkpoint, when the run has done this many steps in all
-    :param env_factory: makes the vector env, ``SaverVecEnv`` where None
+    :param env_factory: makes the vector env, ``SaverVecEnv`` with so many threads where None
     :param evaluate: ``saver_advisors.evaluation.episodes.evaluate_policy`` where None
     :param callback: SB3 callbacks; their start and end hooks run once a block
     :return: where the run stands
     :raises FileExistsError: when the folder holds a run and ``resume`` is false
-    :raises ValueError: when the checkpoint is damaged or of another configuration
+    :raises ValueError: when the checkpoint is damaged or of another configuration, or for less
+        than one thread
     :raises OSError: when a checkpoint cannot be written; the one before is intact
     """
     output_dir = Path(output_dir)
-    checkpoint = _prepare_folder(output_dir, config, resume)
-    env = (env_factory or _saver_env)(config)
-    try:
-        run = Run(config, output_dir, env, evaluate or _evaluate_policy())
-        run.begin(checkpoint)
-        return run.loop(callback, progress, stop_after_steps)
-    finally:
-        env.close()
+    with threads_of_algebra(threads):
+        checkpoint = _prepare_folder(output_dir, config, resume)
+        env = (env_factory or partial(_saver_env, threads=threads))(config)
+        try:
+            run = Run(config, output_dir, env, evaluate or _evaluate_policy(threads))
+            run.begin(checkpoint)
+            return run.loop(callback, progress, stop_after_steps)
+        finally:
+            env.close()
 
 
 def check_run(config: RunConfig) -> None:
@@ -138,17 +143,19 @@ def load_trained(
     return model
 
 
-def _saver_env(config: RunConfig) -> VecEnv:
+def _saver_env(config: RunConfig, threads: int = 1) -> VecEnv:
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     options = {**config.env_kwargs, **config.train_env_kwargs}
-    return SaverVecEnv(config.env_id, n_envs=config.n_envs, seed=config.seed, **options)
+    return SaverVecEnv(
+        config.env_id, n_envs=config.n_envs, seed=config.seed, threads=threads, **options
+    )
 
 
-def _evaluate_policy() -> Evaluate:
+def _evaluate_policy(threads: int) -> Evaluate:
     from saver_advisors.evaluation.episodes import evaluate_policy
 
-    return evaluate_policy
+    return partial(evaluate_policy, threads=threads)
 
 
 def _prepare_folder(output_dir: Path, config: RunConfig, resume: bool) -> Path | None:

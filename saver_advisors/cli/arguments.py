@@ -130,6 +130,17 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_threads(parser: argparse.ArgumentParser) -> None:
+    """``--threads N``, as everything that trains in our own loop has it."""
+    parser.add_argument(
+        "--threads",
+        type=at_least(1),
+        default=1,
+        metavar="N",
+        help="cores that a run takes, for the simulation and the networks (default: 1)",
+    )
+
+
 def add_table(parser: argparse.ArgumentParser) -> None:
     """``--table [FILE]``, as everything has whose figures make a page."""
     usual = Path(f"{parser.prog.split()[-1]}.md")

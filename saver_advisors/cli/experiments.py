@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import at_least, positive_seconds
+from saver_advisors.cli.arguments import add_threads, at_least, positive_seconds
 from saver_advisors.cli.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -64,8 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             type=at_least(1),
             default=1,
             metavar="N",
-            help="runs at a time on this machine, a core each (default: 1)",
+            help="runs at a time on this machine (default: 1)",
         )
+        add_threads(action)
         action.add_argument(
             "--ray",
             metavar="ADDRESS",
@@ -145,10 +146,10 @@ def _backend(args: argparse.Namespace, places: Places) -> Backend:
     if args.ray is None:
         from saver_advisors.experiments.scheduler import LocalProcesses
 
-        return LocalProcesses(places, args.processes)
+        return LocalProcesses(places, args.processes, args.threads)
     from saver_advisors.experiments.cluster import RayCluster
 
     try:
-        return RayCluster(places, args.ray)
+        return RayCluster(places, args.ray, args.threads)
     except (ImportError, ConnectionError, ValueError) as error:
         raise UsageError(f"argument --ray: {' '.join(str(error).split())}") from error

@@ -16,6 +16,7 @@ from typing import Any
 from saver_advisors.cli.arguments import (
     add_env_kwargs,
     add_json,
+    add_threads,
     at_least,
     env_id,
     positive_seconds,
@@ -70,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="stop after that long, with a checkpoint",
     )
+    add_threads(parser)
     parser.add_argument(
         "--print-config", action="store_true", help="show the settings as YAML and stop"
     )
@@ -161,6 +163,7 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
                 args.output,
                 resume=args.resume,
                 progress=not args.no_progress,
+                threads=args.threads,
                 callback=callback,
             )
     except KeyboardInterrupt:

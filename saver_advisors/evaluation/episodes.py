@@ -152,6 +152,7 @@ def evaluate_policy(
     seed: int = 0,
     env_kwargs: Mapping[str, Any] | None = None,
     n_envs: int | None = None,
+    threads: int = 1,
     frame_callback: FrameCallback | None = None,
     progress: bool = False,
 ) -> EpisodeOutcomes:
@@ -164,16 +165,17 @@ def evaluate_policy(
     :param env_kwargs: further arguments of the environment
     :param n_envs: environments side by side, by default at most 16; does not change which episodes
         are run
+    :param threads: native threads of the simulation; does not change what happens in it
     :param frame_callback: for recording; see `FrameCallback`
     :param progress: show a progress bar
-    :raises ValueError: for a number of episodes or environments below 1
+    :raises ValueError: for a number of episodes, environments or threads below 1
     """
     _check_counts(episodes=episodes, n_envs=n_envs)
     # Imported here: only this function needs a simulator, the outcomes can be read without one.
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     n_envs = min(episodes, DEFAULT_N_ENVS if n_envs is None else n_envs)
-    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, **(env_kwargs or {}))
+    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
     try:
         return run_episodes(
             predict,

@@ -20,17 +20,18 @@ from saver_advisors.provenance import command_line, write_json_atomic
 
 
 class RayCluster:
-    """Runs as tasks of a Ray cluster, a processor each.
+    """Runs as tasks of a Ray cluster.
 
     :param places: where runs and results lie
     :param address: of the cluster, as ``ray.init`` takes it, such as ``auto`` or
         ``ray://head:10001``
+    :param threads: that each run takes, a processor each
     :param retries: how often a run is done again whose node was lost
     :raises ImportError: where Ray is not installed
     :raises ConnectionError: where no cluster answers there
     """
 
-    def __init__(self, places: Places, address: str, retries: int = 3) -> None:
+    def __init__(self, places: Places, address: str, threads: int = 1, retries: int = 3) -> None:
         try:
             import ray
         except ImportError as error:
@@ -38,14 +39,16 @@ class RayCluster:
         self.places = places
         self._ray = ray
         ray.init(address=address, ignore_reinit_error=True, log_to_driver=False)
-        self._do = ray.remote(num_cpus=1, max_retries=retries)(run_on_node)
+        self._threads = threads
+        self._do = ray.remote(num_cpus=threads, max_retries=retries)(run_on_node)
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Hand all runs to the cluster; on a request to stop, cancel them."""
         output = str(self.places.output.resolve())
         pending: dict[Any, ExperimentRun] = {}
         for run in runs:
-            pending[self._do.remote(run.to_mapping(), output, command_line())] = run
+            task = self._do.remote(run.to_mapping(), output, command_line(), self._threads)
+            pending[task] = run
             progress.running.add(run.name)
         cancelled = False
         while pending:
@@ -78,20 +81,21 @@ class RayCluster:
 
 
 def run_on_node(
-    values: dict[str, Any], output: str, command: str
+    values: dict[str, Any], output: str, command: str, threads: int = 1
 ) -> tuple[int, str, dict[str, Any] | None]:
     """One run, in a process of its own on the node that this is called on.
 
     :param values: the run, as a mapping
     :param output: the folder of run folders
     :param command: that results name as where they come from
+    :param threads: that it takes
     :return: exit status, last line of the log, and the result where there is one
     """
     run = ExperimentRun.from_mapping(values)
     folder = Path(output) / run.name
     result = folder / "result" / f"{run.name}.json"
     result.parent.mkdir(parents=True, exist_ok=True)
-    process = worker.start(run, folder, result, command)
+    process = worker.start(run, folder, result, command, threads)
     try:
         while process.poll() is None:
             time.sleep(LOOK_EVERY)

@@ -119,12 +119,15 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
     )
 
 
-def write_result(run: ExperimentRun, folder: str | Path, path: str | Path) -> dict[str, Any]:
+def write_result(
+    run: ExperimentRun, folder: str | Path, path: str | Path, threads: int = 1
+) -> dict[str, Any]:
     """Sum a run up: its curve, and its student alone on the seeds that are reported.
 
     :param run: of the grid
     :param folder: the run's own; it may have stopped before its end
     :param path: of the result
+    :param threads: of the simulation
     :return: what was written
     :raises OSError: where it cannot be written; an earlier file is then intact
     """
@@ -137,7 +140,9 @@ def write_result(run: ExperimentRun, folder: str | Path, path: str | Path) -> di
     final = None
     if finished:
         # The last policy, not the best: choosing after the fact would flatter.
-        outcomes = evaluate_trained(folder, "latest", episodes=run.final_episodes, seed=REPORT_SEED)
+        outcomes = evaluate_trained(
+            folder, "latest", episodes=run.final_episodes, seed=REPORT_SEED, threads=threads
+        )
         final = outcomes.summary()
     values = {
         "kind": KIND,

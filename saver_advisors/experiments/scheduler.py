@@ -145,14 +145,16 @@ class LocalProcesses:
     """Runs in processes of this machine.
 
     :param places: where runs and results lie
-    :param processes: how many at a time; each takes one core
+    :param processes: how many at a time
+    :param threads: that each takes, a core each
     """
 
-    def __init__(self, places: Places, processes: int) -> None:
+    def __init__(self, places: Places, processes: int, threads: int = 1) -> None:
         if processes < 1:
             raise ValueError(f"processes={processes} must be at least 1")
         self.places = places
         self.processes = processes
+        self.threads = threads
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Keep so many processes at work; pass SIGTERM on to them when asked to stop."""
@@ -163,7 +165,8 @@ class LocalProcesses:
                 while waiting and len(running) < self.processes and not stop:
                     run = waiting.pop(0)
                     folder, result = self.places.folder(run), self.places.result(run)
-                    running[run.name] = (run, worker.start(run, folder, result))
+                    process = worker.start(run, folder, result, threads=self.threads)
+                    running[run.name] = (run, process)
                     progress.running.add(run.name)
                 if stop:
                     _ask_to_stop(running)

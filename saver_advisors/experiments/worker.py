@@ -31,12 +31,13 @@ DONE, FAILED, STOPPED, BUSY = 0, 1, 3, 4
 LOOK_EVERY: Final = 1.0
 
 
-def execute(run: ExperimentRun, folder: str | Path, result: str | Path) -> int:
+def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads: int = 1) -> int:
     """Do a run, or go on with it, in this process.
 
     :param run: of a grid
     :param folder: the run's own, made if need be
     :param result: the file that its result goes to
+    :param threads: see ``saver_advisors.training.train``
     :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` where another process has it
     """
     from filelock import FileLock, Timeout
@@ -49,16 +50,20 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path) -> int:
         with FileLock(folder / ".lock").acquire(blocking=False):
             if is_done(result.parent, run):
                 return DONE
-            outcome = train(run.config, folder, resume=True, progress=False)
+            outcome = train(run.config, folder, resume=True, progress=False, threads=threads)
             if outcome.success_rate is not None:
-                write_result(run, folder, result)
+                write_result(run, folder, result, threads)
             return DONE if outcome.finished else STOPPED
     except Timeout:
         return BUSY
 
 
 def start(
-    run: ExperimentRun, folder: str | Path, result: str | Path, command: str | None = None
+    run: ExperimentRun,
+    folder: str | Path,
+    result: str | Path,
+    command: str | None = None,
+    threads: int = 1,
 ) -> subprocess.Popen[bytes]:
     """Do a run in a process of its own; what it prints goes to a log in its folder.
 
@@ -66,12 +71,13 @@ def start(
     :param folder: the run's own, made if need be
     :param result: the file that its result goes to
     :param command: that results name as where they come from; this process's where None
+    :param threads: see ``saver_advisors.training.train``
     :return: the process; it ends itself when this one is gone
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
-    words = [sys.executable, "-m", __name__, str(folder), str(result)]
+    words = [sys.executable, "-m", __name__, str(folder), str(result), "--threads", str(threads)]
     # Ctrl-C goes to a terminal's whole foreground group: whoever started the process decides.
     with open(folder / LOG_FILE, "ab") as log:
         return subprocess.Popen(
@@ -106,10 +112,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Do one run of a grid of experiments.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("result", type=Path)
+    parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args(arguments)
     threading.Thread(target=_stop_without, args=(os.getppid(),), daemon=True).start()
     values = json.loads((args.folder / RUN_FILE).read_text(encoding="utf-8"))
-    return execute(ExperimentRun.from_mapping(values), args.folder, args.result)
+    run = ExperimentRun.from_mapping(values)
+    return execute(run, args.folder, args.result, args.threads)
 
 
 def _stop_without(parent: int) -> None:

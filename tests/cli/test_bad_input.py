@@ -77,6 +77,14 @@ CASES = {
         ["--json", "'result.txt'", ".json"],
     ),
     "training nowhere": (["train", "--env", "JacoPush-v0"], ["--output"]),
+    "no thread": (
+        ["train", "--env", "JacoPush-v0", "--output", "run", "--threads", "0"],
+        ["--threads", "0 is too small"],
+    ),
+    "threads of our loop": (
+        ["train", "--zoo", "sac", "--env", "JacoPush-v0", "--output", "run", "--threads", "2"],
+        ["--threads", "--num-threads"],
+    ),
     "training in nothing": (["train", "--output", "run"], ["--env", "saver envs"]),
     "unknown algorithm": (
         ["train", "--env", "JacoPush-v0", "--output", "run", "--algorithm", "ppo"],

@@ -115,9 +115,11 @@ def test_a_failure_is_told_and_the_others_go_on(
     (places.folder(first) / "latest").mkdir()
     (places.folder(first) / "latest" / "state.json").write_text("{")
 
-    def pretend(run: ExperimentRun, folder: Path, result: Path) -> subprocess.Popen[bytes]:
+    def pretend(
+        run: ExperimentRun, folder: Path, result: Path, threads: int
+    ) -> subprocess.Popen[bytes]:
         if run.name == first.name:
-            return start(run, folder, result)
+            return start(run, folder, result, threads=threads)
         return subprocess.Popen([sys.executable, "-c", "pass"])
 
     start = worker.start
@@ -149,6 +151,20 @@ def test_results_name_the_command_that_was_typed(
     wanted = "saver experiments run grid.yml"
     assert result["provenance"]["command"] == wanted
     assert [one["command"] for one in result["sessions"]] == [wanted]
+
+
+def test_more_threads_simulate_the_same(run: ExperimentRun, places: Places) -> None:
+    places.results.mkdir()
+    alone, shared = places.output / "alone", places.output / "shared"
+    assert worker.execute(run, alone, places.results / "alone.json") == worker.DONE
+    process = worker.start(run, shared, places.results / "shared.json", threads=2)
+    assert b"--threads\x002" in Path(f"/proc/{process.pid}/cmdline").read_bytes()
+    assert process.wait(timeout=240) == worker.DONE
+    first, second = (read_result(places.results / f"{name}.json") for name in ("alone", "shared"))
+    # The teachers act in both, and what they see is what the simulation does.
+    assert [point["training_cost"] for point in first["curve"]] == [
+        point["training_cost"] for point in second["curve"]
+    ]
 
 
 def test_no_processes() -> None:

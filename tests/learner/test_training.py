@@ -457,3 +457,20 @@ def test_every_field_is_documented() -> None:
     for cls in (RunConfig, AdviceConfig):
         for field in dataclasses.fields(cls):
             assert f":param {field.name}:" in (cls.__doc__ or "")
+
+
+def test_threads_are_torchs_for_the_time_of_the_run(start: Start, tmp_path: Path) -> None:
+    seen: list[int] = []
+
+    class Look(BaseCallback):
+        def _on_step(self) -> bool:
+            seen.append(th.get_num_threads())
+            return True
+
+    before = th.get_num_threads()
+    start(CONFIG, tmp_path / "two", threads=2, callback=Look())
+    assert set(seen) == {2}
+    assert th.get_num_threads() == before
+    with pytest.raises(ValueError, match="threads=0"):
+        start(CONFIG, tmp_path / "none", threads=0)
+    assert not (tmp_path / "none").exists()
