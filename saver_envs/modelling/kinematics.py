@@ -6,35 +6,22 @@ tool nearest. Joint limits are kept whatever the model says.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import bounded, least_squares_step
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.joint_steps import newton_step, search
 from saver_envs.modelling.models import InverseModel, load_model
-from saver_envs.modelling.multilinear import MultilinearTool
+from saver_envs.modelling.refinement import Refinement
 from saver_envs.modelling.shipped import shipped_model
-from saver_envs.modelling.solvers import judge, nearest, newton, pose_error
+from saver_envs.modelling.solvers import judge, nearest, newton
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
 
 #: Newton steps behind a shipped model's guess.
 REFINEMENT = 2
-_TURN = 2 * math.pi
-#: Larger errors of a refined guess get another way to the target (m, rad).
-POSITION_ENOUGH, ORIENTATION_ENOUGH = 0.008, 0.03
-#: Longest step of a joint (rad, m), the squared damping of one from the present joints, and the
-#: greatest number of steps of a search.
-_LONG, _DAMPING, _SEARCH = 0.3, 3e-4, 2
-#: A step leaves an error of up to a fifth of a metre times its length and the way from where its
-#: Jacobian is. Beyond this product (rad^2), as near singular postures, the present joints are the
-#: better start.
-_UNSURE = 0.02
 
 
 @dataclass(frozen=True)
@@ -87,103 +74,27 @@ class LearnedInverseKinematics:
         self.refinement = refinement
         self._nearest = refinement > 0 if nearest is None else nearest
         self._chain = self.arm.tool_chain
-        self._tool = MultilinearTool(self._chain, self.arm.target_size)
-        self._lower, self._upper = self.arm.joint_lower[:, None], self.arm.joint_upper[:, None]
-        tolerance = np.repeat((POSITION_ENOUGH, ORIENTATION_ENOUGH), 3)[: self.arm.target_size]
-        self._enough = tolerance[:, None]
-        self._turns = np.where(np.isfinite(self._lower), 0.0, _TURN)
-        self._idle = np.array(self.arm.idle_joints, dtype=np.intp)
-        self._moving: NDArray[np.intp] | slice = slice(None)
-        if self._idle.size:
-            self._moving = np.setdiff1d(np.arange(self.arm.dof), self._idle)
-        self._idle_at = np.asarray(self.arm.robot.home)[self._idle, None]
+        self._refine = Refinement(self.arm)
         #: Which targets of the latest call were out of reach: its leading shape, (n, arms).
         self.unreachable: NDArray[np.bool_] = np.zeros(0, dtype=bool)
 
     def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof); see `saver_envs.control.InverseKinematics`.
 
-        The refinement starts with the Jacobian of the present joints, which the state has anyway:
-        a set-point is a step of some centimetres away. Where such a step may end too far off, a
-        damped one from the present joints takes its place; what that misses by more than 8 mm or
-        30 mrad is searched for further, two steps a call, and counts as out of reach if it still
-        misses: the next call goes on from there.
+        What the refined guess misses by more than 8 mm or 30 mrad, or reaches on another branch
+        than that of the present joints, gets damped steps from the present joints; it counts as out
+        of reach if it is still missed: the next call goes on from there.
         """
         targets = self._full(target.reshape(-1, 3))
-        present = np.ascontiguousarray(state.joint_position.reshape(-1, self.arm.dof).T)
-        unreachable = np.zeros(len(targets), dtype=bool)
+        present = state.joint_position.reshape(-1, self.arm.dof)
         if self.refinement:
-            columns, missed = self._refined(targets, present, state)
-            joints, unreachable[missed] = columns.T.copy(), True
+            guess = self.model.predict(targets, present)
+            joints, unreachable = self._refine(targets, guess, present, self.refinement)
         else:
-            solution = self.solve(targets, present.T)
+            solution = self.solve(targets, present)
             joints, unreachable = solution.joints, ~solution.reachable
         self.unreachable = unreachable.reshape(target.shape[:-1])
         return joints.reshape(*target.shape[:-1], self.arm.dof)
-
-    def _refined(
-        self, targets: FloatArray, present: FloatArray, state: ArmState
-    ) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Refine guesses by a step with the present Jacobian.
-
-        :param targets: (n, target_size).
-        :param present: (dof, n).
-        :param state: the arms'.
-        :return: joints (dof, n), and which columns miss all the same.
-        """
-        tool, wanted = self._tool, targets.T
-        jacobian = state.jacobian.reshape(-1, 6, len(present))[:, : len(wanted), self._moving]
-        guess = self._guess(targets, present)
-        step = newton_step(jacobian, wanted - tool.pose(tool.features(guess)))
-        joints, kept = self._moved(guess, step)
-        # What a step leaves is bounded by its length and the way from where its Jacobian is.
-        left = np.maximum.reduce(np.abs(step)) * np.maximum.reduce(np.abs(joints - present))
-        unsure = np.flatnonzero(~(kept & (left < _UNSURE)))  # a step may be no number
-        if not unsure.size:
-            return joints, unsure
-        lack = pose_error(
-            state.tool_position.reshape(-1, 3)[unsure],
-            state.tool_rotation.reshape(-1, 3, 3)[unsure],
-            targets[unsure],
-        )
-        start, few = present[:, unsure], jacobian[unsure]
-        nearer = self._moved(start, least_squares_step(few, lack, _DAMPING).T)[0]
-        joints[:, unsure] = nearer
-        way = nearer - start
-        left_over = np.abs(lack.T - np.einsum("nrj,jn->rn", few, way[self._moving]))
-        short = np.square(way).max(axis=0) < _UNSURE
-        far = np.flatnonzero(~(short & (left_over <= self._enough).all(axis=0)))
-        if not far.size:
-            return joints, far
-        joints[:, unsure[far]], error = search(
-            tool,
-            wanted[:, unsure[far]],
-            nearer[:, far],
-            (self._lower, self._upper),
-            self._enough,
-            _SEARCH if self.refinement > 1 else 0,
-        )
-        return joints, unsure[far[(np.abs(error) > self._enough).any(axis=0)]]
-
-    def _moved(self, joints: FloatArray, step: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Joints (dof, n) after a step of those that move the tool, and which met no limit (n,)."""
-        moved = joints.copy()
-        moved[self._moving] += bounded(step, -_LONG, _LONG)
-        if self._idle.size:
-            moved[self._idle] = self._idle_at
-        within = bounded(moved, self._lower, self._upper)
-        return within, np.logical_and.reduce(within == moved)
-
-    def _guess(self, targets: FloatArray, present: FloatArray | None) -> FloatArray:
-        """The model's joints (dof, n), endless ones nearest to the present, within the limits."""
-        rows = None if present is None else present.T
-        guess = np.ascontiguousarray(self.model.predict(targets, rows).T)
-        if present is not None:
-            guess += np.rint((present - guess) * (1 / _TURN)) * self._turns
-        guess = bounded(guess, self._lower, self._upper)
-        if self._idle.size and self.refinement:
-            guess[self._idle] = self._idle_at
-        return guess
 
     def solve(self, targets: FloatArray, present: FloatArray | None = None) -> Solution:
         """Return joints for targets.
@@ -196,7 +107,10 @@ class LearnedInverseKinematics:
         :raises ValueError: for a wrong shape or a value that is not finite.
         """
         targets = self._full(targets)
-        guess = self._guess(targets, None if present is None else np.asarray(present).T).T
+        guess = self.model.predict(targets, present)
+        if present is not None:
+            now = np.asarray(present, dtype=np.float64)
+            guess = self._refine.settled(guess, now, still=self.refinement > 0)
         joints = newton(self.arm, targets, guess, self.refinement, self._chain)
         found = judge(targets, joints, self._chain)
         reached = found.reached

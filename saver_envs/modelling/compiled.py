@@ -1,0 +1,19 @@
+"""Functions that Numba compiles: loops over arms and joints that would be slow in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from numba import njit
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function) -> Function:
+    """Return a function as machine code, compiled at its first call and kept on disk.
+
+    Divisions are IEEE 754's, as in NumPy, and nothing is reordered: results are those of the code
+    as it is written.
+    """
+    return cast(Function, njit(cache=True, error_model="numpy")(function))
