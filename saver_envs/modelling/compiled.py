@@ -11,9 +11,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(function: Function) -> Function:
-    """Return a function as machine code, compiled at its first call and kept on disk.
+    """Return a function as machine code, compiled at its first call.
 
-    Divisions are IEEE 754's, as in NumPy, and nothing is reordered: results are those of the code
-    as it is written.
+    The code is kept on disk, beside the package or in the user's cache; where neither can be
+    written to, it is compiled anew in every process. Divisions are IEEE 754's, as in NumPy, and
+    nothing is reordered: results are those of the code as it is written.
     """
-    return cast(Function, njit(cache=True, error_model="numpy")(function))
+    try:
+        return cast(Function, njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # no place for the cache
+        return cast(Function, njit(error_model="numpy")(function))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -105,6 +108,20 @@ def test_the_present_branch_is_kept_and_left_where_need_be() -> None:
     joints, missed = refine(targets, other, away, 2)
     assert not missed.any()
     assert lack(arm, joints, targets).max() < 1e-3
+
+
+def test_it_is_compiled_where_nothing_can_be_kept() -> None:
+    # A read-only installation, and a user without a home: neither place takes the code.
+    program = (
+        "from numba.core import caching\n"
+        "caching.CacheImpl._locator_classes = []\n"
+        "from saver_envs.modelling.compiled import compiled\n"
+        "print(compiled(lambda x: x + 1)(1))"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120
+    )
+    assert ran.stdout.strip() == "2", ran.stderr
 
 
 def test_endless_joints_and_idle_ones() -> None:
