@@ -322,10 +322,15 @@ def test_other_pages_come_from_their_figures() -> None:
                 "millimetres": dict.fromkeys(("raw", "one_step", "two_steps", "as_used"), spread),
             }
         ],
+        "prediction": [
+            {"robot": "mico", "model": "shipped", "latency_ms": 0.0421, "batch_us": 2.5}
+        ],
         "cost": [],
         "success": [],
     }
-    assert "| mico | shipped | 2 / 2.98 |" in kinematics_page.render(figures)
+    page = kinematics_page.render(figures)
+    assert "| mico | shipped | 2 / 2.98 |" in page
+    assert "| mico | shipped | 0.042 | 2.5 |" in page
     row = {"robot": "mico", "gain": 1.0, "per_joint": [0.001] * 4}
     rows = [
         {**row, "feed_forward": "analytic", "rms": 0.004},

@@ -120,7 +120,9 @@ def run_cell(cell: Cell) -> dict[str, Any]:
         "per_joint": per_joint.tolist(),
         "best_epoch": history.best_epoch,
         "training_s": {"wall": wall, "cpu": cpu},
-        **_speed(lambda rows: model.predict(test_inputs[rows], _of(present, rows)), len(before)),
+        **prediction_speed(
+            lambda rows: model.predict(test_inputs[rows], _of(present, rows)), len(before)
+        ),
     }
     if cell.task == "ik":
         result["task_space_mm"] = _task_space(arm_named(cell.robot), test_inputs, predicted)
@@ -158,8 +160,13 @@ def distances(metres: FloatArray) -> dict[str, float]:
     }
 
 
-def _speed(predict: Callable[[slice], object], rows: int) -> dict[str, float]:
-    """Time of one prediction, and of one among many; medians over calls."""
+def prediction_speed(predict: Callable[[slice], object], rows: int) -> dict[str, float]:
+    """Time of one prediction, and of one among many; medians over calls.
+
+    :param predict: what is timed, of some of the rows
+    :param rows: that there are
+    :return: ``latency_ms``, and ``batch_us`` for each of up to 4,096
+    """
     one = [timed(predict, slice(row % rows, row % rows + 1)) for row in range(_LATENCY_CALLS)]
     many = min(_LARGE_BATCH, rows)
     batch = [timed(predict, slice(0, many)) for _ in range(7)]

@@ -1,8 +1,8 @@
 """Learned inverse kinematics in use: how exact, how fast, and whether a policy still succeeds.
 
-Three questions: how far the hand stays from unseen targets, raw and behind the refinement; what a
-call costs beside damped least squares; and the success of a policy when set-points become joints
-through each model instead of through damped least squares.
+Four questions: how far the hand stays from unseen targets, raw and behind the refinement; how long
+a prediction takes; what a call costs beside damped least squares; and the success of a policy when
+set-points become joints through each model instead of through damped least squares.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def measure(
     :param samples: to train those of here on
     :param training: of them: ``epochs``, ``precision`` and ``device``
     :param episodes: of each evaluation
-    :return: JSON-able: ``accuracy``, ``cost`` and ``success``
+    :return: JSON-able: ``prediction``, ``cost``, ``accuracy`` and ``success``
     """
     inverses = {
         robot: _inverses(robot, models, samples, training) | dict(before[robot]) for robot in robots
@@ -116,6 +116,11 @@ def measure(
     used = [robot for robot in robots if robot in ENVS]
     # Times first, and within a minute: the machine should be left alone that long.
     cost = [_cost(robot, inverses[robot][SHIPPED], n_envs) for robot in used for n_envs in _N_ENVS]
+    predictions = [
+        _prediction(robot, name, model)
+        for robot in robots
+        for name, model in inverses[robot].items()
+    ]
     accuracies = [
         accuracy(robot, name, model) for robot in robots for name, model in inverses[robot].items()
     ]
@@ -131,6 +136,7 @@ def measure(
         "kind": "kinematics",
         "samples": samples,
         **training,
+        "prediction": predictions,
         "accuracy": accuracies,
         "cost": cost,
         "success": success,
@@ -196,6 +202,20 @@ def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
         learned = LearnedInverseKinematics(robot, model, steps, nearest)
         errors[label] = distances(learned.solve(unseen.targets, present).error)
     return {"robot": robot, "model": name, "targets": _TARGETS, "millimetres": errors}
+
+
+def _prediction(robot: str, name: str, model: Any) -> dict[str, Any]:
+    """How long a model alone takes: for one target, and for each of many."""
+    from saver_advisors.benchmarks.modelling.cells import prediction_speed
+    from saver_envs.modelling.workspace import workspace_samples
+
+    unseen = workspace_samples(robot, _TARGETS, _UNSEEN)
+    present = unseen.joints if model.needs_present else None
+
+    def predict(rows: slice) -> object:
+        return model.predict(unseen.targets[rows], None if present is None else present[rows])
+
+    return {"robot": robot, "model": name, **prediction_speed(predict, _TARGETS)}
 
 
 def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:

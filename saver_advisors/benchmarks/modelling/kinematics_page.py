@@ -21,10 +21,12 @@ def render(figures: dict[str, Any]) -> str:
         "mm. *As used* adds the search for the nearest point where two steps miss."
         f"{origin(figures)}\n",
         _accuracy_table(figures["accuracy"]),
+        "## How fast\n",
+        "A model alone, without refinement: one target, and each of 4,096.\n",
+        _prediction_table(figures["prediction"]),
     ]
     if figures["cost"]:
         parts += [
-            "## How fast\n",
             "One call for all environments, the shipped models with their refinement, on states "
             "and set-points of random actions, each after a step, as in use. *Ratio* is the median "
             "of the turns'.\n",
@@ -48,6 +50,14 @@ def _accuracy_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
     columns = ["arm", "model", "raw", "one step", "two steps", "as used"]
     return markdown(columns, [[one["robot"], one["model"], *cells(one)] for one in rows])
+
+
+def _prediction_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    cells = [
+        [one["robot"], one["model"], f"{one['latency_ms']:.3f}", f"{one['batch_us']:.1f}"]
+        for one in rows
+    ]
+    return markdown(["arm", "model", "one prediction (ms)", "one of 4096 (us)"], cells)
 
 
 def _cost_table(rows: Sequence[Mapping[str, Any]]) -> str:
