@@ -77,8 +77,8 @@ def train(
     :param output_dir: the run's folder, made if need be
     :param resume: go on from the folder's checkpoint, if it has one
     :param progress: show a progress bar
-    :param threads: of the simulation, and of torch, whose sums may then differ in their last bit;
-        one does exactly the same everywhere that a run is resumed
+    :param threads: of the simulation, which does the same with any number, and of torch, whose
+        sums may differ in their last bit from those with another number
     :param stop_after_steps: stop, with a checkpoint, when the run has done this many steps in all
     :param env_factory: makes the vector env, ``SaverVecEnv`` with so many threads where None
     :param evaluate: ``saver_advisors.evaluation.episodes.evaluate_policy`` where None

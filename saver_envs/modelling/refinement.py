@@ -61,7 +61,9 @@ class Refinement:
         :param guess: (n, dof), metres and radians.
         :param present: (n, dof), the joints now.
         :param still: whether joints that do not move the tool are at home.
+        :raises ValueError: for shapes that do not belong together.
         """
+        self._check(len(guess), guess=guess, present=present)
         settled = np.array(guess)
         _settle_all(settled, present, self._table, still)
         return settled
@@ -79,11 +81,20 @@ class Refinement:
         :param present: (n, dof), the joints now.
         :param steps: at most so many behind a guess.
         :return: (n, dof), within the joint limits, and (n,).
+        :raises ValueError: for shapes that do not belong together.
         """
+        self._check(len(targets), guess=guess, present=present)
         joints = np.empty_like(present)
         missed = np.empty(len(targets), dtype=np.bool_)
         _refine(targets, guess, present, self._fixed, self._table, steps, joints, missed)
         return joints, missed
+
+    def _check(self, n: int, **arrays: FloatArray) -> None:
+        """Compiled code reads on past an array's end: nothing else would notice."""
+        wanted = (n, self._table.shape[1])
+        for name, values in arrays.items():
+            if values.shape != wanted:
+                raise ValueError(f"{name} of shape {values.shape}: must have shape {wanted}")
 
 
 @compiled

@@ -110,6 +110,17 @@ def test_the_present_branch_is_kept_and_left_where_need_be() -> None:
     assert lack(arm, joints, targets).max() < 1e-3
 
 
+def test_shapes_that_do_not_belong_together() -> None:
+    arm, samples = arm_named("mico"), workspace_samples("mico", 5, 1)
+    refine, joints = Refinement(arm), samples.joints
+    with pytest.raises(ValueError, match=r"guess of shape \(4, 4\): must have shape \(5, 4\)"):
+        refine(samples.targets, joints[:4], joints, 2)
+    with pytest.raises(ValueError, match=r"present of shape \(5, 3\): must have shape \(5, 4\)"):
+        refine(samples.targets, joints, joints[:, :3], 2)
+    with pytest.raises(ValueError, match=r"present of shape \(1, 4\): must have shape \(5, 4\)"):
+        LearnedInverseKinematics("mico").solve(samples.targets, joints[:1])
+
+
 def test_it_is_compiled_where_nothing_can_be_kept() -> None:
     # A read-only installation, and a user without a home: neither place takes the code.
     program = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,6 +18,7 @@ from saver_advisors.benchmarks.measured import hand_over, measured_or_read
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
+    from saver_envs.modelling.workspace import WorkspaceSamples
 
 EXAMPLES: Final = """\
 examples:
@@ -174,6 +175,14 @@ def _inverses(
     return found
 
 
+@cache
+def _unseen(robot: str) -> WorkspaceSamples:
+    """Targets (5000, target_size) that no model was trained on, with joints that reach them."""
+    from saver_envs.modelling.workspace import workspace_samples
+
+    return workspace_samples(robot, _TARGETS, _UNSEEN)
+
+
 def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
     """How far the hand is from unseen targets.
 
@@ -186,9 +195,8 @@ def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
 
     from saver_advisors.benchmarks.modelling.cells import distances
     from saver_envs.modelling.kinematics import LearnedInverseKinematics
-    from saver_envs.modelling.workspace import workspace_samples
 
-    unseen = workspace_samples(robot, _TARGETS, _UNSEEN)
+    unseen = _unseen(robot)
     present = None
     if model.needs_present:
         present = np.concatenate([unseen.joints[:1], unseen.joints[:-1]])
@@ -207,9 +215,8 @@ def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
 def _prediction(robot: str, name: str, model: Any) -> dict[str, Any]:
     """How long a model alone takes: for one target, and for each of many."""
     from saver_advisors.benchmarks.modelling.cells import prediction_speed
-    from saver_envs.modelling.workspace import workspace_samples
 
-    unseen = workspace_samples(robot, _TARGETS, _UNSEEN)
+    unseen = _unseen(robot)
     present = unseen.joints if model.needs_present else None
 
     def predict(rows: slice) -> object:
