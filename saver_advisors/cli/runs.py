@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.errors import UsageError
 from saver_advisors.curves import CURVE_FILE, read_curve
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
-from saver_advisors.evaluation.plots import COLOURS, dress, line_style
+from saver_advisors.evaluation.plots import PENS, dress, line_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,8 +149,9 @@ def draw(runs: Sequence[Run], panels: Sequence[tuple[str, str]] = PANELS) -> Fig
             axes = grid[row][column]
             for index, run in enumerate(runs):
                 x = [value / scale for value in run.values(axis)]
-                colour = COLOURS[index % len(COLOURS)]
-                axes.plot(x, run.values(name), color=colour, label=run.name, **line_style(len(x)))
+                pen = PENS[index % len(PENS)]
+                drawn = {"color": pen.colour, "linestyle": pen.dashes, **line_style(len(x))}
+                axes.plot(x, run.values(name), label=run.name, **drawn)
             dress(axes, name)
         grid[row][0].set_ylabel(label)
     grid[-1][0].set_xlabel("environment steps (thousands)")

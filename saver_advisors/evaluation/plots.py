@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
-from typing import TYPE_CHECKING, Any, Final
+from itertools import cycle, product
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,29 @@ if TYPE_CHECKING:
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 GREY: Final = "0.55"
 
+
+class Pen(NamedTuple):
+    """What a curve is drawn with.
+
+    :param colour: Matplotlib's
+    :param dashes: Matplotlib's line style
+    """
+
+    colour: str
+    dashes: str = "-"
+
+
+# All colours once before any of them comes again, dashed.
+PENS: Final = tuple(Pen(colour, dashes) for dashes, colour in product(("-", "--", ":"), COLOURS))
+
 FEW_POINTS: Final = 40
 """Curves with more evaluations are drawn without a mark at each."""
+
+SHORT_LABEL: Final = 20
+"""Characters of a label, up to which two of them, and their counts, fit side by side."""
+
+USUAL_LEGEND: Final = 5
+"""Lines of a legend that a panel has room for."""
 
 LABELS: Final = {
     "success_rate": "success rate",
@@ -114,12 +135,15 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
 
     lines = -(-len(panels) // 2)
     width = min(len(panels), 2)
-    figure = Figure(figsize=(5.6 * width, 0.3 + 3.9 * lines), layout="constrained", dpi=120)
+    # A long legend takes its room below the curves, not theirs.
+    named = max(-(-len(panel.rows) // _legend_columns(panel)) for panel in panels)
+    height = 3.9 + 0.19 * max(0, named - USUAL_LEGEND)
+    figure = Figure(figsize=(5.6 * width, 0.3 + height * lines), layout="constrained", dpi=120)
     grid = figure.subplots(lines, width, sharey=True, squeeze=False)
-    colours: dict[str, str] = {}
+    pens: dict[str, Pen] = {}
     for index, (axes, panel) in enumerate(zip(grid.flat, panels, strict=False)):
-        colours |= _colours(panel, colours)
-        _draw_panel(axes, panel, column, colours)
+        pens |= _pens(panel, pens)
+        _draw_panel(axes, panel, column, pens)
         axes.set_xlabel(f"epochs of {EPOCH_STEPS:,} environment steps")
         if index % width == 0:
             axes.set_ylabel(LABELS.get(column, column.replace("_", " ")))
@@ -128,48 +152,52 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
     return figure
 
 
-def _colours(panel: Panel, known: Mapping[str, str]) -> dict[str, str]:
-    """A colour for each label: the one that it has in other panels, else one that is free here."""
+def _legend_columns(panel: Panel) -> int:
+    """Two where the labels are short enough to stand side by side."""
+    return 2 if all(len(label) <= SHORT_LABEL for label in panel.rows) else 1
+
+
+def _pens(panel: Panel, known: Mapping[str, Pen]) -> dict[str, Pen]:
+    """A pen for each label: the one that it has in other panels, else one that is free here."""
     labels = [label for label in panel.rows if label != panel.grey]
     found = {label: known[label] for label in labels if label in known}
-    free = [colour for colour in COLOURS if colour not in found.values()]
-    others = cycle(free + [colour for colour in COLOURS if colour not in free])
+    free = [pen for pen in PENS if pen not in found.values()]
+    others = cycle(free + [pen for pen in PENS if pen not in free])
     return {label: found.get(label) or next(others) for label in labels}
 
 
-def _draw_panel(axes: Axes, panel: Panel, column: str, colours: Mapping[str, str]) -> None:
+def _draw_panel(axes: Axes, panel: Panel, column: str, pens: Mapping[str, Pen]) -> None:
     for label, runs in panel.rows.items():
-        colour = GREY if label == panel.grey else colours[label]
-        _draw_row(axes, label, runs, column, colour)
+        pen = Pen(GREY) if label == panel.grey else pens[label]
+        _draw_row(axes, label, runs, column, pen)
     dress(axes, column)
     axes.set_title(panel.title, loc="left", fontsize=11, pad=8)
     if panel.rows:
-        # Below the curves: inside, some run would always lie under it. Two columns fit the panel.
+        # Below the curves: inside, some run would always lie under it.
         axes.legend(
             loc="upper left",
             bbox_to_anchor=(0.0, -0.17),
-            ncols=2,
+            ncols=_legend_columns(panel),
             frameon=False,
             fontsize=9,
-            handlelength=1.6,
+            handlelength=2.2,
             columnspacing=1.2,
         )
 
 
-def _draw_row(
-    axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, colour: str
-) -> None:
+def _draw_row(axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, pen: Pen) -> None:
     """One method: thin seeds, and their mean."""
     mean = mean_curve(runs, column)
     if mean is None:
         return
-    count = f"{label} (n = {len(runs)})"
+    drawn = {"color": pen.colour, "linestyle": pen.dashes}
     if len(runs) > 1:
         for run in runs:
             if (line := _line(run, column)) is not None:
-                axes.plot(line[0] / EPOCH_STEPS, line[1], color=colour, linewidth=0.7, alpha=0.45)
+                axes.plot(line[0] / EPOCH_STEPS, line[1], **drawn, linewidth=0.7, alpha=0.45)
     style = {**line_style(len(mean[0])), "markersize": 2.5}
-    axes.plot(mean[0] / EPOCH_STEPS, mean[1], color=colour, label=count, **style)
+    count = f"{label} (n = {len(runs)})"
+    axes.plot(mean[0] / EPOCH_STEPS, mean[1], label=count, **drawn, **style)
 
 
 def _line(run: TrainingRun, column: str) -> tuple[Floats, Floats] | None:

@@ -378,3 +378,17 @@ def test_a_row_has_the_same_colour_in_every_panel(tmp_path: Path) -> None:
     for found in (first, second):
         named = [colour for label, colour in found.items() if not label.startswith("_")]
         assert len(set(named)) == len(named) == 3
+
+
+def test_curves_beyond_the_colours_are_told_apart_by_dashes(tmp_path: Path) -> None:
+    labels = [f"mc-q 0.{index}" for index in range(10)]
+    for label in labels:
+        write_run(tmp_path, PUSH, label, 0, curve(6))
+    rows = read_results([tmp_path]).of_task(PUSH)
+    (axes,) = draw_panels([Panel("many", {label: rows[label] for label in labels})]).axes
+    drawn = {
+        (line.get_color(), line.get_linestyle())
+        for line in axes.lines
+        if str(line.get_label()).startswith("mc-q")
+    }
+    assert len(drawn) == len(labels)
