@@ -190,7 +190,7 @@ def _draw_row(axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, 
     mean = mean_curve(runs, column)
     if mean is None:
         return
-    drawn = {"color": pen.colour, "linestyle": pen.dashes}
+    drawn: dict[str, Any] = {"color": pen.colour, "linestyle": pen.dashes}
     if len(runs) > 1:
         for run in runs:
             if (line := _line(run, column)) is not None:
