@@ -38,7 +38,7 @@ class Pen(NamedTuple):
     dashes: str = "-"
 
 
-# All colours once before any of them comes again, dashed.
+# All colours once before any of them comes again: dashed, then dotted.
 PENS: Final = tuple(Pen(colour, dashes) for dashes, colour in product(("-", "--", ":"), COLOURS))
 
 FEW_POINTS: Final = 40
