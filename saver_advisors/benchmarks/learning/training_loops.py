@@ -12,6 +12,8 @@ from saver_advisors.benchmarks.learning.stopwatch import Stopwatch
 AS_CONFIGURED: Final = "as configured"
 UPDATE: Final = "update"
 REST: Final = "the rest"
+#: Units of the hidden layers of chapter 6's networks.
+EIGHT_LAYERS: Final = (512, 512, 256, 256, 256, 256, 256, 256)
 #: What is watched: the owner as seen from the model, its method, the part that it counts for.
 PARTS: Final = (
     ("env", "step", "simulation"),
@@ -69,6 +71,7 @@ VARIANTS: Final = (
     Variant("actor every 4th update", {"policy_delay": 4}),
     Variant("half the width", {"net_arch": 0.5}),
     Variant("no LayerNorm", {"layer_norm": False}),
+    Variant("the paper's eight layers", {"net_arch": EIGHT_LAYERS}),
 )
 
 
