@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,6 +23,8 @@ from saver_advisors.evaluation.protocol import environment_text
 KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
 """Kinds of files that are made from those of runs, and may lie among them."""
+
+THREADS: Final = re.compile(r"--threads[ =](\d+)")
 
 DEFAULT_EPISODES: Final = 100
 """Episodes of an evaluation where a file does not say."""
@@ -89,6 +92,12 @@ class TrainingRun:
     def final_success(self) -> float | None:
         """The last policy's success rate on report seeds, None before that evaluation."""
         return None if self.final is None else self.final.get("success_rate")
+
+    @property
+    def threads(self) -> int:
+        """What its command gave it, on which its minutes depend; one where that does not say."""
+        told = THREADS.search(str(self.provenance.get("command") or ""))
+        return int(told[1]) if told else 1
 
     @property
     def advice_spent(self) -> int:

@@ -102,6 +102,22 @@ def test_the_page_and_its_figures_come_from_the_files(
     assert not read_results([folder]).skipped
 
 
+def test_minutes_on_several_threads_say_so(tmp_path: Path) -> None:
+    folder, page = tmp_path / "runs", tmp_path / "page.md"
+    folder.mkdir()
+    write(folder, "linear", 0.5)
+    two = {"command": "saver experiments run grid.yml --threads 2", "commit": "0" * 40}
+    write(folder, "own value", 0.8, provenance=two)
+    assert main(["benchmark", "constraints", "--results", str(folder), "--table", str(page)]) == 0
+    lines = page.read_text().splitlines()
+    told = {
+        name: [line for line in lines if line.startswith(f"| {name}")]
+        for name in ("own value", "linear")
+    }
+    assert [line.count("on 2 threads") for line in told["own value"]] == [1, 1]
+    assert not any("threads" in line for line in told["linear"])
+
+
 def test_runs_of_another_task_are_no_answer(tmp_path: Path, capsys: Any) -> None:
     write_run(tmp_path, "DualJacoPush-v0", "none", 0, curve(10))
     assert main(["benchmark", "constraints", "--results", str(tmp_path)]) != 0

@@ -38,6 +38,8 @@ shows an SR of about {PAPER_BEST:.2f} at best for its three stages, and none for
 - **cost**: steps outside the band in an episode, of 50, in the evaluation and, in all, in training
 - **chosen checkpoint**: SR of the one that was best on the seeds of the curve; as the other
   figures, on report seeds, which had no part in anything before
+- **minutes**: of training, evaluations not counted; on one thread where no more are named. Other
+  work ran beside most of the runs: they tell an order of magnitude
 
 n counts finished seeds; over two, a figure is their mean, and the brackets reach from one to the
 other.
@@ -139,8 +141,14 @@ def _cells(row: Row) -> list[str]:
         _told(estimate(costs) if costs else None, 2),
         _told(estimate(training) if training else None, 0),
         "; ".join(outcome_cell(run.chosen) for run in row.runs),
-        _told(row.wall_clock_s, 0, 1 / MINUTE),
+        _told(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
     ]
+
+
+def on_threads(row: Row) -> str:
+    """How many threads a row's runs had, where that is more than one."""
+    told = sorted({run.threads for run in row.runs})
+    return "" if told == [1] else f" on {' or '.join(map(str, told))} threads"
 
 
 def references(results: Results) -> str:
@@ -188,7 +196,7 @@ def equal_time_table(rows: Sequence[Row]) -> str:
         cells.append(
             [
                 row.name,
-                f"{limit / MINUTE:.0f}",
+                f"{limit / MINUTE:.0f}{on_threads(row)}",
                 _told(estimate(steps) if steps else None, 0),
                 _told(estimate(means) if means else None, 3),
                 _told(estimate(bests) if bests else None, 3),
