@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from saver_advisors.benchmarks.learning.stopwatch import Stopwatch
-from saver_advisors.benchmarks.learning.training_loops import PARTS, VARIANTS, our_loop, settings_of
+from saver_advisors.benchmarks.learning.training_loops import (
+    PARTS,
+    VARIANTS,
+    Variant,
+    our_loop,
+    settings_of,
+)
 from saver_advisors.cli import main
 
 
@@ -59,6 +65,12 @@ def test_a_variant_changes_what_it_says_and_nothing_else() -> None:
         differing = {name for name in usual if usual[name] != changed[name]}
         assert differing == set(variant.settings)
         assert variant.settings or variant.prepare or variant is VARIANTS[0]
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=[variant.name for variant in VARIANTS])
+def test_every_variant_can_be_built_for_an_advised_student(variant: Variant) -> None:
+    loop = our_loop("DualJacoPush-v0", variant, by_part=False)
+    assert loop.model.advisor.strategy.name == "early"
 
 
 def test_the_parts_of_a_block_add_up() -> None:

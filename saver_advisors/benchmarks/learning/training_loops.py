@@ -78,6 +78,9 @@ VARIANTS: Final = (
 def settings_of(env_id: str, variant: Variant) -> Any:
     """The environment's run configuration, with the variant's changes.
 
+    A student that starts as its teachers is advised by them instead: the start takes no time worth
+    measuring, and is not possible with every width.
+
     :param env_id: of the environment
     :param variant: what is changed
     :return: a run's configuration
@@ -86,6 +89,11 @@ def settings_of(env_id: str, variant: Variant) -> Any:
     from saver_advisors.learner.configuration import RunConfig
 
     config = RunConfig.from_mapping(default_settings(env_id))
+    if config.advice is not None and config.advice.start_as_teacher:
+        advised = replace(
+            config.advice, strategy="early", budget=config.total_steps, start_as_teacher=False
+        )
+        config = replace(config, advice=advised)
     changes: dict[str, Any] = {}
     for name, value in variant.settings.items():
         old = getattr(config, name)
