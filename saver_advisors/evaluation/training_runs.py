@@ -24,7 +24,8 @@ KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
 """Kinds of files that are made from those of runs, and may lie among them."""
 
-THREADS: Final = re.compile(r"--threads[ =](\d+)")
+THREADS_OPTION: Final = re.compile(r"--threads[ =](\d+)")
+"""In the command of ``saver experiments run``, where a run's threads are told."""
 
 DEFAULT_EPISODES: Final = 100
 """Episodes of an evaluation where a file does not say."""
@@ -96,7 +97,7 @@ class TrainingRun:
     @property
     def threads(self) -> int:
         """What its command gave it, on which its minutes depend; one where that does not say."""
-        told = THREADS.search(str(self.provenance.get("command") or ""))
+        told = THREADS_OPTION.search(str(self.provenance.get("command") or ""))
         return int(told[1]) if told else 1
 
     @property
