@@ -7,6 +7,7 @@ has all that the second one finds out.
 from __future__ import annotations
 
 import copy
+import weakref
 from typing import Any, Final
 
 import mujoco
@@ -50,6 +51,7 @@ class OnePassCamera:
         self._scene: Any = None
         self._gl: Any = None
         self._context: Any = None
+        self._freed: weakref.finalize[..., Any] | None = None
 
     def capture(self, data: mujoco.MjData) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Draw the present state.
@@ -88,13 +90,25 @@ class OnePassCamera:
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
             self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
             self._scene = mujoco.MjvScene(self.model, _MOST_GEOMS)
+            self._freed = weakref.finalize(self, _free, self._gl, self._context)
+            # MuJoCo ends its displays itself when the process ends.
+            self._freed.atexit = False
         else:
             self._gl.make_current()
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""
-        if self._context is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._context = self._gl = self._scene = None
+        if self._freed is not None:
+            self._freed()
+            self._context = self._gl = self._scene = self._freed = None
+
+
+def _free(gl: Any, context: Any) -> None:
+    """Free a camera's part of OpenGL, in its own context.
+
+    A camera may be forgotten unclosed and collected while another one draws. In the other's context
+    the same numbers name the other's buffers, which would be deleted.
+    """
+    with gl.as_current():
+        context.free()
+    gl.free()

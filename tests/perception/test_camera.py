@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 
 import mujoco
@@ -17,6 +18,7 @@ from saver_envs.perception.camera import (
     measured_depth,
 )
 from saver_envs.perception.lifting import depth_at
+from saver_envs.perception.one_pass import OnePassCamera
 from saver_envs.robots.manikin import add_manikin, joint_centres
 
 
@@ -52,6 +54,23 @@ def test_drawn_balls_are_where_projection_says() -> None:
         seen = frame.depth[rows, columns].min()
         assert seen == pytest.approx(depth[ball] - 0.02, abs=2e-3)
     camera.close()
+
+
+def test_a_camera_forgotten_unclosed_takes_nothing_from_another() -> None:
+    model = bench((0.06, 0.03, 0.1)).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    kept, forgotten = (OnePassCamera(model, "kinect", KINECT_V2) for _ in range(2))
+    forgotten.capture(data)
+    rgb, depth = kept.capture(data)
+    # A cycle, so that the collector and not the last reference ends it, contexts in any order.
+    forgotten.itself = forgotten  # type: ignore[attr-defined]
+    del forgotten
+    gc.collect()
+    rgb_after, depth_after = kept.capture(data)
+    np.testing.assert_array_equal(rgb_after, rgb)
+    np.testing.assert_array_equal(depth_after, depth)
+    kept.close()
 
 
 def test_back_projection_undoes_projection_within_a_millimetre() -> None:
