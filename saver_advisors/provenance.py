@@ -8,6 +8,7 @@ import platform
 import shlex
 import subprocess
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -30,6 +31,17 @@ COMMIT_VARIABLE = "SAVER_COMMIT"
 """The environment variable that names the commit where the files are without their repository, as
 on a cluster's node."""
 REPOSITORY = Path(__file__).resolve().parent.parent
+VECTOR_INSTRUCTIONS = {
+    "avx2": "AVX2",
+    "avx512f": "AVX-512",
+    "avx512_bf16": "AVX-512 bfloat16",
+    "amx_bf16": "AMX bfloat16",
+    "asimd": "NEON",
+    "sve": "SVE",
+    "bf16": "bfloat16",
+}
+"""Of what a processor can do, by Linux's names, what decides how fast products of matrices are:
+processors that do not share it share a name."""
 
 
 def provenance() -> dict[str, Any]:
@@ -45,12 +57,24 @@ def provenance() -> dict[str, Any]:
         "versions": {"python": platform.python_version()}
         | {name: _version(package) for name, package in PACKAGES.items()},
         "machine": {
-            "cpu": _cpu_model(),
+            "cpu": _cpu_fact("model name") or platform.processor() or platform.machine(),
+            "vector_instructions": _vector_instructions(),
             "cores": os.cpu_count(),
             "system": f"{platform.system()} {platform.machine()}",
             **_gpu(),
         },
     }
+
+
+def machine_in_words(machine: Mapping[str, Any]) -> str:
+    """A machine as a page names it.
+
+    :param machine: of a :func:`provenance`; older ones do not tell the vector instructions
+    """
+    vectors = " and ".join(machine.get("vector_instructions", []))
+    told = [f"{machine['cpu']} with {vectors}" if vectors else str(machine["cpu"])]
+    told.append(f"{machine['cores']} cores")
+    return ", ".join([*told, *([machine["gpu"]] if "gpu" in machine else [])])
 
 
 def load_averages() -> list[float] | None:
@@ -130,12 +154,19 @@ def _gpu() -> dict[str, str]:
     return {"gpu": torch.cuda.get_device_name()}
 
 
-def _cpu_model() -> str:
-    """The processor's name as the system tells it."""
+def _vector_instructions() -> list[str]:
+    """What of :data:`VECTOR_INSTRUCTIONS` the processor has; nothing where the system is silent."""
+    has = (_cpu_fact("flags") or _cpu_fact("Features")).split()
+    return [words for name, words in VECTOR_INSTRUCTIONS.items() if name in has]
+
+
+def _cpu_fact(name: str) -> str:
+    """What Linux tells about the first processor, or nothing."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
+            key, _, value = line.partition(":")
+            if key.strip() == name:
+                return value.strip()
     except OSError:
         pass
-    return platform.processor() or platform.machine()
+    return ""

@@ -14,6 +14,8 @@ import torch
 from saver_advisors import provenance as module
 from saver_advisors.provenance import (
     COMMIT_VARIABLE,
+    VECTOR_INSTRUCTIONS,
+    machine_in_words,
     portable_command,
     provenance,
     write_json_atomic,
@@ -29,6 +31,14 @@ def test_provenance_names_versions_and_machine(monkeypatch: pytest.MonkeyPatch) 
     assert set(facts["versions"]) >= {"python", "sb3", "mujoco", "gymnasium"}
     assert facts["machine"]["cores"] >= 1
     assert facts["machine"]["cpu"]
+    assert set(facts["machine"]["vector_instructions"]) <= set(VECTOR_INSTRUCTIONS.values())
+
+
+def test_a_machine_is_named_with_what_its_processor_can_do() -> None:
+    older = {"cpu": "AMD EPYC", "cores": 2}
+    assert machine_in_words(older) == "AMD EPYC, 2 cores"
+    newer = older | {"vector_instructions": ["AVX2", "AVX-512"], "gpu": "NVIDIA H200"}
+    assert machine_in_words(newer) == "AMD EPYC with AVX2 and AVX-512, 2 cores, NVIDIA H200"
 
 
 def test_the_commit_is_that_of_our_own_checkout(

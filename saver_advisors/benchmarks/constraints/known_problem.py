@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from saver_advisors.benchmarks.machine import progress
 from saver_advisors.benchmarks.measured import measured_or_read
+from saver_advisors.provenance import machine_in_words
 from saver_advisors.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -292,10 +293,10 @@ def _origin(figures: Mapping[str, Any]) -> str:
     origin = figures.get("provenance")
     if not origin:
         return ""
-    machine, versions = origin["machine"], origin["versions"]
+    versions = origin["versions"]
     return (
         f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
-        f"{machine['cpu']}, {machine['cores']} cores, PyTorch {versions['torch']}, "
+        f"{machine_in_words(origin['machine'])}, PyTorch {versions['torch']}, "
         f"Stable-Baselines3 {versions['sb3']}.\n"
     )
 

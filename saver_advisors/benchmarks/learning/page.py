@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from saver_advisors.cli.tables import markdown
+from saver_advisors.provenance import machine_in_words
 
 INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark learning`, never typed. A block is one episode in
@@ -92,9 +93,10 @@ def _origin(figures: Mapping[str, Any]) -> str:
     origin = figures.get("provenance")
     if not origin:
         return f"Medians over {figures['rounds']} blocks.{told}"
-    machine, versions = origin["machine"], origin["versions"]
+    versions = origin["versions"]
     return (
         f"Medians over {figures['rounds']} blocks.{told} Measured {origin['time']} at commit "
-        f"`{origin['commit']}` with `{origin['command']}` on {machine['cpu']}, {machine['cores']} "
-        f"cores, PyTorch {versions['torch']}, Stable-Baselines3 {versions['sb3']}."
+        f"`{origin['commit']}` with `{origin['command']}` on "
+        f"{machine_in_words(origin['machine'])}, PyTorch {versions['torch']}, Stable-Baselines3 "
+        f"{versions['sb3']}."
     )

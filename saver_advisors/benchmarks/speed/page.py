@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from saver_advisors.cli.tables import markdown
+from saver_advisors.provenance import machine_in_words
 
 INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark speed`, never typed. A step is one action of one
@@ -153,10 +154,10 @@ def _origin(figures: Mapping[str, Any]) -> str:
             lines.append(f"The system's load average over a minute: {', '.join(told)}.")
     origin = figures.get("provenance")
     if origin:
-        machine, versions = origin["machine"], origin["versions"]
+        versions = origin["versions"]
         lines.append(
             f"Measured {origin['time']} at commit `{origin['commit']}` with "
-            f"`{origin['command']}` on {machine['cpu']}, {machine['cores']} cores, Python "
+            f"`{origin['command']}` on {machine_in_words(origin['machine'])}, Python "
             f"{versions['python']}, MuJoCo {versions['mujoco']}."
         )
     return " ".join(lines)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.tables import markdown
+from saver_advisors.provenance import machine_in_words
 
 PAPER: Final = Path(__file__).with_name("paper.json")
 WORDS: Final = {
@@ -177,9 +178,8 @@ def _words(row: Mapping[str, Any]) -> str:
 def _origin(figures: Mapping[str, Any]) -> str:
     lines = []
     for origin in figures.get("sources") or [figures["provenance"]]:
-        machine = origin["machine"]
         lines.append(
             f"`{origin['command']}`, commit {origin['commit'] or 'unknown'}, {origin['time']}, "
-            f"{machine['cpu']}, {machine['cores']} cores.\n"
+            f"{machine_in_words(origin['machine'])}.\n"
         )
     return "\n".join(lines)

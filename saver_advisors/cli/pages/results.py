@@ -9,6 +9,7 @@ from typing import Any, Final
 from saver_advisors.cli import evaluate, runs
 from saver_advisors.cli.tables import markdown
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.provenance import machine_in_words
 
 PAGES: Final = {
     "advising": "advising-results.md",
@@ -164,6 +165,5 @@ def _origin(one: dict[str, Any]) -> str:
     if source.get("commit"):
         parts.append(f"commit `{source['commit'][:12]}`")
     if machine := source.get("machine"):
-        gpu = f", {machine['gpu']}" if "gpu" in machine else ""
-        parts.append(f"{machine['cpu']}, {machine['cores']} cores{gpu}")
+        parts.append(machine_in_words(machine))
     return "; ".join(parts) + ("." if parts else "")
