@@ -75,7 +75,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         train_freq=(horizon, "step"),
         gradient_steps=config.gradient_steps,
         replay_buffer_kwargs=replay_arguments,
-        policy_kwargs=_policy_arguments(config, goal_parts, env),
+        policy_kwargs=_policy_arguments(config, goal_parts),
         exploration_noise=config.exploration_noise,
         random_action_probability=config.random_action_probability,
         seed=config.seed,
@@ -124,26 +124,19 @@ def build_stages(config: RunConfig, model: OffPolicyAlgorithm) -> StageControl |
     """
     if config.stages is None:
         return None
-    from saver_advisors.variable_reward import Stage, StageControl, SwitchRule
+    from saver_advisors.variable_reward import Stage, StageControl
 
-    stages = [
-        # check_stages refuses names that are none of a stage's.
-        Stage(one.stage, None if one.until is None else SwitchRule.parse(one.until))  # type: ignore[arg-type]
-        for one in config.stages
-    ]
+    stages = [Stage.parse(one.stage, one.until) for one in config.stages]
     return StageControl(model, stages, constraint_value_weight=config.constraint_value_weight)
 
 
-def _policy_arguments(
-    config: RunConfig, goal_parts: tuple[int, ...] | None, env: VecEnv
-) -> dict[str, Any]:
+def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> dict[str, Any]:
     arguments: dict[str, Any] = {
         "net_arch": list(config.net_arch),
         "layer_norm": config.layer_norm,
     }
-    arguments["q_min"] = (
-        _least_reward(env) / (1.0 - config.gamma) if config.q_min is None else config.q_min
-    )
+    if config.q_min is not None:
+        arguments["q_min"] = config.q_min
     if config.achieved_goal_input:
         arguments["features_extractor_kwargs"] = {"achieved_goal": True}
     if config.algorithm in ("ddpg", "td3"):
@@ -222,15 +215,6 @@ def build_advisor(
             "teacher; leave advice.arms out"
         )
     return advisor
-
-
-def _least_reward(env: VecEnv) -> float:
-    """Of a step, where the environment's task says that it is less than -1."""
-    try:
-        task = env.get_attr("episodes", indices=[0])[0].task
-    except AttributeError:
-        return -1.0
-    return float(getattr(task, "least_reward", -1.0))
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:

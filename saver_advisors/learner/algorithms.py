@@ -73,6 +73,12 @@ def episode_horizon(env: VecEnv) -> int:
     return int(horizon)
 
 
+def _least_reward(env: VecEnv | None) -> float:
+    """Of a step: -1, unless the environment's task says that it is less."""
+    task = None if env is None else getattr(_attribute(env, "episodes"), "task", None)
+    return float(getattr(task, "least_reward", -1.0))
+
+
 def _attribute(env: VecEnv, name: str) -> Any:
     """An attribute of the vector env's first environment, or None.
 
@@ -86,8 +92,8 @@ class GoalLearnerMixin(_Algorithm):
 
     :param arguments: as for the algorithm. ``replay_buffer_class`` defaults to
         ``GoalReplayBuffer``; ``horizon`` and ``reward_function`` in ``replay_buffer_kwargs`` to the
-        environment's; ``q_min`` in ``policy_kwargs`` to -1 / (1 - gamma), the return of failing
-        for ever at -1 a step
+        environment's; ``q_min`` in ``policy_kwargs`` to the return of failing for ever,
+        at -1 a step or what the environment's task has as its least reward
     :param exploration_noise: standard deviation of Gaussian noise on the scaled action, which spans
         [-1, 1]; SB3's ``action_noise`` works too, with NumPy's global generator
     :param random_action_probability: of a uniform action in place of the exploratory one, for
@@ -136,7 +142,7 @@ class GoalLearnerMixin(_Algorithm):
             if self.env is None:
                 raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
             self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
-        self.policy_kwargs.setdefault("q_min", -1.0 / (1.0 - self.gamma))
+        self.policy_kwargs.setdefault("q_min", _least_reward(self.env) / (1.0 - self.gamma))
         permanent = self.replay_buffer_kwargs
         self.replay_buffer_kwargs = {"seed": int(seeds[1]), **permanent}
         if self.env is not None:

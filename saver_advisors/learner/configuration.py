@@ -159,8 +159,8 @@ class RunConfig:
     :param final_learning_rate: reached at the end of the run, on a straight line through its last
         third; the learning rate all along where None
     :param gamma: discount
-    :param q_min: least value of a target critic; -1 / (1 - gamma) where None, which fits rewards of
-        -1 and 0
+    :param q_min: least value of a target critic; where None the return of failing for ever, of the
+        environment's least reward (-1, or what its task says) in every step
     :param tau: Polyak step of the targets, for each update of the actor
     :param policy_delay: critic updates for one of the actor (TD3)
     :param target_policy_noise: standard deviation of the target smoothing (TD3)

@@ -78,6 +78,19 @@ class Stage:
     name: StageName
     until: SwitchRule | None = None
 
+    @classmethod
+    def parse(cls, stage: str, until: str | None = None) -> Stage:
+        """Read a stage as configurations have it, e.g. ``stretching`` until ``steps 250000``.
+
+        :param stage: its name
+        :param until: as for :meth:`SwitchRule.parse`; None for the last
+        :raises ValueError: for an unknown name or another rule
+        """
+        if stage not in STAGES:
+            raise ValueError(f"stage={stage!r} must be one of {', '.join(STAGES)}")
+        # mypy does not see that a member of STAGES is one of the names.
+        return cls(stage, None if until is None else SwitchRule.parse(until))  # type: ignore[arg-type]
+
     @property
     def advised(self) -> bool:
         """Whether a teacher advises."""

@@ -40,6 +40,15 @@ def test_other_rules_are_refused(text: str) -> None:
         SwitchRule.parse(text)
 
 
+def test_a_stage_is_read() -> None:
+    assert Stage.parse("exploring") == Stage("exploring")
+    assert Stage.parse("stretching", "steps 5") == Stage("stretching", SwitchRule("steps", 5))
+    with pytest.raises(ValueError, match="stage='resting' must be one of teaching, stretching"):
+        Stage.parse("resting")
+    with pytest.raises(ValueError, match="until='never'"):
+        Stage.parse("teaching", "never")
+
+
 @pytest.mark.parametrize(
     ("stages", "message"),
     [
