@@ -34,6 +34,7 @@ from stable_baselines3.common.type_aliases import MaybeCallback
 from saver_advisors.advising.advisor import Advice, Advisor
 from saver_advisors.advising.context import Mask
 from saver_advisors.advising.factory import make_advisor
+from saver_advisors.advising.initialisation import start_as_teachers
 from saver_advisors.advising.student import student_values
 
 
@@ -47,7 +48,8 @@ class AdvisedMixin(OffPolicyAlgorithm):
 
     :param advisor: the advisor, or the arguments of `make_advisor` as a mapping (for configuration
         files; a model loaded with such a mapping goes on with the budget that it has spent), or
-        None for the plain algorithm
+        None for the plain algorithm. A mapping may hold `start_as_teacher` too: a goal learner's
+        networks then start as the teachers', see `start_as_teachers`
     """
 
     advisor: Advisor | Mapping[str, Any] | None
@@ -66,8 +68,15 @@ class AdvisedMixin(OffPolicyAlgorithm):
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
-        self._ready_advisor()
+        starts = False
+        if isinstance(self.advisor, Mapping):
+            self.advisor = dict(self.advisor)
+            starts = self.advisor.pop("start_as_teacher", False)
+        advisor = self._ready_advisor()
         super()._setup_model()
+        # A model that has been advised before is being loaded, and has weights of its own.
+        if starts and advisor is not None and self.advice_state is None:
+            start_as_teachers(self, advisor.teachers, advisor.mapping)
 
     def _setup_learn(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,27 +10,38 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from saver_advisors.variable_reward.control import StageControl
-from saver_advisors.variable_reward.stages import Stage
+from saver_advisors.variable_reward.stages import Stage, check_stages
 
 
 class StagesCallback(BaseCallback):
     """Runs a model through its stages while ``learn`` does.
 
+    RL Zoo builds it from its settings files, where stages are names and rules::
+
+        callback:
+          - saver_advisors.variable_reward.StagesCallback:
+              stages: [{stage: teaching, until: budget}, {stage: exploring}]
+
     The stage may change at the end of each rollout. ``success S`` is judged by SB3's own success
     buffer, the training episodes that ended last (100 of them), once it is full. The model keeps
     ``stage_state``, which its zip holds: ``learn`` again, after ``load`` too, goes on in the same
-    stage.
+    stage. Where the model counts its steps from 0 again, as RL Zoo has it, so does that stage.
 
-    :param stages: in their order
+    :param stages: in their order, or the arguments of :meth:`Stage.parse` for each
     :param constraint_value_weight: as for ``StageControl``
     :param verbose: 1 to print each switch
     """
 
     def __init__(
-        self, stages: Sequence[Stage], *, constraint_value_weight: float = 1.0, verbose: int = 0
+        self,
+        stages: Sequence[Stage | Mapping[str, Any]],
+        *,
+        constraint_value_weight: float = 1.0,
+        verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
-        self.stages = tuple(stages)
+        self.stages = tuple(one if isinstance(one, Stage) else Stage.parse(**one) for one in stages)
+        check_stages(self.stages)
         self.constraint_value_weight = constraint_value_weight
         self.control: StageControl | None = None
 
@@ -45,8 +56,9 @@ class StagesCallback(BaseCallback):
             model, self.stages, constraint_value_weight=self.constraint_value_weight
         )
         state = getattr(model, "stage_state", None)
-        if state is not None and model.num_timesteps > 0:
-            self.control.load_state_dict(state, model)
+        if state is not None:
+            began = [min(steps, model.num_timesteps) for steps in state["switched_at"]]
+            self.control.load_state_dict({**state, "switched_at": began}, model)
         model.stage_state = self.control.state_dict()
 
     def _on_step(self) -> bool:

@@ -4,6 +4,8 @@ Each takes the constructor's arguments of its kin, and `advisor`: the arguments 
 plain names and numbers, which RL Zoo reads from YAML and writes back readably::
 
     advisor: {strategy: mc-q, teacher: jaco-push, budget: 100000}
+
+A goal learner's may say `start_as_teacher: true` as well.
 """
 
 from __future__ import annotations

@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 from rl_zoo3.exp_manager import ExperimentManager
+from rl_zoo3.utils import get_class_by_name
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
+from saver_advisors.cli.errors import user_mistakes
 from saver_advisors.zoo.algorithms import register_algorithms
 from saver_advisors.zoo.vec_env import BatchedVecEnv
 
@@ -57,7 +59,25 @@ class SuccessEvalCallback(EvalCallback):
 
 
 class SaverExperimentManager(ExperimentManager):
-    """RL Zoo's manager whose evaluations keep the model that succeeds most often."""
+    """RL Zoo's manager whose evaluations keep the model that succeeds most often.
+
+    A settings file may name a replay buffer by module and class; RL Zoo itself evaluates the text
+    as Python, among the names that it has imported.
+    """
+
+    def setup_experiment(self) -> Any:
+        """As RL Zoo's; what environment or algorithm refuse of the settings is the user's mistake.
+
+        :raises UsageError: telling what they said
+        """
+        with user_mistakes():
+            return super().setup_experiment()
+
+    def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> Any:
+        buffer = hyperparams.get("replay_buffer_class")
+        if isinstance(buffer, str) and "." in buffer:
+            hyperparams["replay_buffer_class"] = get_class_by_name(buffer)
+        return super()._preprocess_hyperparams(hyperparams)
 
     def create_callbacks(self) -> None:
         """As RL Zoo's, with `SuccessEvalCallback` in place of `EvalCallback`."""

@@ -234,6 +234,32 @@ def test_a_callback_runs_the_stages_and_a_saved_model_goes_on(env: VecEnv, tmp_p
     assert again.control.clock.switched_at["stretching"] == 2 * BLOCK
 
 
+def test_a_callback_takes_names_and_numbers() -> None:
+    callback = StagesCallback(
+        [
+            {"stage": "teaching", "until": "budget"},
+            {"stage": "stretching", "until": f"steps {2 * BLOCK}"},
+            {"stage": "exploring"},
+        ]
+    )
+    assert callback.stages == THREE
+    with pytest.raises(ValueError, match="their order is"):
+        StagesCallback([{"stage": "exploring", "until": "steps 5"}, {"stage": "teaching"}])
+
+
+def test_steps_that_begin_anew_begin_the_stage_anew(env: VecEnv) -> None:
+    model = callback_model(env)
+    model.learn(3 * BLOCK, StagesCallback(THREE))
+    assert model.stage_state["switched_at"] == [2 * BLOCK]
+    again = StagesCallback(THREE)
+    model.learn(BLOCK, again)
+    assert again.control is not None
+    assert again.control.stage.name == "stretching"
+    model.learn(BLOCK, again, reset_num_timesteps=False)
+    assert again.control.stage.name == "exploring"
+    assert again.control.clock.switched_at == {"stretching": 0, "exploring": 2 * BLOCK}
+
+
 def test_a_buffer_that_keeps_old_rewards_is_refused(env: VecEnv) -> None:
     model = SAC(
         "MultiInputPolicy",

@@ -9,18 +9,19 @@ from typing import Any
 import pytest
 import yaml
 from rl_zoo3 import ALGOS
+from rl_zoo3.utils import get_callback_list
 from stable_baselines3 import HerReplayBuffer
 from zoo_runs import CONFIGS
 
-from saver_advisors.advising import make_advisor
 from saver_advisors.defaults import default_settings
+from saver_advisors.experiments.grid import read_grid
 from saver_advisors.learner import GoalReplayBuffer
 from saver_advisors.learner.configuration import RunConfig
+from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, StagesCallback
 from saver_advisors.zoo import ALGORITHMS, register_algorithms
-from saver_advisors.zoo.command import read_settings, settings_path
+from saver_advisors.zoo.command import read_settings, ready_advice, settings_path
 from saver_advisors.zoo.manager import SaverExperimentManager
 from saver_advisors.zoo.vec_env import BatchedVecEnv
-from saver_envs.envs.spaces import action_space, observation_space
 from saver_envs.registration import make_episodes
 
 IDS = (
@@ -67,6 +68,9 @@ def test_rl_zoo_builds_every_algorithm_for_every_id(
     stock = algorithm in STOCK
     assert type(model) is (ALGOS[algorithm] if stock else ALGORITHMS[algorithm])
     expected = GoalReplayBuffer if algorithm.startswith("goal") else HerReplayBuffer
+    if (algorithm, env_id) == ("goal_td3", "DualJacoDistance-v0"):
+        expected = ConstraintReplayBuffer
+        assert model.policy.critic_target.value_bounds == pytest.approx((-100.0, 0.0))
     assert type(model.replay_buffer) is expected
     assert model.n_envs == 16
     assert model.gamma in (0.95, 0.98)
@@ -80,20 +84,25 @@ def test_rl_zoo_builds_every_algorithm_for_every_id(
 def test_advice_is_names_and_numbers_and_fits_the_arms(name: str) -> None:
     content = yaml.safe_load((CONFIGS / f"{name}.yml").read_text())
     for env_id, advice in content["advice"].items():
-        assert {type(value) for value in advice.values()} <= {str, int, float}
-        episodes = make_episodes(env_id)
-        make_advisor(
-            **advice,
-            observation_space=observation_space(episodes),
-            action_space=action_space(episodes),
-        )
+        assert {type(value) for value in advice.values()} <= {str, int, float, bool}
+        assert ready_advice(advice, env_id, {}, 1000, 0)["horizon"] == 50
 
 
 @pytest.mark.parametrize("env_id", IDS)
 def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
     """One learner, one set of numbers, in two formats."""
     entry, advice = read_settings(settings_path("goal_td3"), env_id)
-    config = RunConfig.from_mapping(default_settings(env_id))
+    compare(entry, advice, RunConfig.from_mapping(default_settings(env_id)))
+
+
+def test_the_stages_have_the_settings_of_the_method_as_written() -> None:
+    entry, advice = read_settings(CONFIGS / "stages.yml", "DualJacoDistance-v0")
+    grid = read_grid(CONFIGS / "constraints.yml")
+    compare(entry, advice, grid.named("distance-min-seed0").config)
+
+
+def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunConfig) -> None:
+    """An entry of RL Zoo's says what a configuration of ours does."""
     same = [
         "n_envs",
         "gradient_steps",
@@ -121,20 +130,33 @@ def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
     assert replay["relabel_probability"] == config.relabel_probability
     assert ("goal_parts" in replay) == config.arms_apart
     assert policy.get("n_values", 1) == len(replay.get("goal_parts", [1]))
-    assert sum(replay.get("goal_parts", [])) in (0, make_episodes(env_id).goal_size)
+    assert sum(replay.get("goal_parts", [])) in (0, make_episodes(config.env_id).goal_size)
     contested = {"contested_share": 0.4}  # the default, which saver.yml says once more
     training = {**contested, **config.env_kwargs, **config.train_env_kwargs}
     assert {**contested, **entry.get("env_kwargs", {})} == training
     read = policy.get("features_extractor_kwargs", {}).get("achieved_goal", False)
     assert read == config.achieved_goal_input
+    compare_constraint(entry, config)
     if config.advice is None:
         assert advice is None
         return
     assert advice is not None
-    assert advice["teacher"] == config.advice.teacher
-    if config.advice.start_as_teacher and advice["strategy"] != "none":
-        # RL Zoo cannot start as the teacher: there the budget is spent early instead.
-        assert (advice["strategy"], advice["budget"] > 0) == ("early", True)
-    else:
-        wanted = (config.advice.strategy, config.advice.budget)
-        assert (advice["strategy"], advice["budget"]) == wanted
+    own = ("strategy", "teacher", "budget", "start_as_teacher")
+    assert {"start_as_teacher": False, **advice} == {
+        name: getattr(config.advice, name) for name in own
+    }
+
+
+def compare_constraint(entry: dict[str, Any], config: RunConfig) -> None:
+    """What becomes of a constraint, and in which stages."""
+    relabelling = entry["replay_buffer_kwargs"].get("constraint_relabelling")
+    assert relabelling == config.constraint_relabelling
+    kept = {"saver_advisors.variable_reward.ConstraintReplayBuffer"} if relabelling else {None}
+    assert {entry.get("replay_buffer_class")} == kept
+    callbacks = get_callback_list(entry)
+    assert len(callbacks) == (config.stages is not None)
+    if config.stages is not None:
+        (callback,) = callbacks
+        assert isinstance(callback, StagesCallback)
+        assert callback.stages == tuple(Stage.parse(one.stage, one.until) for one in config.stages)
+        assert callback.constraint_value_weight == config.constraint_value_weight

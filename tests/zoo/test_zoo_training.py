@@ -17,10 +17,11 @@ from rl_zoo3 import ALGOS
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
-from zoo_runs import CONFIGS, TINY, tiny
+from zoo_runs import CONFIGS, TINY, WIDE, tiny
 
 from saver_advisors.advising import AdvisedMixin
 from saver_advisors.cli import main
+from saver_advisors.zoo import manager
 from saver_advisors.zoo.__main__ import main as zoo_program
 from saver_advisors.zoo.manager import SuccessEvalCallback
 from saver_advisors.zoo.vec_env import BatchedVecEnv
@@ -30,6 +31,8 @@ STOCK = ("ddpg", "td3", "sac", "tqc")
 DUAL = "DualJacoPush-v0"
 SOME = ("--advice", "mc-act", "--threshold", "1.2", "--budget", "120")
 """Advice to some of the arms at some of the steps."""
+STARTING = (*TINY[:-1], WIDE)
+"""For students that start as their teachers, which the settings of `goal_td3` have two arms do."""
 
 
 def record(monkeypatch: pytest.MonkeyPatch, vec_env: type[Any]) -> list[Any]:
@@ -149,7 +152,7 @@ def test_what_is_saved_is_readable_and_loads_everywhere(tmp_path: Path) -> None:
 def test_our_loader_and_theirs_agree(algorithm: str, models: list[Any], tmp_path: Path) -> None:
     from saver_advisors.zoo.runs import find_run, load_run
 
-    assert main(tiny(algorithm, DUAL, tmp_path)) == 0
+    assert main(tiny(algorithm, DUAL, tmp_path, settings=STARTING)) == 0
     name = f"advised_{algorithm}" if algorithm == "sac" else algorithm
     files = find_run(run_folder(tmp_path, name))
     assert files is not None
@@ -176,6 +179,66 @@ def test_a_resumed_run_goes_on_with_the_spent_budget(
         # Its replay buffer came back as well, without pickle.
         assert int(models[1].replay_buffer.advised.sum()) == 200
         assert models[1].replay_buffer.size() == 320
+
+
+def test_a_student_starts_as_its_teachers_once(
+    models: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begun: list[dict[str, Any]] = []
+    learn = manager.SaverExperimentManager.learn
+
+    def keep(self: Any, model: Any) -> None:
+        begun.append(weights(model))
+        learn(self, model)
+
+    monkeypatch.setattr(manager.SaverExperimentManager, "learn", keep)
+    assert main(tiny("goal_td3", DUAL, tmp_path, steps=20, settings=STARTING)) == 0
+    (model,) = models
+    learned = weights(model)
+    assert any((begun[0][name] != value).any() for name, value in learned.items())
+    model.actor.load_state_dict(begun[0])
+    env = SaverVecEnv(DUAL, n_envs=4, seed=0)
+    observation: Any = env.reset()
+    env.close()
+    mapping = model.advisor.mapping
+    expected = model.advisor.teachers.act(
+        mapping.split_observation(observation["observation"]),
+        mapping.split_goal(observation["desired_goal"]),
+    )
+    action, _ = model.predict(observation, deterministic=True)
+    np.testing.assert_allclose(mapping.split_action(action), expected, atol=1e-5)
+    # A run that goes on does so with what was learned, not as the teachers anew.
+    assert main(tiny("goal_td3", DUAL, tmp_path, "--resume", steps=20, settings=STARTING)) == 0
+    assert all((begun[1][name] == value).all() for name, value in learned.items())
+
+
+def weights(model: Any) -> dict[str, Any]:
+    """A copy of an actor's."""
+    return {name: value.clone() for name, value in model.actor.state_dict().items()}
+
+
+def test_a_student_that_cannot_start_as_its_teachers_is_told_what_can(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(tiny("goal_td3", DUAL, tmp_path)) == 2
+    assert "net_arch=[8] cannot hold the teachers side by side" in capsys.readouterr().err
+
+
+def test_stages_go_on_where_a_run_was(models: list[Any], tmp_path: Path) -> None:
+    env = "DualJacoDistance-v0"
+    words = ("--config", str(CONFIGS / "stages.yml"), "--advice", "early", "--budget", "60")
+    assert main(tiny("goal_td3", env, tmp_path, *words, steps=100)) == 0
+    state = {"stages": ["teaching", "stretching", "exploring"], "stage": "stretching"}
+    assert models[0].stage_state == {**state, "switched_at": [60]}
+    assert models[0].advisor.spent == 60
+    text = (tmp_path / "goal_td3" / f"{env}_1" / env / "config.yml").read_text()
+    for line in ("until: steps 133000", "ConstraintReplayBuffer", "constraint_relabelling: next"):
+        assert line in text
+    assert "python/object:" not in text
+    assert main(tiny("goal_td3", env, tmp_path, *words, "--resume", steps=100)) == 0
+    # RL Zoo counts from 0 again, and so does the stage.
+    assert models[1].stage_state == {**state, "switched_at": [0]}
+    assert models[1].advisor.spent == 60
 
 
 @pytest.mark.parametrize("strategy", ["random", "jump-start"])

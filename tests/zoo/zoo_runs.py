@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,23 @@ TINY = (
     "policy_kwargs.net_arch=[8]",
 )
 """Settings of a run that takes a second, with episodes of 10 steps."""
+WIDE = "policy_kwargs.net_arch=[256,256,256]"
+"""In place of the last of them: networks that can start as two shipped teachers."""
 
 
-def tiny(algorithm: str, env: str, output: Path, *more: object, steps: int = 160) -> list[str]:
+def tiny(
+    algorithm: str,
+    env: str,
+    output: Path,
+    *more: object,
+    steps: int = 160,
+    settings: Sequence[str] = TINY,
+) -> list[str]:
     """The words of `saver` for a tiny run; words after `--` go last."""
     rest = list(map(str, more))
     ours, theirs = (rest, []) if "--" not in rest else _split(rest)
     words = ["train", "--zoo", algorithm, "--env", env, "--output", str(output)]
-    words += ["--steps", str(steps), "--env-kwargs", "horizon=10", *ours, "--set", *TINY]
+    words += ["--steps", str(steps), "--env-kwargs", "horizon=10", *ours, "--set", *settings]
     return [*words, "--", "--eval-freq", "-1", "--log-interval", "1000", *theirs]
 
 
