@@ -10,6 +10,7 @@ import pytest
 
 from saver_advisors.benchmarks.learning.stopwatch import Stopwatch
 from saver_advisors.benchmarks.learning.training_loops import (
+    EIGHT_LAYERS,
     PARTS,
     VARIANTS,
     Variant,
@@ -17,6 +18,7 @@ from saver_advisors.benchmarks.learning.training_loops import (
     settings_of,
 )
 from saver_advisors.cli import main
+from saver_advisors.experiments.grid import read_grid
 
 
 class Nested:
@@ -71,6 +73,11 @@ def test_a_variant_changes_what_it_says_and_nothing_else() -> None:
 def test_every_variant_can_be_built_for_an_advised_student(variant: Variant) -> None:
     loop = our_loop("DualJacoPush-v0", variant, by_part=False)
     assert loop.model.advisor.strategy.name == "early"
+
+
+def test_the_papers_layers_are_those_of_the_row_that_was_trained() -> None:
+    grid = read_grid(Path(__file__).resolve().parents[2] / "zoo_configs" / "constraints.yml")
+    assert grid.named("distance-min-eight-layers-seed0").config.net_arch == EIGHT_LAYERS
 
 
 def test_the_parts_of_a_block_add_up() -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,8 @@ Task = Literal["ik", "id"]
 Precision = Literal["float32", "bfloat16"]
 Device = Literal["cpu", "cuda"]
 
-PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
-DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
+PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
+DEVICES: Final[tuple[Device, ...]] = get_args(Device)
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k is the first k x 10,000 consecutive samples."""
