@@ -82,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
         show(columns, cells, title=task)
     for one in (*entries.skipped, *baselines.skipped):
         print(f"left out {one.file}: {one.reason}")
+    write_json(args.json, figures(tasks))  # before what changes the checkout
     if args.figure is not None:
         draw(tasks, args.figure)
         print(f"wrote {args.figure}")
@@ -89,7 +90,6 @@ def run(args: argparse.Namespace) -> int:
         text = page(tasks, entries, baselines, args.figure, args.table.parent)
         args.table.write_text(text, encoding="utf-8")
         print(f"wrote {args.table}")
-    write_json(args.json, figures(tasks))
     return 0
 
 
