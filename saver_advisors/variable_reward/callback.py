@@ -30,6 +30,7 @@ class StagesCallback(BaseCallback):
     :param stages: in their order, or the arguments of :meth:`Stage.parse` for each
     :param constraint_value_weight: as for ``StageControl``
     :param verbose: 1 to print each switch
+    :raises ValueError: for stages that cannot be, see :func:`check_stages`
     """
 
     def __init__(

@@ -76,7 +76,10 @@ class SaverExperimentManager(ExperimentManager):
     def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> Any:
         buffer = hyperparams.get("replay_buffer_class")
         if isinstance(buffer, str) and "." in buffer:
-            hyperparams["replay_buffer_class"] = get_class_by_name(buffer)
+            try:
+                hyperparams["replay_buffer_class"] = get_class_by_name(buffer)
+            except (ImportError, AttributeError) as error:
+                raise ValueError(f"replay_buffer_class={buffer!r} is no class: {error}") from error
         return super()._preprocess_hyperparams(hyperparams)
 
     def create_callbacks(self) -> None:

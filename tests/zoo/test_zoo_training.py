@@ -217,11 +217,20 @@ def weights(model: Any) -> dict[str, Any]:
     return {name: value.clone() for name, value in model.actor.state_dict().items()}
 
 
-def test_a_student_that_cannot_start_as_its_teachers_is_told_what_can(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (TINY, "net_arch=[8] cannot hold the teachers side by side"),
+        ((*STARTING, "replay_buffer_class=saver_advisors.Buffer"), "is no class"),
+        ((*STARTING, "callback=[{saver_advisors.variable_reward.StagesCallback: "
+          "{stages: [{stage: resting}]}}]"), "stage='resting' must be one of"),
+    ],
+)  # fmt: skip
+def test_settings_that_the_algorithm_refuses_are_told_in_a_line(
+    settings: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(tiny("goal_td3", DUAL, tmp_path)) == 2
-    assert "net_arch=[8] cannot hold the teachers side by side" in capsys.readouterr().err
+    assert main(tiny("goal_td3", DUAL, tmp_path, settings=settings)) == 2
+    assert message in capsys.readouterr().err
 
 
 def test_stages_go_on_where_a_run_was(models: list[Any], tmp_path: Path) -> None:
