@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from zoo_runs import ROOT, TINY, WIDE
+from zoo_runs import ROOT, STARTING, TINY
 
 from saver_advisors.cli import main
 
@@ -41,7 +41,7 @@ def shortened(words: list[str]) -> list[str]:
             at = words.index("--")
             ours, theirs = words[:at], words[at + 1 :]
         # Students of this algorithm start as their teachers, whom small networks cannot hold.
-        small = (*TINY[:-1], WIDE) if "goal_td3" in words else TINY
+        small = STARTING if "goal_td3" in words else TINY
         tiny = ["--steps", "80", "--env-kwargs", "horizon=10", "--set", *small]
         return [*ours, *tiny, "--", "--eval-freq", "-1", *theirs]
     if "rl_zoo3.train" in words:

@@ -17,7 +17,7 @@ from rl_zoo3 import ALGOS
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
-from zoo_runs import CONFIGS, TINY, WIDE, tiny
+from zoo_runs import CONFIGS, STARTING, TINY, tiny
 
 from saver_advisors.advising import AdvisedMixin
 from saver_advisors.cli import main
@@ -31,8 +31,6 @@ STOCK = ("ddpg", "td3", "sac", "tqc")
 DUAL = "DualJacoPush-v0"
 SOME = ("--advice", "mc-act", "--threshold", "1.2", "--budget", "120")
 """Advice to some of the arms at some of the steps."""
-STARTING = (*TINY[:-1], WIDE)
-"""For students that start as their teachers, which the settings of `goal_td3` have two arms do."""
 
 
 def record(monkeypatch: pytest.MonkeyPatch, vec_env: type[Any]) -> list[Any]:

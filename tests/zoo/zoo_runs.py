@@ -22,8 +22,8 @@ TINY = (
     "policy_kwargs.net_arch=[8]",
 )
 """Settings of a run that takes a second, with episodes of 10 steps."""
-WIDE = "policy_kwargs.net_arch=[256,256,256]"
-"""In place of the last of them: networks that can start as two shipped teachers."""
+STARTING = (*TINY[:-1], "policy_kwargs.net_arch=[256,256,256]")
+"""The same with networks that can start as two shipped teachers, as `goal_td3` has students do."""
 
 
 def tiny(
