@@ -70,7 +70,7 @@ format: $(STAMP)  ## put imports and layout in order
 	$(BIN)/ruff format .
 
 docs: $(DOCS_STAMP) rendering  ## regenerate the pages that come from code, then build site/
-	$(BIN)/saver docs
+	$(BIN)/python -m reproduction pages
 	$(BIN)/mkdocs build --strict
 
 wheel: $(STAMP)  ## build the sdist and the wheel into dist/
@@ -78,7 +78,7 @@ wheel: $(STAMP)  ## build the sdist and the wheel into dist/
 
 clean:  ## remove what the other targets made, but for the virtual environment
 	rm -rf build dist site demo_output *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
-	find saver_envs saver_advisors tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find saver_envs saver_advisors reproduction tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean  ## and the virtual environment .venv
 	rm -rf .venv

@@ -10,7 +10,7 @@ import gymnasium
 import pettingzoo
 
 from saver_envs.control import InverseKinematics
-from saver_envs.core import (
+from saver_envs.episodes import (
     DEFAULT_HORIZON,
     DEFAULT_SPEED,
     RATED_HORIZON,

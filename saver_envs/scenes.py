@@ -16,7 +16,7 @@ from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
 from saver_envs.world import TABLE_BIT, add_cameras, bench_round, new_world
 
 if TYPE_CHECKING:
-    from saver_envs.person.scene import PersonAddresses
+    from saver_envs.people.bench import PersonAddresses
 
 Layout = Literal["row", "ring"]
 
@@ -79,7 +79,7 @@ class Scene:
     :param object_dof: (arms, 6) addresses of linear and angular velocity.
     :param target_site: (arms,) sites that show the targets.
     :param collision_sensor: addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
-    :param person: where the person is in the scene of :mod:`saver_envs.person.scene`, whose wrists
+    :param person: where the person is in the scene of :mod:`saver_envs.people.bench`, whose wrists
         are the objects.
     """
 

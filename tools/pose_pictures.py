@@ -21,16 +21,16 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from saver_advisors.benchmarks.peers.suites import default_cache
-from saver_advisors.benchmarks.pose.accuracy import test_set
-from saver_advisors.benchmarks.pose.blazepose import BlazePose
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_advisors.benchmark.peers.suites import default_cache
+from saver_advisors.benchmark.pose.accuracy import test_set
+from saver_advisors.benchmark.pose.blazepose import BlazePose
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.people.manikin import add_manikin
+from saver_envs.people.stretcher import add_stretcher
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.estimator import PoseEstimator
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.weights import SHIPPED
-from saver_envs.robots.manikin import add_manikin
-from saver_envs.robots.stretcher import add_stretcher
 
 OUTPUT = Path("docs/images/perception")
 COLUMNS, ROWS = 4, 3

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import SceneRenderer
 
 OUTPUT = Path("docs/images/scenes.png")
 PANEL = (600, 450)  # width, height in pixels

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from saver_envs.core import Episodes
+from saver_envs.cameras.rendering import SceneRenderer
+from saver_envs.episodes import Episodes
 from saver_envs.experts import make_expert
-from saver_envs.person.scene import CAMERA
+from saver_envs.people.bench import CAMERA
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import SceneRenderer
 
 ENV_ID = "WristPush-v0"
 OUTPUT = Path("docs/images/wrist-push")

@@ -21,9 +21,9 @@ from saver_advisors.advising.context import (
     StudentValues,
     WatchesStudent,
 )
-from saver_advisors.advising.inference import FloatArray
-from saver_advisors.advising.mapping import ArmMapping
-from saver_advisors.advising.teacher import Teacher, TeacherGroup
+from saver_advisors.policies.inference import FloatArray
+from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 Compare = Literal["noisy", "noise-free"]
 """Which student action a correcting strategy judges: the one about to be executed, with exploration

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.advising.budget import AdviceBudget
-from saver_advisors.advising.inference import FloatArray
-from saver_advisors.advising.teacher import TeacherGroup
+from saver_advisors.policies.inference import FloatArray
+from saver_advisors.policies.teacher import TeacherGroup
 
 Mask = NDArray[np.bool_]
 

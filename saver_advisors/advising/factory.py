@@ -11,10 +11,11 @@ from gymnasium import spaces
 from saver_advisors.advising.advisor import Advisor, Compare
 from saver_advisors.advising.budget import AdviceBudget
 from saver_advisors.advising.context import AdvisingStrategy, RunPlan
-from saver_advisors.advising.mapping import ArmMapping
 from saver_advisors.advising.registry import make_strategy
-from saver_advisors.advising.scripted import PREFIX, scripted_teachers
-from saver_advisors.advising.teacher import Teacher
+from saver_advisors.policies.files import load_teacher
+from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.policies.scripted import PREFIX, scripted_teachers
+from saver_advisors.policies.teacher import Teacher
 
 TeacherLike = str | PathLike[str] | Teacher
 
@@ -88,9 +89,6 @@ def make_advisor(
 
 def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
     """:return: teachers, loaded where a name or a path was given; equal names share one teacher"""
-    # Imported here: the pretrained room builds on this one.
-    from saver_advisors.pretrained import load_teacher
-
     given = [teacher] if isinstance(teacher, (str, PathLike, Teacher)) else list(teacher)
     if not given:
         raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")

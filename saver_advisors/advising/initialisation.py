@@ -25,10 +25,10 @@ from gymnasium import spaces
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 
-from saver_advisors.advising.mapping import ArmMapping
-from saver_advisors.advising.scripted import ScriptedTeacher
-from saver_advisors.advising.teacher import Teacher, TeacherGroup
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
+from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.policies.scripted import ScriptedTeacher
+from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 NORMALISER_COUNT: Final = 1_000_000
 """Samples that the teachers' statistics count as, when the student's go on from them. About what a

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.errors import UsageError, unknown
+from saver_advisors.reporting.errors import UsageError, unknown
 
 
 def env_id(text: str) -> str:
@@ -185,7 +185,7 @@ def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
     :param pairs: ``name=value`` words
     :return: the arguments
     """
-    from saver_advisors.cli.errors import user_mistakes
+    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.registration import make_episodes
 
     values = settings(pairs, "--env-kwargs")
@@ -203,7 +203,7 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     """
     if path is None:
         return
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
     write_json_atomic(path, {**data, "provenance": provenance()})
     print(f"wrote {path}")

@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the table, draw the figure, write the figures."""
-    from saver_advisors.cli import tables
     from saver_advisors.cli.runs import COLUMNS, cells, draw, read_runs
     from saver_advisors.evaluation.metrics import SOLVED
+    from saver_advisors.reporting import tables
 
     runs = read_runs(args.run_dirs)
     summaries = [one.summary() for one in runs]

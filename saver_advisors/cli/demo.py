@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 from saver_advisors.cli.arguments import add_json, at_least, positive_seconds
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
-from saver_advisors.cli.errors import UsageError
 from saver_advisors.evaluation.protocol import environment_text
-from saver_advisors.threads import one_thread_of_algebra
+from saver_advisors.reporting.errors import UsageError
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -67,9 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Do all of it; whoever interrupts it loses nothing but the page."""
+    from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
     from saver_advisors.cli.demo_robot import whole_robot
-    from saver_advisors.cli.pages.catalogue import COLUMNS, entry, sparse_ids
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
     start = time.perf_counter()
     if args.output.exists() and not args.output.is_dir():
@@ -194,7 +194,7 @@ def _record(
 ) -> list[dict[str, Any]]:
     """A video from each environment, but for the whole robot's, which has one of its own."""
     from saver_advisors.cli.policies import resolve
-    from saver_advisors.cli.video import GREY, captioned, record, write_mp4
+    from saver_advisors.reporting.video import GREY, captioned, record, write_mp4
 
     videos = []
     for one in best_shipped(evaluations, left_out=robot_env):
@@ -226,6 +226,6 @@ def _record(
 
 def _scenes() -> list[dict[str, str]]:
     """A picture of each of a few environments."""
-    from saver_advisors.cli.pages.pictures import OVERVIEW, start_picture
+    from saver_advisors.cli.pictures import OVERVIEW, start_picture
 
     return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in OVERVIEW]

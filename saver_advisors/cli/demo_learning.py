@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.errors import UsageError
+from saver_advisors.reporting.errors import UsageError
 
 #: What is learned, and from whom.
 LESSON_ENV: Final = "JacoPush-v0"

@@ -23,9 +23,10 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    from saver_advisors.cli.evaluate import COLUMNS, cells
     from saver_advisors.cli.runs import COLUMNS as RUN_COLUMNS
+    from saver_advisors.cli.runs import cells
     from saver_advisors.cli.runs import cells as run_cells
+    from saver_advisors.reporting.evaluation_table import COLUMNS
 
     evaluations, learning = figures["evaluations"], figures["learning"]
     collisions = [f"{one['cost_means']['cost_collision']:.2f}" for one in evaluations]
@@ -80,8 +81,8 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
     """Success with its interval, a bar a policy."""
     from matplotlib.figure import Figure
 
-    from saver_advisors.evaluation.plots import COLOURS
     from saver_advisors.evaluation.protocol import environment_text
+    from saver_advisors.reporting.curve_style import COLOURS
 
     figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
     axes = figure.subplots()

@@ -23,7 +23,7 @@ def whole_robot(folder: Path, trials: int, seed: int) -> dict[str, Any]:
     from saver_advisors.integration.recording import Panel, VideoRecorder
     from saver_advisors.integration.trial import SUCCEEDED, run_trial
     from saver_advisors.integration.wrist_bench import WristBench
-    from saver_envs.core import ACTION_DURATION
+    from saver_envs.episodes import ACTION_DURATION
     from saver_envs.tasks.wrist_push import HORIZON
 
     began = time.perf_counter()

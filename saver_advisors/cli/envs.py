@@ -24,8 +24,8 @@ def run(args: argparse.Namespace) -> int:
     """Print the table."""
     from dataclasses import asdict
 
-    from saver_advisors.cli import tables
-    from saver_advisors.cli.pages.catalogue import COLUMNS, dense_twin, entry, pixel_ids, sparse_ids
+    from saver_advisors.cli.catalogue import COLUMNS, dense_twin, entry, pixel_ids, sparse_ids
+    from saver_advisors.reporting import tables
 
     names = sparse_ids()
     entries = [entry(name) for name in names + [dense_twin(name) for name in names] * args.all]

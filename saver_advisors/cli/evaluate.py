@@ -18,8 +18,9 @@ from saver_advisors.cli.arguments import (
     new_file,
     write_json,
 )
-from saver_advisors.cli.errors import user_mistakes
-from saver_advisors.threads import one_thread_of_algebra
+from saver_advisors.reporting.errors import user_mistakes
+from saver_advisors.reporting.evaluation_table import COLUMNS, cells
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     show(figures)
     write_json(args.json, figures)
     if args.video is not None:
-        from saver_advisors.cli.video import record, write_mp4
+        from saver_advisors.reporting.video import record, write_mp4
 
         recordings = record(
             resolve(args.policy, args.env, env_kwargs, args.seed).predict,
@@ -97,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         write_mp4(args.video, recordings, f"{args.env}   {args.policy}")
         print(f"wrote {args.video}")
     if args.paths is not None:
-        from saver_advisors.evaluation.paths import draw_paths, follow
+        from saver_advisors.reporting.episode_paths import draw_paths, follow
 
         predict = resolve(args.policy, args.env, env_kwargs, args.seed).predict
         title = f"{args.env}, {args.policy}, seed {args.seed}"
@@ -141,31 +142,9 @@ def measure(
     }
 
 
-COLUMNS = ("environment", "policy", "episodes", "success", "95% interval", "final distance (cm)")
-
-
-def cells(figures: dict[str, Any]) -> list[str]:
-    """A row of a table of results, in the order of ``COLUMNS``, then the costs.
-
-    :param figures: as ``measure`` returns them
-    :return: the cells
-    """
-    from saver_advisors.evaluation.protocol import environment_text
-
-    low, high = figures["ci95"]
-    return [
-        environment_text(figures["env"], figures.get("env_kwargs", {})),
-        figures["policy"],
-        str(figures["episodes"]),
-        f"{figures['success_rate']:.3f}",
-        f"{low:.3f} to {high:.3f}",
-        ", ".join(f"{100 * distance:.1f}" for distance in figures["final_distance_mean"]),
-    ]
-
-
 def show(figures: dict[str, Any]) -> None:
     """Print the figures as a small table."""
-    from saver_advisors.cli import tables
+    from saver_advisors.reporting import tables
 
     costs = figures["cost_means"]
     columns = [*COLUMNS, *(f"{name} per episode" for name in costs)]

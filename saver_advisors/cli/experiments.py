@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from saver_advisors.cli.arguments import add_threads, at_least, positive_seconds
-from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.grid import Grid
@@ -82,10 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Work the grid off, or say how it stands."""
-    from saver_advisors.cli import tables
     from saver_advisors.experiments.grid import read_grid
     from saver_advisors.experiments.progress import COLUMNS, rows
     from saver_advisors.experiments.scheduler import Places
+    from saver_advisors.reporting import tables
 
     path, results = _starting_point(args)
     with user_mistakes("argument GRID.yml"):
@@ -115,7 +115,7 @@ def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
 
 def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
     """Copy the grid into its folder, so that it is resumed as it was begun."""
-    from saver_advisors.provenance import write_json_atomic
+    from saver_advisors.reporting.provenance import write_json_atomic
 
     with user_mistakes("argument --output"):
         args.output.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
-from saver_advisors.cli.errors import UsageError, user_mistakes
-from saver_advisors.threads import one_thread_of_algebra
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -43,9 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Choose, measure, write."""
-    from saver_advisors.cli.evaluate import COLUMNS, cells
-    from saver_advisors.cli.tables import show
-    from saver_advisors.release import release_run
+    from saver_advisors.reporting.evaluation_table import COLUMNS, cells
+    from saver_advisors.reporting.tables import show
+    from saver_advisors.training.release import release_run
 
     env, env_kwargs = run_environment(args.run_dir)
     if not any((args.run_dir / which).exists() for which in ("best", "latest")):
@@ -86,8 +86,8 @@ def shipped_path(name: str) -> Path:
     :return: the file
     :raises UsageError: outside a clone, whose package nobody should write into
     """
-    from saver_advisors.pretrained import WEIGHTS_DIR
-    from saver_advisors.provenance import REPOSITORY
+    from saver_advisors.policies import WEIGHTS_DIR
+    from saver_advisors.reporting.provenance import REPOSITORY
 
     if not (REPOSITORY / "pyproject.toml").is_file():
         raise UsageError("argument --name: only for a clone of the repository; use --path")

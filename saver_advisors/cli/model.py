@@ -109,15 +109,15 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.threads import one_thread_of_algebra
+    from saver_advisors.training.threads import one_thread_of_algebra
 
     with one_thread_of_algebra():
         return int(args.work(args))
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.benchmarks.modelling.data import prepare_data
-    from saver_advisors.benchmarks.modelling.figures import draw_recording
+    from saver_advisors.cli.model_data import prepare_data
+    from saver_advisors.cli.model_figure import draw_recording
     from saver_envs.modelling.datasets import twin_data_set
 
     prepare_data(args.robot, args.seed)
@@ -133,7 +133,7 @@ def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """Settings of the training, and of the architecture."""
     from dataclasses import fields
 
-    from saver_advisors.cli.errors import UsageError, unknown
+    from saver_advisors.reporting.errors import UsageError, unknown
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.networks import Architecture
 
@@ -151,7 +151,7 @@ def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
-    from saver_advisors.cli.errors import user_mistakes
+    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.models import new_model
     from saver_envs.modelling.models.network_model import PAPER_LAYERS
     from saver_envs.modelling.networks import Architecture
@@ -166,8 +166,8 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
 
 def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
     """Inputs and outputs to train on."""
-    from saver_advisors.benchmarks.modelling.data import prepare_data
-    from saver_advisors.cli.errors import UsageError, user_mistakes
+    from saver_advisors.cli.model_data import prepare_data
+    from saver_advisors.reporting.errors import UsageError, user_mistakes
     from saver_envs.modelling.datasets import load_recordings, samples_of, twin_data_set
     from saver_envs.modelling.recordings import Recording
     from saver_envs.modelling.workspace import workspace_samples
@@ -192,8 +192,8 @@ def _train(args: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from saver_advisors.cli.errors import user_mistakes
-    from saver_advisors.provenance import provenance
+    from saver_advisors.reporting.errors import user_mistakes
+    from saver_advisors.reporting.provenance import provenance
     from saver_envs.modelling.models import Training
 
     options, architecture = _options(args)
@@ -224,7 +224,7 @@ def _train(args: argparse.Namespace) -> int:
         "provenance": provenance(),
     }
     if args.data == "workspace":
-        from saver_advisors.benchmarks.modelling.kinematics import accuracy
+        from saver_envs.modelling.accuracy import accuracy
 
         card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
     if args.data == "twin" and args.task == "id":
@@ -248,7 +248,7 @@ def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
 
 def _write_card(path: Path, card: dict[str, Any]) -> None:
     """The card of a weight file as Markdown, beside it."""
-    from saver_advisors.cli.tables import markdown
+    from saver_advisors.reporting.tables import markdown
 
     names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
     rows = [[name.replace("_", " "), str(card[name])] for name in names]
@@ -270,12 +270,12 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
 
 
 def _search(args: argparse.Namespace) -> int:
-    from saver_advisors.benchmarks.modelling.data import prepare_data
-    from saver_advisors.benchmarks.modelling.search import ARCHITECTURES, loop_space, search
-    from saver_advisors.cli import tables
-    from saver_advisors.cli.errors import user_mistakes
+    from saver_advisors.cli.model_data import prepare_data
+    from saver_advisors.reporting import tables
+    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training
+    from saver_envs.modelling.search import ARCHITECTURES, loop_space, search
 
     options, _ = _options(args)
     _new_model(args, {})

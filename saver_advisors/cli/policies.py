@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
@@ -160,7 +160,7 @@ def _run_folder(path: Path) -> tuple[Path, str] | None:
 
 
 def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
-    from saver_advisors.training import load_trained
+    from saver_advisors.training.launch import load_trained
 
     with user_mistakes("argument --policy"):
         model = load_trained(folder, which)

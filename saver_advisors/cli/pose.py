@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
 examples:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
-from saver_advisors.cli.errors import UsageError, user_mistakes
 from saver_advisors.integration import POLICY
-from saver_advisors.threads import one_thread_of_algebra
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from saver_advisors.integration.assembly import Loop, LoopSettings
@@ -112,7 +112,7 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
     from saver_advisors.integration.recording import Panel, VideoRecorder
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
-    from saver_envs.core import ACTION_DURATION
+    from saver_envs.episodes import ACTION_DURATION
     from saver_envs.tasks.wrist_push import HORIZON
 
     bench = WristBench()
@@ -142,8 +142,8 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
 
 def _window(loop: Loop) -> Any:
     """What shows the scene in a window after each action."""
+    from saver_envs.cameras.rendering import DEFAULT_SIZE
     from saver_envs.envs.pictures import Pictures
-    from saver_envs.rendering import DEFAULT_SIZE
 
     bench: Any = loop.bench
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
@@ -155,7 +155,7 @@ def _window(loop: Loop) -> Any:
 
 
 def _report(args: argparse.Namespace, loop: Loop, records: list[TrialRecord]) -> None:
-    from saver_advisors.integration.report import write_report
+    from saver_advisors.integration.run_page import write_report
 
     if args.report.exists() and not args.report.is_dir():
         raise UsageError(f"argument --report: {str(args.report)!r} is a file, no folder")

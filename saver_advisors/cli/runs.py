@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.errors import UsageError
-from saver_advisors.curves import CURVE_FILE, read_curve
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
-from saver_advisors.evaluation.plots import PENS, dress, line_style
+from saver_advisors.reporting.curve_style import PENS, dress, line_style
+from saver_advisors.reporting.errors import UsageError
+from saver_advisors.training.curve_file import CURVE_FILE, read_curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,9 +23,9 @@ from saver_advisors.cli.arguments import (
     teacher,
     write_json,
 )
-from saver_advisors.cli.errors import UsageError, user_mistakes
 from saver_advisors.cli.train_settings import configuration
 from saver_advisors.cli.train_zoo import run_zoo
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
 examples:
@@ -102,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train until the steps are done, the time is over, or somebody presses Ctrl-C."""
-    from saver_advisors.learner.configuration import RunConfig
+    from saver_advisors.training.settings import RunConfig
 
     if args.zoo is not None:
         return run_zoo(args)
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_before_start(args: argparse.Namespace, config: Any) -> None:
     """Find the user's mistakes before a long run, each under its argument."""
     from saver_advisors.cli.arguments import env_id as known_env
-    from saver_advisors.training import check_run
+    from saver_advisors.training.launch import check_run
     from saver_envs.registration import make_episodes
 
     if args.output is None:
@@ -152,7 +152,7 @@ def _check_before_start(args: argparse.Namespace, config: Any) -> None:
 
 
 def _train(args: argparse.Namespace, config: Any) -> Any:
-    from saver_advisors.training import train
+    from saver_advisors.training.launch import train
 
     callback = None if args.time_limit is None else _time_limit(args.time_limit)
     try:
@@ -192,7 +192,7 @@ def _time_limit(seconds: float) -> Any:
 
 
 def _report(args: argparse.Namespace, config: Any, result: Any) -> None:
-    from saver_advisors.cli import tables
+    from saver_advisors.reporting import tables
 
     rates = (result.success_rate, result.best_success_rate)
     success = ["-" if rate is None else f"{rate:.3f}" for rate in rates]

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.errors import UsageError, user_mistakes
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
 examples:
@@ -21,7 +21,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmarks.peers.suites import default_cache
+    from saver_advisors.benchmark.peers.suites import default_cache
     from saver_advisors.cli.arguments import at_least, positive_seconds
 
     parser.add_argument(
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     import torch
     from tqdm import tqdm
 
-    from saver_advisors.provenance import provenance, write_json_atomic
+    from saver_advisors.reporting.provenance import provenance, write_json_atomic
     from saver_envs.perception.training import CURVE, NETWORK, Trainer, TrainingOptions, read_curve
 
     if (args.coco is None) != (args.images is None):
@@ -125,7 +125,7 @@ def _data(args: argparse.Namespace) -> tuple[Any, Any]:
     """What is learnt from and measured with, rendered where need be at half the camera's size."""
     from tqdm import tqdm
 
-    from saver_envs.perception.camera import KINECT_V2
+    from saver_envs.cameras.rgbd import KINECT_V2
     from saver_envs.perception.dataset import CocoDataset, RenderedDataset, render
     from saver_envs.perception.stage import StageOptions
 

@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from saver_advisors.cli.arguments import settings
-from saver_advisors.cli.errors import UsageError, unknown, user_mistakes
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 
 def configuration(args: argparse.Namespace) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def apply_set(values: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.defaults import default_settings, read_settings
+    from saver_advisors.training.defaults import default_settings, read_settings
 
     if args.config is not None:
         with user_mistakes("argument --config"):

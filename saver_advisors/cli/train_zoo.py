@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from saver_advisors.cli.arguments import checked_env_kwargs
-from saver_advisors.cli.errors import UsageError, user_mistakes
 from saver_advisors.cli.train_settings import apply_advice, apply_set
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 
 def run_zoo(args: argparse.Namespace) -> int:
@@ -16,7 +16,7 @@ def run_zoo(args: argparse.Namespace) -> int:
     :param args: the command line of ``saver train``
     :return: exit status
     """
-    from saver_advisors.zoo.command import (
+    from saver_advisors.zoo.arguments import (
         ZooRun,
         algorithm_name,
         check_arguments,

@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.learner.configuration import RunConfig
+from saver_advisors.training.settings import RunConfig
 
 DEFAULT_FINAL_EPISODES: Final = 500
 GRID_KEYS: Final = ("title", "final_episodes", "groups")
@@ -162,7 +162,7 @@ def _grid(content: Mapping[str, Any]) -> Grid:
 
 def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunConfig:
     """The configuration of one run: the environment's defaults, the group's settings, the row's."""
-    from saver_advisors.defaults import default_settings
+    from saver_advisors.training.defaults import default_settings
     from saver_envs.registration import ENVIRONMENTS
 
     env_id = group.get("env_id")

@@ -94,7 +94,7 @@ class ProgressTable:
         if self._live is None:
             self._tell_changes(progress)
         elif now - self._drawn_at >= DRAW_EVERY:
-            from saver_advisors.cli.tables import table
+            from saver_advisors.reporting.tables import table
 
             self._live.update(table(COLUMNS, rows(self.grid, self.places, progress)))
             self._drawn_at = now

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.curves import read_curve
 from saver_advisors.evaluation.protocol import REPORT_SEED
-from saver_advisors.evaluation.training_runs import KIND
 from saver_advisors.experiments.grid import ExperimentRun
-from saver_advisors.learner.configuration import RunConfig
-from saver_advisors.provenance import provenance, write_json_atomic
+from saver_advisors.experiments.training_runs import KIND
+from saver_advisors.reporting.provenance import provenance, write_json_atomic
+from saver_advisors.training.curve_file import read_curve
+from saver_advisors.training.settings import RunConfig
 
 RESULT_KEYS: Final = ("kind", "name", "task", "row", "seed", "config", "curve", "finished")
 
@@ -131,7 +131,7 @@ def write_result(
     :return: what was written
     :raises OSError: where it cannot be written; an earlier file is then intact
     """
-    from saver_advisors.release import evaluate_trained
+    from saver_advisors.training.release import evaluate_trained
 
     folder = Path(folder)
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))

@@ -21,7 +21,7 @@ from typing import Final
 
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.experiments.results import is_done, write_result
-from saver_advisors.provenance import COMMAND_VARIABLE, command_line, write_json_atomic
+from saver_advisors.reporting.provenance import COMMAND_VARIABLE, command_line, write_json_atomic
 
 RUN_FILE: Final = "experiment.json"
 LOG_FILE: Final = "worker.log"
@@ -37,12 +37,12 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads:
     :param run: of a grid
     :param folder: the run's own, made if need be
     :param result: the file that its result goes to
-    :param threads: see ``saver_advisors.training.train``
+    :param threads: see ``saver_advisors.training.launch.train``
     :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` where another process has it
     """
     from filelock import FileLock, Timeout
 
-    from saver_advisors.training import train
+    from saver_advisors.training.launch import train
 
     folder, result = Path(folder), Path(result)
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +71,7 @@ def start(
     :param folder: the run's own, made if need be
     :param result: the file that its result goes to
     :param command: that results name as where they come from; this process's where None
-    :param threads: see ``saver_advisors.training.train``
+    :param threads: see ``saver_advisors.training.launch.train``
     :return: the process; it ends itself when this one is gone
     """
     folder = Path(folder)

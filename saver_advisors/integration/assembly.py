@@ -33,8 +33,8 @@ from saver_advisors.integration.perception_stages import (
 from saver_advisors.integration.safety import EmergencyStop, Limits
 from saver_advisors.integration.stage import MEASURED, Latency, Stage
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
+from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.control import DampedLeastSquares, InverseKinematics
-from saver_envs.perception.camera import KINECT_V2
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Fingers
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import ArmReading, Floats, Stamp
 from saver_envs.control import Workspace
-from saver_envs.core import Episodes
+from saver_envs.episodes import Episodes
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
 from saver_envs.world import TIMESTEP

@@ -12,7 +12,7 @@ import numpy as np
 from saver_advisors.integration.messages import Action, Message, Picture, PixelPose
 from saver_advisors.integration.stage import Inputs, Stage
 from saver_advisors.integration.tracking import WRISTS
-from saver_envs.perception.camera import KINECT_V2
+from saver_envs.cameras.rgbd import KINECT_V2
 
 #: How far a jumping wrist jumps (pixels): 0.2 m on the stretcher.
 JUMP: Final = 70.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import Picture, PixelPose, SpacePose, Stamp
 from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, Camera, CameraPose
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import CAUTIOUS_PARSING, Poses
 

@@ -8,14 +8,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.cli.video import BAR_HEIGHT, GREEN, GREY, HOLD, RED, captioned, font, mp4_writer
 from saver_advisors.integration.assembly import Loop
 from saver_advisors.integration.messages import Message, Picture, PixelPose, ServoCommand
 from saver_advisors.integration.trial import SUCCEEDED, TrialRecord
 from saver_advisors.integration.wrist_bench import WristBench
+from saver_advisors.reporting.video import (
+    BAR_HEIGHT,
+    GREEN,
+    GREY,
+    HOLD,
+    RED,
+    captioned,
+    font,
+    mp4_writer,
+)
+from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.parsing import Poses
-from saver_envs.rendering import SceneRenderer
 from saver_envs.tasks.base import SUCCESS_THRESHOLD
 from saver_envs.tasks.wrist_push import FORCE_LIMIT
 

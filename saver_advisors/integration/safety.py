@@ -9,7 +9,7 @@ import numpy as np
 
 from saver_advisors.integration.messages import Floats
 from saver_envs.control import Workspace
-from saver_envs.core import ACTION_DURATION, LEASH, RATED_SPEED, shortened
+from saver_envs.episodes import ACTION_DURATION, LEASH, RATED_SPEED, shortened
 from saver_envs.tasks.wrist_push import FORCE_LIMIT, STANDOFF
 
 #: What may press against a hand of the robot (N): the quasi-static limit of ISO/TS 15066 for a

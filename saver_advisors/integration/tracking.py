@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
 from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
-from saver_envs.perception.camera import BENCH_POSE
+from saver_envs.cameras.rgbd import BENCH_POSE
+from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
-from saver_envs.person.patient import heading
 from saver_envs.tasks.wrist_push import STANDOFF
 
 #: Wrist and hip on the side of each arm: the right arm's base is at negative y, where a person on
@@ -240,7 +240,7 @@ class FilterStage(Stage):
         )
 
     def _forearms(self, wrists: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """How the forearms lie and turn, as `saver_envs.person.patient.Patient.wrists` has it.
+        """How the forearms lie and turn, as `saver_envs.people.patient.Patient.wrists` has it.
 
         An elbow that was never seen leaves its wrist unturned; one that is not seen now keeps its
         place, since forearms turn slowly.

@@ -13,7 +13,7 @@ from saver_advisors.integration.assembly import Loop
 from saver_advisors.integration.health import Event
 from saver_advisors.integration.messages import Message, ServoCommand
 from saver_advisors.integration.wrist_bench import WristBench
-from saver_envs.core import ACTION_DURATION
+from saver_envs.episodes import ACTION_DURATION
 from saver_envs.tasks.base import SUCCESS_THRESHOLD
 from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT, HORIZON
 

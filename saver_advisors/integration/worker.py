@@ -123,7 +123,7 @@ class Worker:
 
 def main() -> int:
     """Read what to do from the standard input and do it."""
-    from saver_advisors.threads import one_thread_of_algebra
+    from saver_advisors.training.threads import one_thread_of_algebra
 
     job = json.load(sys.stdin)
     with one_thread_of_algebra():

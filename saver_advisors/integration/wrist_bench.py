@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.assembly import ENV_ID
 from saver_advisors.integration.bench import EpisodesBench, Truth
-from saver_envs.core import Episodes
-from saver_envs.perception.camera import KINECT_V2, measured_depth
-from saver_envs.perception.one_pass import OnePassCamera
-from saver_envs.person.patient import Patient
-from saver_envs.person.scene import CAMERA
+from saver_envs.cameras.one_pass import OnePassCamera
+from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
+from saver_envs.episodes import Episodes
+from saver_envs.people.bench import CAMERA
+from saver_envs.people.patient import Patient
+from saver_envs.people.stretcher import STRETCHER
 from saver_envs.registration import make_episodes
-from saver_envs.robots.stretcher import STRETCHER
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
 #: Substeps between two samples of what the torso goes through: 100 Hz, as the environment has it.

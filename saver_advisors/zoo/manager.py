@@ -15,7 +15,7 @@ from rl_zoo3.utils import get_class_by_name
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from saver_advisors.cli.errors import user_mistakes
+from saver_advisors.reporting.errors import user_mistakes
 from saver_advisors.zoo.algorithms import register_algorithms
 from saver_advisors.zoo.vec_env import BatchedVecEnv
 

@@ -8,11 +8,11 @@ import numpy as np
 from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
 
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
 from saver_envs.envs.spaces import action_space, observation_space
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 
 
 class SaverGoalEnv(GoalEnv):

@@ -10,11 +10,11 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
-from saver_envs.core import Outcome
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.tasks.goals import object_distances
 from saver_envs.tasks.observation import SIZE_PER_ARM
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from saver_envs.core import ACTION_DURATION, Episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.episodes import ACTION_DURATION, Episodes
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 #: Frames per second at which a recording plays in real time.

@@ -10,13 +10,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
 from saver_envs.control import InverseKinematics
-from saver_envs.core import ACTION_DURATION
 from saver_envs.envs.goal_env import SaverGoalEnv
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES
-from saver_envs.perception.camera import KINECT_V2, measured_depth
-from saver_envs.person.scene import CAMERA
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.episodes import ACTION_DURATION
+from saver_envs.people.bench import CAMERA
 from saver_envs.simulation import CONTACT_SAMPLES
 
 Picture = dict[str, NDArray[Any]]

@@ -10,12 +10,12 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from saver_envs.cameras.rendering import DEFAULT_CAMERA
 from saver_envs.control import InverseKinematics
-from saver_envs.core import Outcome
 from saver_envs.envs.pictures import Pictures
 from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA
 
 DictObservation = dict[str, NDArray[np.float32]]
 

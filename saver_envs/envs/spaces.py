@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from gymnasium import spaces
 
-from saver_envs.core import Episodes
+from saver_envs.episodes import Episodes
 
 
 def observation_space(episodes: Episodes) -> spaces.Dict:

@@ -12,12 +12,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
-from saver_envs.core import Outcome
 from saver_envs.envs.pictures import RENDER_FPS, Pictures
 from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
-from saver_envs.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 
 DictObservation = dict[str, NDArray[np.float32]]
 Infos = dict[str, Any]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.core import ACTION_DURATION, DEFAULT_HORIZON, DEFAULT_SPEED, RATED_SPEED
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_HORIZON, DEFAULT_SPEED, RATED_SPEED
 from saver_envs.experts.blocks import ArmView, view
 from saver_envs.experts.coordination import JACO_CLOSED, JACO_HOLDING, Coordinator
 from saver_envs.experts.distance import DistanceExpert

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.core import ACTION_DURATION, DEFAULT_SPEED
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.geometry import dot, length, shortened, unit
 

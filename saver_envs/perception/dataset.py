@@ -11,8 +11,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.cameras.rgbd import KINECT_V2, Camera, CameraPose
 from saver_envs.files import written_whole
-from saver_envs.perception.camera import KINECT_V2, Camera, CameraPose
 from saver_envs.perception.skeleton import COCO_JOINTS, Visibility, from_coco, to_coco
 from saver_envs.perception.stage import Labelled, Stage, StageOptions
 

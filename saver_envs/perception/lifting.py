@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.perception.camera import Camera, CameraPose
+from saver_envs.cameras.rgbd import Camera, CameraPose
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import JOINTS
 

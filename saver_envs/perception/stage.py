@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, Camera, CameraPose, RgbdCamera
-from saver_envs.perception.postures import random_appearance, random_posture
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose, RgbdCamera
+from saver_envs.people.manikin import add_manikin, joint_centres
+from saver_envs.people.postures import random_appearance, random_posture
+from saver_envs.people.stretcher import Stretcher, add_stretcher
 from saver_envs.perception.skeleton import N_JOINTS, Visibility
 from saver_envs.robots import JACO, MICO
 from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
-from saver_envs.robots.manikin import add_manikin, joint_centres
-from saver_envs.robots.stretcher import Stretcher, add_stretcher
 from saver_envs.scenes import BASE_SPACING
 
 CAMERA: Final = "kinect"

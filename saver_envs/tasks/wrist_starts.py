@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.person.patient import People
-from saver_envs.person.people import Arm
-from saver_envs.person.scene import HIPS, PersonAddresses
+from saver_envs.people.bench import HIPS, PersonAddresses
+from saver_envs.people.bodies import Arm
+from saver_envs.people.patient import People
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
 from saver_envs.tasks.push import PUSH_HEIGHT

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_envs.core import ACTION_DURATION, RATED_SPEED, Episodes
+from saver_envs.episodes import ACTION_DURATION, RATED_SPEED, Episodes
 from saver_envs.modelling.kinematics import REFINEMENT, LearnedInverseKinematics
 from saver_envs.modelling.models import InverseModel
 

@@ -15,12 +15,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from saver_envs.core import ACTION_DURATION
-from saver_envs.perception.camera import KINECT_V2, Camera, camera_of, measured_depth, pose_of
+from saver_envs.cameras.rendering import SceneRenderer
+from saver_envs.cameras.rgbd import KINECT_V2, Camera, camera_of, measured_depth, pose_of
+from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import N_JOINTS, limb_indices
-from saver_envs.rendering import SceneRenderer
 from saver_envs.wrappers.pose_stream import PoseReading, PoseStream
 
 Estimator = Callable[[NDArray[np.uint8]], Poses]

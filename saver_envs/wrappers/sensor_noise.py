@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from saver_envs.core import Episodes
+from saver_envs.episodes import Episodes
 from saver_envs.robots.description import Fingers
 from saver_envs.simulation import multiply_quaternions
 from saver_envs.tasks.observation import (

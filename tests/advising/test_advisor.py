@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_arms import ACTION, GOAL, N_ARMS, OBSERVATION, ToyArms, linear_teacher, make_teacher
 
-from saver_advisors.advising import AdviceBudget, Advisor, ArmMapping, make_advisor, make_strategy
+from saver_advisors.advising import AdviceBudget, Advisor, make_advisor, make_strategy
+from saver_advisors.policies.mapping import ArmMapping
 
 
 def observation(n_envs, seed=0):

@@ -4,7 +4,7 @@ from gymnasium import spaces
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saver_advisors.advising import ArmMapping
+from saver_advisors.policies.mapping import ArmMapping
 
 sizes = st.integers(1, 6)
 

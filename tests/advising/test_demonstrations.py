@@ -25,7 +25,8 @@ from toy_runs import (
 
 from saver_advisors.learner import DemonstrationReplayBuffer, clone, reward_function_of
 from saver_advisors.pretrained import load_teacher, side_by_side
-from saver_advisors.training import build_model, load_trained
+from saver_advisors.training.building import build_model
+from saver_advisors.training.launch import load_trained
 
 
 def advice(folder: Path, **more: Any) -> dict[str, Any]:

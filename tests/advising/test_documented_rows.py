@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from saver_advisors.advising import STRATEGIES
-from saver_advisors.training import RunConfig, build_model
+from saver_advisors.training.building import build_model
+from saver_advisors.training.settings import RunConfig
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 PAGE = (Path(__file__).parents[2] / "docs" / "advising.md").read_text()

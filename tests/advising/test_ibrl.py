@@ -24,7 +24,7 @@ from toy_runs import (
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
 from saver_advisors.advising.student import student_values
-from saver_advisors.training import build_model
+from saver_advisors.training.building import build_model
 
 
 def advice(folder: Path, **more: Any) -> dict[str, Any]:

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from saver_advisors.advising import NetworkSpec, PolicyNetworks, Teacher
-from saver_advisors.advising.inference import FrozenPolicy
-from saver_advisors.advising.networks import ACTIVATIONS
+from saver_advisors.policies.inference import FrozenPolicy
+from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
+from saver_advisors.policies.teacher import Teacher
 
 INPUTS = (("observation", 5), ("desired_goal", 2))
 

@@ -11,11 +11,14 @@ import torch as th
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 
-from saver_advisors.advising import ArmMapping, NetworkSpec, PolicyNetworks, Teacher, TeacherGroup
 from saver_advisors.advising.initialisation import start_as_teachers
 from saver_advisors.learner import GoalSAC, GoalTD3, GoalTQC
+from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
+from saver_advisors.policies.teacher import Teacher, TeacherGroup
 from saver_advisors.pretrained import load_teacher, side_by_side
-from saver_advisors.training import RunConfig, build_model
+from saver_advisors.training.building import build_model
+from saver_advisors.training.settings import RunConfig
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 

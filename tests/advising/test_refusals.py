@@ -13,7 +13,7 @@ from toy_arms import GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, save_teacher, settings, start, steps_taken
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
-from saver_advisors.training import AdviceConfig, RunConfig
+from saver_advisors.training.settings import AdviceConfig, RunConfig
 
 NAN, INF = float("nan"), float("inf")
 

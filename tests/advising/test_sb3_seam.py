@@ -24,11 +24,11 @@ from saver_advisors.advising import (
     AdvisedTD3,
     AdvisedTQC,
     AdvisingCallback,
-    Teacher,
     build_advised,
     make_advisor,
 )
 from saver_advisors.learner import GoalSAC, GoalTD3
+from saver_advisors.policies.teacher import Teacher
 
 ALGORITHMS = [DDPG, TD3, SAC, TQC]
 N_ENVS, WARM_UP, STEPS = 4, 40, 120

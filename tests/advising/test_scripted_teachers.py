@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from saver_advisors.advising import make_advisor, start_as_teachers
-from saver_advisors.advising.scripted import ScriptedTeacher, scripted_teachers
 from saver_advisors.learner import GoalTD3
+from saver_advisors.policies.scripted import ScriptedTeacher, scripted_teachers
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.experts import make_expert
 

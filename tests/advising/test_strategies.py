@@ -12,9 +12,9 @@ from saver_advisors.advising import (
     MistakeCorrectingAction,
     MistakeCorrectingQ,
     MistakeCorrectingRelativeAction,
-    TeacherGroup,
     make_strategy,
 )
+from saver_advisors.policies.teacher import TeacherGroup
 
 
 def context(student_actions, *, teacher=None, spent=0, total=100, twin_minimum=True):

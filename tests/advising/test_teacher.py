@@ -6,8 +6,8 @@ from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
 
-from saver_advisors.advising import Teacher, TeacherGroup
 from saver_advisors.learner import GoalDDPG, GoalSAC, GoalTD3, GoalTQC
+from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 STOCK = [DDPG, TD3, SAC, TQC]
 OURS = [GoalDDPG, GoalTD3, GoalSAC, GoalTQC]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from saver_advisors.advising import NetworkSpec, PolicyNetworks, Teacher
+from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
+from saver_advisors.policies.teacher import Teacher
 
 N_ARMS, OBSERVATION, GOAL, ACTION = 2, 4, 3, 2
 ARM_LOW = np.array([-2.0, -0.5], np.float32)

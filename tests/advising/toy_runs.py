@@ -11,9 +11,11 @@ import numpy as np
 from safetensors.torch import load_file
 from toy_arms import make_teacher, make_vec_env
 
-from saver_advisors.curves import OF_THE_MACHINE
-from saver_advisors.pretrained import save_policy
-from saver_advisors.training import RunConfig, RunResult, train
+from saver_advisors.policies import save_policy
+from saver_advisors.training.curve_file import OF_THE_MACHINE
+from saver_advisors.training.launch import train
+from saver_advisors.training.run import RunResult
+from saver_advisors.training.settings import RunConfig
 
 N_ENVS, HORIZON = 4, 10
 BLOCK = N_ENVS * HORIZON

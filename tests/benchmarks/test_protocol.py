@@ -13,16 +13,15 @@ import pytest
 from gymnasium import make_vec
 from run_files import curve, write_run
 
-from saver_advisors.benchmarks.protocol.foreign import (
+from saver_advisors.benchmark.recorder import Plan, Recorder
+from saver_advisors.benchmark.third_party import (
     BudgetSpent,
     CountedVectorEnv,
     load_object,
     resolved,
 )
-from saver_advisors.benchmarks.protocol.recorder import Plan, Recorder
-from saver_advisors.benchmarks.protocol.run import plan_of as plan_from
 from saver_advisors.cli import build_parser, main
-from saver_advisors.defaults import default_settings
+from saver_advisors.cli.benchmark_run import plan_of as plan_from
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.protocol import (
     EVALUATE_EVERY,
@@ -33,7 +32,8 @@ from saver_advisors.evaluation.protocol import (
     TRAINING_SEED,
     training_seed,
 )
-from saver_advisors.evaluation.training_runs import read_results
+from saver_advisors.experiments.training_runs import read_results
+from saver_advisors.training.defaults import default_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).with_name("algorithms.py")
@@ -190,7 +190,7 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
             }
 
     monkeypatch.setattr(
-        "saver_advisors.benchmarks.protocol.recorder.evaluate_policy", lambda *_, **__: Outcomes()
+        "saver_advisors.benchmark.recorder.evaluate_policy", lambda *_, **__: Outcomes()
     )
     assert main(words(tmp_path, f"{HERE}:Counter", "--eval-every", 20)) == 0
     content = record(tmp_path)
@@ -204,7 +204,7 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
 def test_an_interrupted_run_leaves_its_curve_and_is_redone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from saver_advisors.benchmarks.protocol import recorder as module
+    from saver_advisors.benchmark import recorder as module
 
     def interrupt(self: Recorder, steps: int) -> None:
         advance(self, steps)

@@ -11,19 +11,19 @@ from typing import Any
 
 import pytest
 
-from saver_advisors.benchmarks.machine import cores, median_ratio
-from saver_advisors.benchmarks.peers import worker
-from saver_advisors.benchmarks.peers.suites import (
+from saver_advisors.benchmark.machine import cores, median_ratio
+from saver_advisors.benchmark.peers import worker
+from saver_advisors.benchmark.peers.process import PeerError
+from saver_advisors.benchmark.peers.suites import (
     COMPLETE,
     FETCH_PUSH,
     TWO_ARM_LIFT,
     Peer,
-    PeerError,
     RunningPeer,
     install,
 )
-from saver_advisors.benchmarks.speed.learner_parts import advice_row
-from saver_advisors.benchmarks.speed.steps import memory_per_env, reset_row, step_rows
+from saver_advisors.benchmark.speed.learner_parts import advice_row
+from saver_advisors.benchmark.speed.steps import memory_per_env, reset_row, step_rows
 from saver_advisors.cli import main
 
 KEYS = {"env", "n_envs", "threads", "steps_per_second", "raw_steps_per_second", "ratio_to_raw"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from pathlib import Path
@@ -104,7 +103,7 @@ def test_a_random_policy_is_reproducible(saver: Saver, tmp_path: Path) -> None:
 def test_a_video_shows_the_episodes_that_were_asked_for(saver: Saver, tmp_path: Path) -> None:
     import imageio_ffmpeg
 
-    from saver_advisors.cli.video import BAR_HEIGHT, FPS, HOLD
+    from saver_advisors.reporting.video import BAR_HEIGHT, FPS, HOLD
 
     path = tmp_path / "push.mp4"
     words = ("evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", 3)
@@ -185,8 +184,8 @@ def test_the_settings_are_those_of_the_shipped_weights(saver: Saver) -> None:
     import yaml
 
     from saver_advisors.experiments.grid import read_grid
-    from saver_advisors.learner.configuration import RunConfig
     from saver_advisors.pretrained import load_policy, shipped_policies
+    from saver_advisors.training.settings import RunConfig
 
     free = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
     for name in shipped_policies():
@@ -223,48 +222,6 @@ def test_settings_add_up_however_they_are_given(saver: Saver) -> None:
     assert result.status == 0, result.err
     for line in ("batch_size: 7", "gamma: 0.5", "seed: 3", "horizon: 9", "rated: true"):
         assert line in result.out
-
-
-def test_docs_are_complete_and_noticed_when_stale(saver: Saver, tmp_path: Path) -> None:
-    docs, readme = tmp_path / "docs", tmp_path / "README.md"
-    readme.write_text(
-        "Table:\n<!-- envs:begin -->\nold\n<!-- envs:end -->\n"
-        "Success:\n<!-- success:begin -->\nold\n<!-- success:end -->\nrest\n"
-    )
-    (docs / "results").mkdir(parents=True)
-    (docs / "results" / "speed.json").write_text('{"rows": [{"env": "X", "n_envs": 4}]}')
-    for policy, rate in (("dual-jaco-push", 0.9), ("side-by-side:jaco-push", 0.7), ("my.zip", 1.0)):
-        figures = {"env": "DualJacoPush-v0", "policy": policy, "success_rate": rate}
-        figures |= {"ci95": [rate, 1], "episodes": 9, "final_distance_mean": [0.1, 0.1]}
-        file = docs / "results" / f"{policy[:4]}.json"
-        file.write_text(json.dumps({**figures, "seed": 0, "cost_means": {}}))
-    assert saver("docs", "--output", docs, "--check").status == 1
-    assert not (docs / "environments").exists()
-    assert saver("docs", "--output", docs, "--no-pictures").status == 0
-    assert saver("docs", "--output", docs, "--check").status == 0
-    text = readme.read_text()
-    assert text.startswith("Table:\n<!-- envs:begin -->\n| id |")
-    assert text.endswith("<!-- success:end -->\nrest\n")
-    assert "old" not in text
-    # The shipped policy stands beside its teachers, and nobody else's does.
-    assert (
-        "| `dual-jaco-push` | 0.900 [0.900, 1.000] of 9 | 0.700 [0.700, 1.000] of 9 | - |" in text
-    )
-    assert "my.zip" not in text
-    for name in ENVIRONMENTS:
-        page = (docs / "environments" / f"{name.replace('Dense', '')}.md").read_text()
-        assert f"`{name}`" in page or f"# {name}\n" in page
-    assert "| X | 4 |" in (docs / "results.md").read_text()
-    page = docs / "environments" / "JacoPush-v0.md"
-    page.write_text(page.read_text().replace("5 cm", "6 cm"))
-    result = saver("docs", "--output", docs, "--check")
-    assert result.status == 1
-    assert "JacoPush-v0.md" in result.err
-
-
-def test_the_pages_of_this_repository_are_up_to_date(saver: Saver) -> None:
-    result = saver("docs", "--output", ROOT / "docs", "--check")
-    assert result.status == 0, result.err
 
 
 @pytest.mark.long

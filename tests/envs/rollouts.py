@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.core import Episodes
+from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
 
 ALL_IDS = list(ENVIRONMENTS)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rollouts import FEW_IDS, assert_same, begun, random_actions
 
-from saver_envs.core import Episodes
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
+from saver_envs.episodes import Episodes
 
 
 def break_down(episodes: Episodes, row: int, how: str) -> None:

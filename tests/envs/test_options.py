@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from rollouts import assert_same, begun, random_actions
 
-from saver_envs.core import JOINT_LEASH, Episodes
+from saver_envs.episodes import JOINT_LEASH, Episodes
 from saver_envs.registration import make_episodes
 from saver_envs.scenes import BASE_SPACING
 

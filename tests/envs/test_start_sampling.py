@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rollouts import CUBE_IDS, SPARSE_IDS, begun
 
-from saver_envs.core import Episodes
+from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
 
 SEEDS = st.integers(0, 2**31)

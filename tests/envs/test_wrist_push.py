@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rollouts import assert_same, begun, random_actions
 
-from saver_envs.core import Episodes
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2
-from saver_envs.person.people import BODIES
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
+from saver_envs.episodes import Episodes
+from saver_envs.people.bodies import BODIES
+from saver_envs.people.manikin import joint_centres
 from saver_envs.registration import make_episodes
-from saver_envs.robots.manikin import joint_centres
 from saver_envs.tasks.wrist_push import WristPush
 
 ENV_ID = "WristPush-v0"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy
-from saver_advisors.evaluation.paths import draw_paths, follow
+from saver_advisors.reporting.episode_paths import draw_paths, follow
 
 DISTANCE = "DualJacoDistance-v0"
 

@@ -16,7 +16,6 @@ import pytest
 from filelock import FileLock
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.experiments import ExperimentRun, read_grid, read_results, state_of, worker
 from saver_advisors.experiments.results import is_done, read_result, write_result
 from saver_advisors.experiments.scheduler import (
@@ -26,6 +25,7 @@ from saver_advisors.experiments.scheduler import (
     Stop,
     work_off,
 )
+from saver_advisors.training.curve_file import OF_THE_MACHINE
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_a_result_of_other_settings_does_not_count(
 
 
 def test_a_part_of_a_run_is_no_whole_one(run: ExperimentRun, places: Places) -> None:
-    from saver_advisors.training import train
+    from saver_advisors.training.launch import train
 
     places.results.mkdir()
     train(run.config, places.folder(run), progress=False, stop_after_steps=80)

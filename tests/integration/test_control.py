@@ -19,7 +19,7 @@ from saver_advisors.integration.safety import (
     limited_set_point,
 )
 from saver_advisors.pretrained import load_policy
-from saver_envs.core import ACTION_DURATION, LEASH
+from saver_envs.episodes import ACTION_DURATION, LEASH
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO, MICO
 from saver_envs.tasks.regions import regions

@@ -19,9 +19,9 @@ from saver_advisors.integration.messages import Message, Person
 from saver_advisors.integration.perception_stages import Estimator, PictureCheckStage, PoseStage
 from saver_advisors.integration.stage import Stage
 from saver_advisors.integration.wrist_bench import WristBench
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.people.bench import CAMERA
 from saver_envs.perception.parsing import Poses
-from saver_envs.person.scene import CAMERA
 
 
 @pytest.fixture(scope="module")

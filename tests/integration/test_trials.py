@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.wrist_push.page import render
-from saver_advisors.benchmarks.wrist_push.trials import _counted, fault_row, play_row, shares
+from reproduction.program import main as reproduce
+from reproduction.wrist_push.trials import _counted, fault_row, play_row, shares
+from reproduction.wrist_push.wrist_push_page import render
 from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for
 from saver_advisors.integration.health import Event
@@ -108,7 +109,7 @@ def test_figures_become_a_page(tmp_path: Path) -> None:
     path = tmp_path / "figures.json"
     path.write_text(json.dumps(figures), encoding="utf-8")
     table = tmp_path / "page.md"
-    assert main(["benchmark", "wrist-push", "--from", str(path), "--table", str(table)]) == 0
+    assert reproduce(["wrist-push", "--from", str(path), "--table", str(table)]) == 0
     assert table.read_text(encoding="utf-8") == page
 
 
@@ -146,8 +147,8 @@ def test_another_benchmarks_file_is_refused(
 ) -> None:
     path = tmp_path / "speed.json"
     path.write_text('{"kind": "speed"}', encoding="utf-8")
-    assert main(["benchmark", "wrist-push", "--from", str(path)]) == 2
-    assert "was not written by `saver benchmark wrist-push`" in capsys.readouterr().err
+    assert reproduce(["wrist-push", "--from", str(path)]) == 2
+    assert "does not hold figures of the kind 'wrist-push'" in capsys.readouterr().err
 
 
 def test_settings_fit_the_policy() -> None:

@@ -10,7 +10,7 @@ import torch as th
 
 from saver_advisors.learner import GoalTD3
 from saver_advisors.learner.policies import GoalTQCPolicy
-from saver_advisors.training import RunConfig
+from saver_advisors.training.settings import RunConfig
 from tests.learner.test_policies import make_policy
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from saver_advisors import provenance as module
-from saver_advisors.provenance import (
+import saver_advisors.reporting.provenance as module
+from saver_advisors.reporting.provenance import (
     COMMIT_VARIABLE,
     VECTOR_INSTRUCTIONS,
     machine_in_words,

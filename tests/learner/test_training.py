@@ -21,10 +21,12 @@ import torch as th
 from safetensors.torch import load_file
 from stable_baselines3.common.callbacks import BaseCallback
 
-from saver_advisors.advising import Teacher
-from saver_advisors.curves import OF_THE_MACHINE
 from saver_advisors.learner import GoalTD3
-from saver_advisors.training import AdviceConfig, RunConfig, RunResult, load_trained, train
+from saver_advisors.policies.teacher import Teacher
+from saver_advisors.training.curve_file import OF_THE_MACHINE
+from saver_advisors.training.launch import load_trained, train
+from saver_advisors.training.run import RunResult
+from saver_advisors.training.settings import AdviceConfig, RunConfig
 
 BLOCK = 40  # 4 environments, 10 steps
 CONFIG = RunConfig(
@@ -348,7 +350,7 @@ def test_the_budget_goes_on_after_a_resume(
             seed=3,
         )
     )
-    monkeypatch.setattr("saver_advisors.pretrained.load_teacher", lambda name: teacher)
+    monkeypatch.setattr("saver_advisors.advising.factory.load_teacher", lambda name: teacher)
     config = replace(CONFIG, advice=AdviceConfig("early", "point", budget=3 * BLOCK + 7))
     start(config, tmp_path / "whole")
     start(config, tmp_path / "parts", stop_after_steps=2 * BLOCK)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saver_advisors.benchmarks.modelling.figures import draw_recording
-from saver_advisors.benchmarks.modelling.weights import cards_of, origin, trained_before
+from reproduction.modelling.weights import cards_of, origin, trained_before
 from saver_advisors.cli import main
-from saver_advisors.cli.errors import UsageError
+from saver_advisors.cli.model_figure import draw_recording
+from saver_advisors.reporting.errors import UsageError
 from saver_envs.modelling.arms import Task, arm_named
 from saver_envs.modelling.datasets import save_recordings
 from saver_envs.modelling.models import load_model, new_model, read_card

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from saver_envs.perception.camera import KINECT_V2
+from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.perception.dataset import RenderedDataset, render
 from saver_envs.perception.stage import StageOptions
 

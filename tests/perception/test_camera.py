@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from saver_envs.perception.camera import (
+from saver_envs.cameras.one_pass import OnePassCamera
+from saver_envs.cameras.rgbd import (
     BENCH_POSE,
     KINECT_V2,
     Camera,
@@ -17,9 +18,8 @@ from saver_envs.perception.camera import (
     RgbdCamera,
     measured_depth,
 )
+from saver_envs.people.manikin import add_manikin, joint_centres
 from saver_envs.perception.lifting import depth_at
-from saver_envs.perception.one_pass import OnePassCamera
-from saver_envs.robots.manikin import add_manikin, joint_centres
 
 
 def bench(*balls: tuple[float, float, float]) -> mujoco.MjSpec:

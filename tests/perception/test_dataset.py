@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from saver_envs.cameras.rgbd import KINECT_V2
+from saver_envs.people.postures import TEST_PATTERN, cell_split, random_appearance
 from saver_envs.perception.augment import Augmentation, augment, fit
-from saver_envs.perception.camera import KINECT_V2
 from saver_envs.perception.dataset import (
     CocoDataset,
     Example,
@@ -19,7 +20,6 @@ from saver_envs.perception.dataset import (
     coco_annotations,
     render,
 )
-from saver_envs.perception.postures import TEST_PATTERN, cell_split, random_appearance
 from saver_envs.perception.skeleton import JOINTS, MIRRORED_JOINTS, NECK, Visibility
 from saver_envs.perception.stage import StageOptions
 

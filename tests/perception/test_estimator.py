@@ -7,7 +7,7 @@ import pytest
 import torch
 from people import person
 
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.estimator import PoseEstimator, checked, normalised
 from saver_envs.perception.fields import AFFINITY_X, encode

@@ -12,8 +12,8 @@ import pytest
 import torch
 from PIL import Image
 
-from saver_advisors.benchmarks.pose.blazepose_worker import MAPS
-from saver_advisors.benchmarks.pose.page import pose_page
+from saver_advisors.benchmark.pose.blazepose_worker import MAPS
+from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli import main
 from saver_envs.perception.network import LIGHT, PoseNetwork
 from saver_envs.perception.skeleton import JOINTS
@@ -117,7 +117,8 @@ def test_weights_of_other_limbs(
 
 @pytest.mark.slow
 def test_the_benchmark(weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from saver_advisors.benchmarks.pose import accuracy, command, speed
+    from saver_advisors.benchmark.pose import accuracy, speed
+    from saver_advisors.cli import benchmark_pose as command
 
     monkeypatch.setattr(accuracy, "SHARD", 2)
     monkeypatch.setattr(accuracy, "SETS", {"test": accuracy.SETS["test"]})
@@ -150,8 +151,8 @@ def test_the_detectors_anchors_are_as_many_as_its_boxes() -> None:
 
 def test_perception_knows_no_task_and_robots_no_torch() -> None:
     code = (
-        "import sys, saver_envs, saver_envs.robots.manikin, saver_envs.perception.parsing,"
-        " saver_envs.perception.camera, saver_envs.perception.stage,"
+        "import sys, saver_envs, saver_envs.people.manikin, saver_envs.perception.parsing,"
+        " saver_envs.cameras.rgbd, saver_envs.perception.stage,"
         " saver_envs.wrappers.pose_stream;"
         " loaded = set(sys.modules);"
         " assert 'torch' not in loaded, 'torch';"
@@ -161,5 +162,5 @@ def test_perception_knows_no_task_and_robots_no_torch() -> None:
     folder = Path(__file__).parents[2] / "saver_envs" / "perception"
     for path in folder.glob("*.py"):
         text = path.read_text()
-        for room in ("tasks", "envs", "core", "registration", "wrappers"):
+        for room in ("tasks", "envs", "episodes", "registration", "wrappers"):
             assert f"from saver_envs.{room}" not in text, (path, room)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from saver_envs.perception.camera import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.people.manikin import add_manikin, joint_centres
+from saver_envs.people.stretcher import add_stretcher
 from saver_envs.perception.estimator import PoseEstimator
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.skeleton import JOINTS, limb_indices
 from saver_envs.perception.weights import SHIPPED
-from saver_envs.robots.manikin import add_manikin, joint_centres
-from saver_envs.robots.stretcher import add_stretcher
 
 #: In the picture of the camera over the bench.
 SEEN = [JOINTS.index(name) for name in ("neck", "head", "right_shoulder", "left_shoulder")]

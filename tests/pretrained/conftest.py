@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from saver_advisors.advising import NetworkSpec, PolicyNetworks
-from saver_advisors.pretrained import PolicyCard
+from saver_advisors.policies.cards import PolicyCard
+from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
 
 
 @pytest.fixture(autouse=True)

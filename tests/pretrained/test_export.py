@@ -9,7 +9,8 @@ from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from saver_advisors.learner import GoalDDPG, GoalSAC, GoalTD3, GoalTQC
-from saver_advisors.pretrained import export_policy, load_policy
+from saver_advisors.policies.files import export_policy
+from saver_advisors.pretrained import load_policy
 
 
 class Reach(gymnasium.Env):

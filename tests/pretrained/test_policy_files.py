@@ -9,19 +9,18 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
-from saver_advisors.advising import NetworkSpec, make_advisor
-from saver_advisors.pretrained import (
+from saver_advisors.advising import make_advisor
+from saver_advisors.policies import (
     WEIGHTS_DIR,
-    PolicyCard,
-    card_markdown,
     load_policy,
     load_teacher,
-    read_networks,
     save_policy,
     shipped_policies,
-    write_card,
 )
-from saver_advisors.pretrained import files as policy_files
+from saver_advisors.policies import files as policy_files
+from saver_advisors.policies.cards import PolicyCard, card_markdown
+from saver_advisors.policies.files import read_networks, write_card
+from saver_advisors.policies.networks import NetworkSpec
 
 
 def observations(n=6):

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from saver_advisors.advising import NetworkSpec, PolicyNetworks, Teacher
+from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
+from saver_advisors.policies.teacher import Teacher
 from saver_advisors.pretrained import side_by_side
 
 

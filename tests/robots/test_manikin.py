@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from saver_envs.perception.skeleton import JOINTS
-from saver_envs.robots.manikin import (
+from saver_envs.people.manikin import (
     MASS_SHARE,
     SKELETON_BODIES,
     add_manikin,
@@ -15,8 +14,9 @@ from saver_envs.robots.manikin import (
     segment,
     total_mass,
 )
-from saver_envs.robots.manikin_surface import ASSET, AVERAGE_MAN, Appearance, body_shape
-from saver_envs.robots.stretcher import add_stretcher
+from saver_envs.people.stretcher import add_stretcher
+from saver_envs.people.surface import ASSET, AVERAGE_MAN, Appearance, body_shape
+from saver_envs.perception.skeleton import JOINTS
 
 
 def lying(appearance: Appearance = AVERAGE_MAN, steps: int = 0, prefix: str = ""):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from saver_envs.control import DampedLeastSquares
-from saver_envs.core import LEASH
+from saver_envs.episodes import LEASH
 from saver_envs.registration import make_episodes
 from saver_envs.robots import MICO
 from saver_envs.robots.description import Fingers

@@ -18,12 +18,12 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.advising import build_advised, make_advisor
-from saver_advisors.building import build_model, build_stages
-from saver_advisors.curves import OF_THE_MACHINE, read_curve
 from saver_advisors.learner import GoalTD3
-from saver_advisors.learner.configuration import RunConfig
 from saver_advisors.learner.replay import GoalReplayBuffer
-from saver_advisors.training import train
+from saver_advisors.training.building import build_model, build_stages
+from saver_advisors.training.curve_file import OF_THE_MACHINE, read_curve
+from saver_advisors.training.launch import train
+from saver_advisors.training.settings import RunConfig
 from saver_advisors.variable_reward import Stage, StageControl, StagesCallback, SwitchRule
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 

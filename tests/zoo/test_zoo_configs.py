@@ -13,13 +13,13 @@ from rl_zoo3.utils import get_callback_list
 from stable_baselines3 import HerReplayBuffer
 from zoo_runs import CONFIGS
 
-from saver_advisors.defaults import default_settings
 from saver_advisors.experiments.grid import read_grid
 from saver_advisors.learner import GoalReplayBuffer
-from saver_advisors.learner.configuration import RunConfig
+from saver_advisors.training.defaults import default_settings
+from saver_advisors.training.settings import RunConfig
 from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, StagesCallback
 from saver_advisors.zoo import ALGORITHMS, register_algorithms
-from saver_advisors.zoo.command import read_settings, ready_advice, settings_path
+from saver_advisors.zoo.arguments import read_settings, ready_advice, settings_path
 from saver_advisors.zoo.manager import SaverExperimentManager
 from saver_advisors.zoo.vec_env import BatchedVecEnv
 from saver_envs.registration import make_episodes

@@ -1,0 +1,1 @@
+"""What reproduces the dissertation: `python -m reproduction NAME`, from a clone."""

@@ -1,0 +1,228 @@
+"""Training loops to be timed: ours as configured, ours with one thing changed, and stock SB3's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from reproduction.learning.stopwatch import Stopwatch
+
+AS_CONFIGURED: Final = "as configured"
+UPDATE: Final = "update"
+REST: Final = "the rest"
+#: Units of the hidden layers of chapter 6's networks.
+EIGHT_LAYERS: Final = (512, 512, 256, 256, 256, 256, 256, 256)
+#: What is watched: the owner as seen from the model, its method, the part that it counts for.
+PARTS: Final = (
+    ("env", "step", "simulation"),
+    ("", "_sample_action", "acting and exploring"),
+    ("advisor", "advise", "advice"),
+    ("", "_store_transition", "storing and normalising"),
+    ("", "_draw", "drawing and relabelling"),
+    ("", "_update_critic", "critics' step"),
+    ("", "_update_actor", "actor's step"),
+)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """Our learner with one thing changed.
+
+    :param name: of what is changed
+    :param settings: fields of the run's configuration that differ; numbers below 1 are factors
+    :param prepare: what is done to the model
+    """
+
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    prepare: Callable[[Any], None] | None = None
+
+
+def in_bfloat16(model: Any) -> None:
+    """Let torch choose bfloat16 wherever its automatic mixed precision would."""
+    import torch
+
+    inner = model.train
+
+    def train(gradient_steps: int, batch_size: int) -> None:
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            inner(gradient_steps, batch_size)
+
+    model.train = train
+
+
+def compiled(model: Any) -> None:
+    """Compile the networks' forward and backward passes."""
+    import torch
+
+    for network in (model.actor, model.actor_target, model.critic, model.critic_target):
+        network.forward = torch.compile(network.forward, dynamic=False)
+    model.critic.q1_forward = torch.compile(model.critic.q1_forward, dynamic=False)
+
+
+VARIANTS: Final = (
+    Variant(AS_CONFIGURED),
+    Variant("bfloat16", prepare=in_bfloat16),
+    Variant("torch.compile", prepare=compiled),
+    Variant("half the batch", {"batch_size": 0.5}),
+    Variant("half the updates", {"gradient_steps": 0.5}),
+    Variant("actor every 4th update", {"policy_delay": 4}),
+    Variant("half the width", {"net_arch": 0.5}),
+    Variant("no LayerNorm", {"layer_norm": False}),
+    Variant("the paper's eight layers", {"net_arch": EIGHT_LAYERS}),
+)
+
+
+def settings_of(env_id: str, variant: Variant) -> Any:
+    """The environment's run configuration, with the variant's changes.
+
+    A student that starts as its teachers is advised by them instead: the start takes no time worth
+    measuring, and is not possible with every width.
+
+    :param env_id: of the environment
+    :param variant: what is changed
+    :return: a run's configuration
+    """
+    from saver_advisors.training.defaults import default_settings
+    from saver_advisors.training.settings import RunConfig
+
+    config = RunConfig.from_mapping(default_settings(env_id))
+    if config.advice is not None and config.advice.start_as_teacher:
+        advised = replace(
+            config.advice, strategy="early", budget=config.total_steps, start_as_teacher=False
+        )
+        config = replace(config, advice=advised)
+    changes: dict[str, Any] = {}
+    for name, value in variant.settings.items():
+        old = getattr(config, name)
+        if isinstance(value, float) and isinstance(old, tuple):
+            changes[name] = tuple(round(value * width) for width in old)
+        elif isinstance(value, float):
+            changes[name] = round(value * old)
+        else:
+            changes[name] = value
+    return replace(config, **changes)
+
+
+class Loop:
+    """A learner that trains block by block: one episode in each environment, then updates.
+
+    :param model: an SB3 algorithm, set up with ``train_freq`` of one episode
+    :param n_envs: of its vector environment
+    :param horizon: steps of an episode
+    :param updates: gradient steps after each block
+    """
+
+    def __init__(self, model: Any, n_envs: int, horizon: int, updates: int) -> None:
+        self.model = model
+        self.steps = n_envs * horizon
+        self.updates = updates
+        self.watch = Stopwatch()
+        self._blocks = 0
+
+    def block(self) -> dict[str, float]:
+        """Train for one block.
+
+        :return: processor seconds by part, ``total`` among them; parts that were not watched are in
+            ``the rest``
+        """
+        began = time.process_time()
+        self.model.learn(self.steps, log_interval=None, reset_num_timesteps=self._blocks == 0)
+        total = time.process_time() - began
+        self._blocks += 1
+        parts = self.watch.take()
+        return {**parts, REST: total - sum(parts.values()), "total": total}
+
+
+def our_loop(env_id: str, variant: Variant, by_part: bool) -> Loop:
+    """Our learner in an environment, as `saver train` builds it.
+
+    :param env_id: of the environment
+    :param variant: what is changed
+    :param by_part: watch every part, else the update as a whole
+    """
+    from saver_advisors.learner.algorithms import episode_horizon
+    from saver_advisors.training.building import build_model
+    from saver_envs.envs.sb3_vec_env import SaverVecEnv
+
+    config = settings_of(env_id, variant)
+    options = {**config.env_kwargs, **config.train_env_kwargs}
+    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
+    model: Any = build_model(config, env)
+    if variant.prepare is not None:
+        variant.prepare(model)
+    loop = Loop(model, config.n_envs, episode_horizon(env), config.gradient_steps)
+    if not by_part:
+        loop.watch.watch(model, "train", UPDATE)
+        return loop
+    for owner, method, part in PARTS:
+        watched = getattr(model, owner, None) if owner else model
+        if watched is not None:
+            loop.watch.watch(watched, method, part)
+    return loop
+
+
+def stock_loop(env_id: str, algorithm: str) -> Loop:
+    """SB3's own algorithm and hindsight replay, with our networks' sizes, batches and update ratio.
+
+    :param env_id: of the environment
+    :param algorithm: ``TD3`` or ``DDPG``
+    """
+    import stable_baselines3
+    from stable_baselines3.common.logger import Logger
+
+    from saver_advisors.learner.algorithms import episode_horizon
+    from saver_envs.envs.sb3_vec_env import SaverVecEnv
+
+    config = settings_of(env_id, Variant(AS_CONFIGURED))
+    options = {**config.env_kwargs, **config.train_env_kwargs}
+    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
+    horizon = episode_horizon(env)
+    model: Any = getattr(stable_baselines3, algorithm)(
+        "MultiInputPolicy",
+        env,
+        replay_buffer_class=stable_baselines3.HerReplayBuffer,
+        policy_kwargs={"net_arch": list(config.net_arch)},
+        batch_size=config.batch_size,
+        buffer_size=config.buffer_size,
+        # Its replay gives nothing before an episode of each environment is over.
+        learning_starts=config.n_envs * horizon,
+        train_freq=(horizon, "step"),
+        gradient_steps=config.gradient_steps,
+        seed=0,
+        device="cpu",
+    )
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    loop = Loop(model, config.n_envs, horizon, config.gradient_steps)
+    loop.watch.watch(model, "train", UPDATE)
+    return loop
+
+
+def evaluation_seconds(env_id: str) -> tuple[float, int]:
+    """What an evaluation in a run costs.
+
+    :param env_id: of the environment
+    :return: processor seconds of one, and the environment steps between two
+    """
+    from saver_advisors.evaluation.episodes import evaluate_policy
+    from saver_advisors.training.building import build_model
+    from saver_envs.envs.sb3_vec_env import SaverVecEnv
+
+    config = settings_of(env_id, Variant(AS_CONFIGURED))
+    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **config.env_kwargs)
+    model = build_model(config, env)
+
+    def act(observation: dict[str, Any]) -> Any:
+        return model.predict(observation, deterministic=True)[0]
+
+    began = time.process_time()
+    evaluate_policy(
+        act,
+        env_id,
+        episodes=config.eval_episodes,
+        seed=config.eval_seed,
+        env_kwargs=config.env_kwargs,
+    )
+    return time.process_time() - began, config.eval_every

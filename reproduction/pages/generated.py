@@ -1,0 +1,92 @@
+"""The text of the generated documentation, page by page.
+
+Nothing here draws or simulates, so that a test can compare the pages with the code at once.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Final
+
+from reproduction.pages.environments import (
+    environment_page,
+    environments_page,
+    environments_table,
+)
+from reproduction.pages.results import read_results, results_page, success_overview
+from saver_advisors.benchmark.pose.pose_page import pose_page
+from saver_advisors.cli.catalogue import entry, sparse_ids
+from saver_advisors.reporting.tables import between_markers, markdown
+
+GENERATED: Final = "Generated from the code by `python -m reproduction pages`.\n"
+
+
+def all_pages(output: Path) -> dict[str, str]:
+    """Every generated page.
+
+    :param output: the documentation's folder; its ``results/*.json`` are read
+    :return: text by path in that folder
+    """
+    results = read_results(output / "results")
+    entries = [entry(name) for name in sparse_ids()]
+    pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
+    pages["environments/index.md"] = environments_page(entries) + GENERATED
+    pages["weights.md"] = weights_page() + GENERATED
+    pages["results.md"] = f"{results_page(results)} {GENERATED}"
+    pose = output / "results" / "pose.json"
+    if pose.is_file():
+        pages["perception-results.md"] = pose_page(json.loads(pose.read_text(encoding="utf-8")))
+    return pages
+
+
+def with_tables(readme: str, output: Path) -> str:
+    """The README with its tables, of environments and of success, between their markers.
+
+    :param readme: its text
+    :param output: the documentation's folder, beside the README; its ``results/*.json`` are read
+    :return: the new text
+    :raises ValueError: where a marker is missing
+    """
+    entries = [entry(name) for name in sparse_ids()]
+    folder = f"{output.name}/environments/"
+    tables = {
+        "envs": environments_table(entries, folder),
+        "success": success_overview(read_results(output / "results"), folder),
+    }
+    for name, table in tables.items():
+        readme = between_markers(readme, f"<!-- {name}:begin -->", f"<!-- {name}:end -->", table)
+    return readme
+
+
+def weights_page() -> str:
+    """The cards of the shipped policies."""
+    from saver_advisors.policies import WEIGHTS_DIR, shipped_policies
+    from saver_advisors.policies.files import read_networks
+
+    cards = {
+        name: read_networks(WEIGHTS_DIR / f"{name}.safetensors")[1] for name in shipped_policies()
+    }
+    rows = [
+        [
+            f"`{name}`",
+            f"[`{card.environment}`](environments/{card.env_id}.md)",
+            card.algorithm,
+            f"{card.steps:,}",
+            f"{card.wall_clock_s / 60:.0f}",
+            f"{card.success:.3f} of {card.success_episodes}",
+        ]
+        for name, card in cards.items()
+    ]
+    columns = ("name", "environment", "algorithm", "steps", "minutes", "success, episodes")
+    lines = ["# Weights", "", markdown(columns, rows)]
+    lines += [
+        "Each has a card of its own beside it, with its command, seed, commit and settings:",
+        '`saver_advisors.pretrained.load_policy("' + (next(iter(cards), "NAME")) + '").card`.',
+        "The success in a card is measured on seeds from 0, in episodes that had no part in",
+        "choosing the checkpoint.",
+        "",
+    ]
+    for name, card in cards.items():
+        lines += [f"## {name}", "", "```", card.command, "```", ""]
+    return "\n".join([*lines, ""])

@@ -1,0 +1,174 @@
+"""The page of results, rendered from the JSON files of ``docs/results``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.cli import runs
+from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting import evaluation_table
+from saver_advisors.reporting.provenance import machine_in_words
+from saver_advisors.reporting.tables import markdown
+
+PAGES: Final = {
+    "advising": "advising-results.md",
+    "constraints": "constraints-results.md",
+    "kinematics": "modelling-in-use.md",
+    "learning": "learning-speed.md",
+    "modelling-time": "modelling-time.md",
+    "pose": "perception-results.md",
+    "safe": "safe-baselines.md",
+    "speed": "speed.md",
+    "tracking": "modelling-tracking.md",
+    "transfer": "transfer.md",
+}
+"""Of results by their kind, where they are told in full."""
+
+PAGES_OF_FILES: Final = {
+    "fetch-id": "modelling-fetch-id.md",
+    "fetch-ik": "modelling-fetch-ik.md",
+    "mico-id": "modelling-mico-id.md",
+    "mico-ik": "modelling-mico-ik.md",
+    "mico-ik-little-data": "modelling-little-data.md",
+}
+"""The same by the file's name, where several files are of a kind."""
+
+
+def read_results(folder: Path) -> list[dict[str, Any]]:
+    """The results that programs left.
+
+    :param folder: of JSON files
+    :return: their contents, with ``file``, in the order of their names
+    """
+    return [
+        {"file": path.name, **json.loads(path.read_text(encoding="utf-8"))}
+        for path in sorted(folder.glob("*.json"))
+    ]
+
+
+def _evaluations(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [one for one in results if "success_rate" in one and "ci95" in one]
+
+
+def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
+    """The evaluations of one environment.
+
+    :param env_id: its id
+    :param results: as ``read_results`` returns them
+    :return: a table in Markdown, nothing where there are none
+    """
+    found = [one for one in _evaluations(results) if one["env"] == env_id]
+    return _evaluation_table(found) if found else ""
+
+
+def _evaluation_table(found: list[dict[str, Any]]) -> str:
+    columns = (*evaluation_table.COLUMNS, "collisions per episode")
+    rows = []
+    for one in found:
+        rows.append([*evaluation_table.cells(one), _collisions(one)])
+    return markdown(columns, rows)
+
+
+def _collisions(one: dict[str, Any]) -> str:
+    collisions = one.get("cost_means", {}).get("cost_collision")
+    return "-" if collisions is None else f"{collisions:.2f}"
+
+
+def success_overview(results: list[dict[str, Any]], folder: str) -> str:
+    """The best shipped policy of each environment, beside what needs no training there.
+
+    :param results: as ``read_results`` returns them
+    :param folder: of the environments' pages, as the reader sees it
+    :return: a table in Markdown, of the environments that a policy ships for
+    """
+    from saver_advisors.pretrained import shipped_policies
+
+    shipped = set(shipped_policies())
+    places: dict[str, list[dict[str, Any]]] = {}
+    for one in _evaluations(results):
+        places.setdefault(environment_text(one["env"], one.get("env_kwargs") or {}), []).append(one)
+    rows = []
+    for place, found in places.items():
+        ours = [one for one in found if one["policy"] in shipped]
+        if not ours:
+            continue
+        best = max(ours, key=lambda one: one["success_rate"])
+        teachers = [one for one in found if one["policy"].startswith("side-by-side:")]
+        experts = [one for one in found if one["policy"] == "expert"]
+        cells = [_success(one) for one in ([best], teachers, experts)]
+        rows.append([f"[`{place}`]({folder}{best['env']}.md)", f"`{best['policy']}`", *cells])
+    columns = ("environment", "policy", "success", "teachers side by side", "scripted expert")
+    return markdown(columns, rows)
+
+
+def _success(found: list[dict[str, Any]]) -> str:
+    """A success rate with its 95% interval and its episodes."""
+    if not found:
+        return "-"
+    low, high = found[0]["ci95"]
+    rate, episodes = found[0]["success_rate"], found[0]["episodes"]
+    return f"{rate:.3f} [{low:.3f}, {high:.3f}] of {episodes}"
+
+
+def results_page(results: list[dict[str, Any]]) -> str:
+    """Every result as a table.
+
+    :param results: as ``read_results`` returns them
+    :return: Markdown
+    """
+    lines = ["# Results", ""]
+    if evaluations := _evaluations(results):
+        lines += ["## Success", "", _evaluation_table(evaluations)]
+    for one in results:
+        if one in evaluations:
+            continue
+        stem = Path(one["file"]).stem
+        lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
+        if one.get("kind") == "curves":
+            lines += [f"![learning curves](results/{stem}.png)", ""]
+            lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
+        elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
+            lines += [f"On [a page of its own]({page}).", ""]
+        elif one.get("kind") == "modelling-search":
+            lines.append(_plain_table(_trials(one["trials"])))
+        elif isinstance(one.get("rows"), list):
+            lines.append(_plain_table(one["rows"]))
+        lines += [_origin(one), ""]
+    return "\n".join([*lines, "Rendered from the files in `docs/results`."])
+
+
+def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The trials of a search for settings, flat, the best first."""
+    measured = ("epochs", "validation_rmse")
+    return [
+        {**trial["settings"], **{name: trial[name] for name in measured if name in trial}}
+        for trial in sorted(trials, key=lambda trial: float(trial["validation_rmse"]))
+    ]
+
+
+def _plain_table(rows: list[dict[str, Any]]) -> str:
+    """A table of whatever a program measured: a column a key."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [[_cell(row.get(name)) for name in columns] for row in rows]
+    return markdown([name.replace("_", " ") for name in columns], cells)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return str(value)
+
+
+def _origin(one: dict[str, Any]) -> str:
+    """Where a result comes from, as far as it says so."""
+    source = one.get("provenance", one)
+    parts = [f"`{source['command']}`"] if source.get("command") else []
+    if source.get("commit"):
+        parts.append(f"commit `{source['commit'][:12]}`")
+    if machine := source.get("machine"):
+        parts.append(machine_in_words(machine))
+    return "; ".join(parts) + ("." if parts else "")

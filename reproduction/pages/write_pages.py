@@ -1,0 +1,101 @@
+"""Write the documentation pages that come from the code: environments, weights, results.
+
+The README's tables, between their markers, are written as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from saver_advisors.reporting.errors import UsageError, unknown
+
+EXAMPLES = """\
+examples:
+  python -m reproduction pages                  all pages, pictures and clips (minutes)
+  python -m reproduction pages --no-pictures    the text alone
+  python -m reproduction pages --check          fails if a page differs; writes nothing"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("docs"),
+        metavar="DIR",
+        help="the documentation's folder (default: docs)",
+    )
+    parser.add_argument(
+        "--readme",
+        type=Path,
+        metavar="FILE",
+        help="whose tables are written as well (default: README.md beside the folder)",
+    )
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    parser.add_argument(
+        "--only", nargs="+", default=None, metavar="ID", help="draw these environments alone"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare or write."""
+    texts = _texts(args)
+    stale = [path for path, text in texts.items() if not _holds(path, text)]
+    if args.check:
+        for path in stale:
+            print(f"{path} is out of date: run `python -m reproduction pages`", file=sys.stderr)
+        print(f"{len(texts) - len(stale)} of {len(texts)} pages are up to date")
+        return 1 if stale else 0
+    for path in stale:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(texts[path], encoding="utf-8")
+        print(f"wrote {path}")
+    if not args.no_pictures:
+        draw_all(args.output, args.only)
+    return 0
+
+
+def _texts(args: argparse.Namespace) -> dict[Path, str]:
+    """What every page should read."""
+    from reproduction.pages.generated import all_pages, with_tables
+
+    output = args.output
+    texts = {output / name: text for name, text in all_pages(output).items()}
+    readme = args.readme or output.resolve().parent / "README.md"
+    if args.readme is not None or readme.is_file():
+        try:
+            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), output)
+        except (OSError, ValueError) as error:
+            raise UsageError(f"argument --readme: {error}") from error
+    return texts
+
+
+def _holds(path: Path, text: str) -> bool:
+    return path.is_file() and path.read_text(encoding="utf-8") == text
+
+
+def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
+    """Draw a picture and a clip of every environment.
+
+    :param output: the documentation's folder
+    :param only: these environments alone; all of them where None
+    """
+    from saver_advisors.cli.catalogue import sparse_ids
+
+    for name in only or ():
+        if name not in sparse_ids():
+            raise UsageError(f"argument --only: {unknown('environment', name, sparse_ids())}")
+    from tqdm import tqdm
+
+    from saver_advisors.cli.pictures import CLIP_EVERY, clip_frames, save_jpeg, start_picture
+    from saver_advisors.reporting.video import write_clip
+
+    folder = output / "images" / "environments"
+    folder.mkdir(parents=True, exist_ok=True)
+    for env_id in tqdm(list(only or sparse_ids()), unit="environment"):
+        save_jpeg(folder / f"{env_id}.jpg", start_picture(env_id))
+        write_clip(folder / f"{env_id}.webp", clip_frames(env_id), stride=CLIP_EVERY)

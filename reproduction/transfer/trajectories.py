@@ -1,0 +1,172 @@
+"""Trials recorded step by step, with what truly happened beside what the policy was told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from saver_envs.episodes import Episodes
+from saver_envs.registration import make_episodes
+from saver_envs.robots.description import Robot
+from saver_envs.tasks.observation import LINEAR_VELOCITY_SCALE, SIZE_PER_ARM
+from saver_envs.wrappers.finger_readings import translated_fingers
+from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
+
+Observation = dict[str, NDArray[Any]]
+Predict = Callable[[Observation], NDArray[Any]]
+FrameCallback = Callable[[Episodes, int], None]
+"""Called with the episodes and the step, at the start of the trials and after each step."""
+
+_TOOL, _OBJECT, _OBJECT_VELOCITY = slice(0, 3), slice(12, 15), slice(22, 25)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One trial as it truly was, each arm in its own base frame; arrays of T + 1 instants.
+
+    :param tool: (T + 1, arms, 3) tool points, metres
+    :param object: (T + 1, arms, 3) centres of the cubes, metres
+    :param object_speed: (T + 1, arms) metres per second
+    :param target: (arms, 3), metres
+    :param closing: (T, arms) whether the gripper was told to close; False where it cannot move
+    :param collided: (T,) steps with contact that ``cost_collision`` counts
+    :param object_size: edge of the cubes, metres
+    :param threshold: distance to the target that counts as reached, metres
+    :param reach: horizontal distance from the base at which objects may lie, metres
+    :param success: ``is_success`` of the last step
+    :param diverged: whether the simulation broke down
+    :param seed: that the trial started from
+    """
+
+    tool: NDArray[np.float64]
+    object: NDArray[np.float64]
+    object_speed: NDArray[np.float64]
+    target: NDArray[np.float64]
+    closing: NDArray[np.bool_]
+    collided: NDArray[np.bool_]
+    object_size: float
+    threshold: float
+    reach: float
+    success: bool
+    diverged: bool = False
+    seed: int = 0
+
+    @property
+    def distance(self) -> NDArray[np.float64]:
+        """(T + 1, arms) from each cube to its target, metres."""
+        distance: NDArray[np.float64] = np.linalg.norm(self.object - self.target, axis=-1)
+        return distance
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.collided)
+
+
+def run_trials(
+    predict: Predict,
+    env_id: str,
+    trials: int,
+    *,
+    seed: int = 0,
+    env_kwargs: Mapping[str, Any] | None = None,
+    noise: SensorNoise | None = None,
+    hand: Robot | None = None,
+    frame_callback: FrameCallback | None = None,
+) -> list[Trajectory]:
+    """Play trials side by side and record them; trial i starts from ``seed + i``.
+
+    The same call plays the same trials, so one of them can be drawn when it is known which is
+    worth drawing.
+
+    :param predict: batched Dict observation (n, size) -> actions (n, action_size); deterministic
+    :param env_id: a registered id
+    :param trials: how many
+    :param seed: of trial 0
+    :param env_kwargs: further arguments of the environment
+    :param noise: of the sensors; exact ones where None
+    :param hand: the robot whose finger readings the policy knows; the scene's own where None
+    :param frame_callback: see `FrameCallback`
+    :return: one trajectory a trial
+    :raises ValueError: for fewer than one trial
+    """
+    if trials < 1:
+        raise ValueError(f"trials={trials} must be at least 1")
+    episodes = make_episodes(env_id, trials, **(env_kwargs or {}))
+    errors = None if noise is None else SensorErrors.of(noise, episodes)
+    for index in range(trials):
+        episodes.set_generator(index, seeding.np_random(seed + index)[0])
+        if errors is not None:
+            errors.seed(index, seed + index)
+    episodes.reset()
+    if errors is not None:
+        errors.begin(range(trials))
+    recorder = _Recorder(episodes)
+    robot = episodes.settings.robot
+    for step in range(episodes.settings.horizon):
+        if frame_callback is not None:
+            frame_callback(episodes, step)
+        observation: Observation = {**episodes.observation().as_dict()}
+        if errors is not None:
+            observation["observation"] = errors.disturb(observation["observation"])
+        if hand is not None and hand is not robot:
+            observation["observation"] = translated_fingers(observation["observation"], robot, hand)
+        recorder.step(predict(observation))
+    if frame_callback is not None:
+        frame_callback(episodes, episodes.settings.horizon)
+    return recorder.trajectories(seed)
+
+
+class _Recorder:
+    """Steps episodes and keeps what happened."""
+
+    def __init__(self, episodes: Episodes) -> None:
+        self._episodes = episodes
+        self._seen = [episodes.observation().observation.astype(np.float64)]
+        self._closing: list[NDArray[np.bool_]] = []
+        self._collided: list[NDArray[np.bool_]] = []
+        self._diverged = np.zeros(episodes.n, dtype=bool)
+        self._success = np.zeros(episodes.n, dtype=bool)
+
+    def step(self, actions: NDArray[Any]) -> None:
+        """Apply actions (n, action_size)."""
+        episodes = self._episodes
+        outcome = episodes.step(actions)
+        self._seen.append(episodes.observation().observation.astype(np.float64))
+        self._collided.append(outcome.costs["collision"] > 0)
+        # A simulation that broke down begins anew by itself: what follows is not this trial.
+        self._success = outcome.success & ~self._diverged & ~outcome.diverged
+        self._diverged |= outcome.diverged
+        blocks = np.asarray(actions).reshape(episodes.n, episodes.task.n_arms, -1)
+        gripper = episodes.task.held_height is None
+        self._closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
+
+    def trajectories(self, seed: int) -> list[Trajectory]:
+        """What was recorded, trial by trial."""
+        episodes = self._episodes
+        arms = episodes.task.n_arms
+        seen = np.stack(self._seen, axis=1).reshape(episodes.n, -1, arms, SIZE_PER_ARM)
+        closing, collided = np.stack(self._closing, axis=1), np.stack(self._collided, axis=1)
+        velocity = seen[..., _OBJECT_VELOCITY] / LINEAR_VELOCITY_SCALE
+        return [
+            Trajectory(
+                tool=seen[index, ..., _TOOL],
+                object=seen[index, ..., _OBJECT],
+                object_speed=np.linalg.norm(velocity[index], axis=-1),
+                target=episodes.target[index].copy(),
+                closing=closing[index],
+                collided=collided[index],
+                object_size=episodes.settings.objects.size,
+                threshold=episodes.task.success_threshold,
+                reach=episodes.regions.reach,
+                success=bool(self._success[index]),
+                diverged=bool(self._diverged[index]),
+                seed=seed + index,
+            )
+            for index in range(episodes.n)
+        ]

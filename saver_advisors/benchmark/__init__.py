@@ -1,0 +1,1 @@
+"""Measurements that users repeat: speed, pose, and their own algorithms by the protocol."""

@@ -1,0 +1,115 @@
+"""Other suites' environments, each in a virtual environment of its own, ready to be timed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
+
+WORKER: Final = Path(__file__).with_name("worker.py")
+#: Written into a virtual environment when everything is installed.
+COMPLETE: Final = "saver-complete.json"
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Another suite's environment.
+
+    :param env: its name there
+    :param suite: the distribution
+    :param n_envs: how many its users step in one process
+    :param requirements: what is installed; pinned, so that the figures can be compared
+    """
+
+    env: str
+    suite: str
+    n_envs: int
+    requirements: tuple[str, ...]
+
+
+#: Both suites fail with MuJoCo 3.12 and later, where its enumerations no longer equal NumPy's
+#: integers; robosuite also reads `MjData.qM`, which later versions of 3 lack.
+FETCH_PUSH: Final = Peer(
+    "FetchPush-v4", "gymnasium-robotics", 64, ("gymnasium-robotics==1.4.2", "mujoco==3.11.0")
+)
+TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "mujoco==3.3.7"))
+PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
+
+#: Stable-Baselines3 in JAX. It has no environment: its gradient steps are what is timed.
+SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
+
+
+def default_cache() -> Path:
+    """Where the virtual environments are kept: in the user's cache folder."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "peers"
+
+
+def add_peer_cache(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--peer-cache``."""
+    parser.add_argument(
+        "--peer-cache",
+        type=Path,
+        default=default_cache(),
+        metavar="DIR",
+        help="where the peers' virtual environments are kept (default: %(default)s)",
+    )
+
+
+def install(peer: Peer, cache: Path) -> Path:
+    """Make the peer's virtual environment, unless it is there.
+
+    :param peer: the suite
+    :param cache: folder of the virtual environments
+    :return: its Python
+    :raises PeerError: when something cannot be installed
+    """
+    folder = cache / peer.suite
+    python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
+    complete = folder / COMPLETE
+    wanted = json.dumps(peer.requirements)
+    if complete.is_file() and complete.read_text(encoding="utf-8") == wanted:
+        return python
+    print(f"installing {', '.join(peer.requirements)} into {folder}", flush=True)
+    for command in (
+        [sys.executable, "-m", "venv", "--clear", str(folder)],
+        [str(python), "-m", "pip", "install", "--quiet", *peer.requirements],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+            raise PeerError(f"{peer.suite} cannot be installed: {' '.join(last)}")
+    complete.write_text(wanted, encoding="utf-8")
+    return python
+
+
+class RunningPeer(PeerProcess):
+    """A suite's process, idle until it is asked to run for a while; a context manager.
+
+    :param peer: the suite
+    :param python: of its virtual environment
+    :raises PeerError: when it does not start
+    """
+
+    def __init__(self, peer: Peer, python: Path) -> None:
+        super().__init__(peer.env, python, WORKER, peer.env, str(peer.n_envs))
+        self.peer = peer
+        ready = self.read()
+        self.modes: list[str] = ready["modes"]
+        self.versions: dict[str, str] = ready["versions"]
+
+    def measure(self, mode: str, seconds: float) -> dict[str, float]:
+        """Run for a while.
+
+        :param mode: one of ``modes``
+        :param seconds: at least so long, and at least one piece of work
+        :return: ``steps``, ``seconds`` and ``cpu_seconds``
+        """
+        return dict(self.ask(f"{mode} {seconds}"))

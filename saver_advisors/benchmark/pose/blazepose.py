@@ -1,0 +1,118 @@
+"""BlazePose, the outside model of people's poses, in a virtual environment of its own."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tarfile
+import tempfile
+import zipfile
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
+from saver_advisors.benchmark.peers.suites import Peer, install
+
+WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
+VARIANTS: Final = ("lite", "full", "heavy")
+#: The makers' package for web pages, Apache-2.0, which holds the models.
+PACKAGE: Final = "@mediapipe/pose@0.5.1675469404"
+RUNTIME: Final = Peer(
+    "BlazePose", "blazepose", 1, ("ai-edge-litert==2.3.0", "numpy==2.4.6", "pillow==11.3.0")
+)
+#: Our joints among the 33 landmarks; the neck is the middle of the shoulders.
+_SHOULDERS: Final = (11, 12)
+_LANDMARKS: Final = (-1, 0, 12, 14, 16, 11, 13, 15, 24, 26, 28, 23, 25, 27)
+
+
+def install_blazepose(cache: Path) -> tuple[Path, Path]:
+    """Make the virtual environment and fetch the models, unless they are there.
+
+    :param cache: folder of the peers
+    :return: its Python and the models' folder
+    :raises PeerError: when something cannot be had
+    """
+    python = install(RUNTIME, cache)
+    models = cache / "blazepose-models"
+    if not (models / "pose_detection.tflite").is_file():
+        npm = shutil.which("npm")
+        if npm is None:
+            raise PeerError("BlazePose's models come with npm, which is not installed")
+        with tempfile.TemporaryDirectory() as folder:
+            command = [npm, "pack", "--silent", "--pack-destination", folder, PACKAGE]
+            done = subprocess.run(command, capture_output=True, text=True)
+            archives = list(Path(folder).glob("*.tgz"))
+            if done.returncode != 0 or not archives:
+                last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+                raise PeerError(f"{PACKAGE} cannot be fetched: {' '.join(last)}")
+            _unpack(archives[0], models)
+    return python, models
+
+
+def _unpack(archive: Path, models: Path) -> None:
+    models.mkdir(parents=True, exist_ok=True)
+    with tarfile.open(archive) as content:
+        for member in content.getmembers():
+            name = Path(member.name).name
+            file = content.extractfile(member)
+            if file is None:
+                continue
+            if name.endswith(".tflite"):
+                (models / name).write_bytes(file.read())
+            elif name == "pose_solution_packed_assets.data":
+                packed = models / name
+                packed.write_bytes(file.read())
+                _unpack_detector(packed, models / "pose_detection.tflite")
+
+
+def _unpack_detector(packed: Path, target: Path) -> None:
+    """Take the detector out of what may be a bare model or an archive of files."""
+    if zipfile.is_zipfile(packed):
+        with zipfile.ZipFile(packed) as content:
+            name = next(one for one in content.namelist() if one.endswith("detection.tflite"))
+            target.write_bytes(content.read(name))
+    else:
+        shutil.copyfile(packed, target)
+
+
+class BlazePose(PeerProcess):
+    """A running variant; a context manager.
+
+    :param variant: ``lite``, ``full`` or ``heavy``
+    :param cache: folder of the peers
+    :raises PeerError: when it cannot be installed or does not start
+    """
+
+    def __init__(self, variant: str, cache: Path) -> None:
+        python, models = install_blazepose(cache)
+        super().__init__("BlazePose", python, WORKER, str(models), variant)
+        self._folder = tempfile.TemporaryDirectory()
+        self.read()
+
+    def __call__(self, pictures: NDArray[np.uint8]) -> tuple[NDArray[np.float64], float]:
+        """Find one person in each picture.
+
+        :param pictures: (n, height, width, 3)
+        :return: our joints (n, 14, 3), x, y in pixels and visibility, NaN for nobody; seconds a
+            picture
+        """
+        source, target = (Path(self._folder.name) / name for name in ("in.npy", "out.npy"))
+        np.save(source, pictures)
+        seconds = float(self.ask(f"{source} {target}")["seconds"])
+        found = np.load(target, allow_pickle=False).astype(np.float64)
+        joints = found[:, _LANDMARKS]
+        joints[:, 0] = found[:, _SHOULDERS].mean(axis=1)
+        return joints, seconds
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self._folder.cleanup()

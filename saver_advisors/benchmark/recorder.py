@@ -1,0 +1,249 @@
+"""A foreign training run's record: its evaluations as they come, its best weights, its end.
+
+The file is written anew after every evaluation, as a whole, so that a run that is interrupted at
+any moment leaves what it had shown by then.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
+from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
+from saver_advisors.experiments.training_runs import KIND
+from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
+
+Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
+
+
+class Weights(Protocol):
+    """What a checkpoint is taken of, as torch's modules have it."""
+
+    def state_dict(self) -> Mapping[str, Any]:
+        """Tensors by name."""
+
+    def load_state_dict(self, state_dict: Mapping[str, Any]) -> Any:
+        """Take tensors over."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run shall do.
+
+    :param name: of the run and its files
+    :param row: of the table that it is a seed of
+    :param env_id: its environment
+    :param env_kwargs: keyword arguments of that
+    :param algorithm: as given, ``MODULE:CLASS``
+    :param algo_kwargs: keyword arguments of the algorithm, as given
+    :param source_sha256: of the algorithm's file, None where it has none
+    :param n_envs: environments that it trains in
+    :param total_steps: environment steps, all environments together
+    :param seed: of everything random
+    :param eval_every: environment steps between evaluations
+    :param eval_episodes: of each of them
+    :param report_episodes: of the evaluation that is reported
+    :param teacher_steps: environment steps that trained its teachers, as its author tells
+    :param demonstration_steps: environment steps of its demonstrations, likewise
+    """
+
+    name: str
+    row: str
+    env_id: str
+    env_kwargs: Mapping[str, Any]
+    algorithm: str
+    algo_kwargs: Mapping[str, Any]
+    source_sha256: str | None
+    n_envs: int
+    total_steps: int
+    seed: int
+    eval_every: int
+    eval_episodes: int
+    report_episodes: int
+    teacher_steps: int = 0
+    demonstration_steps: int = 0
+
+    def config(self) -> dict[str, Any]:
+        """What decides the outcome, as the file has it."""
+        return {
+            "env_id": self.env_id,
+            "env_kwargs": dict(self.env_kwargs),
+            "algorithm": self.algorithm,
+            "algo_kwargs": dict(self.algo_kwargs),
+            "source_sha256": self.source_sha256,
+            "n_envs": self.n_envs,
+            "total_steps": self.total_steps,
+            "seed": self.seed,
+            "eval_every": self.eval_every,
+            "eval_episodes": self.eval_episodes,
+            "eval_seed": SELECTION_SEED,
+            "report_episodes": self.report_episodes,
+            "report_seed": REPORT_SEED,
+        }
+
+
+@dataclass
+class Recorder:
+    """Counts a run's steps, evaluates it when it is due, and writes its file.
+
+    :param plan: of the run
+    :param folder: of its file and its weights
+    :param progress: called after each evaluation with its line of the curve
+    """
+
+    plan: Plan
+    folder: Path
+    progress: Callable[[dict[str, Any]], None] = lambda line: None
+    steps: int = field(default=0, init=False)
+    curve: list[dict[str, Any]] = field(default_factory=list, init=False)
+    _predict: Predict | None = field(default=None, init=False)
+    _weights: Weights | None = field(default=None, init=False)
+    _seconds: float = field(default=0.0, init=False)
+    _since: float | None = field(default=None, init=False)
+    _best: float = field(default=-1.0, init=False)
+    _started: dict[str, Any] = field(default_factory=provenance, init=False)
+
+    @property
+    def path(self) -> Path:
+        """Of the record."""
+        return self.folder / f"{self.plan.name}.json"
+
+    @property
+    def weights_path(self) -> Path:
+        """Of the weights with the highest success rate so far."""
+        return self.folder / f"{self.plan.name}.safetensors"
+
+    @property
+    def spent(self) -> bool:
+        """Whether all steps of the plan are done."""
+        return self.steps >= self.plan.total_steps
+
+    def begin(self, predict: Predict, weights: Weights | None) -> None:
+        """Start the clock.
+
+        :param predict: the policy as it is at the time of a call, deterministic
+        :param weights: what a checkpoint is taken of; None where only the last policy is known
+        """
+        self._predict, self._weights = predict, weights
+        self._write(finished=False)
+        self._since = time.perf_counter()
+
+    def advance(self, steps: int) -> None:
+        """Count steps; evaluate where that is due.
+
+        :param steps: environment steps that were done since
+        """
+        before, every = self.steps, self.plan.eval_every
+        self.steps += steps
+        ended = self.spent and before < self.plan.total_steps
+        if ended or (self.steps // every > before // every and not self.spent):
+            self._measure()
+
+    def finish(self) -> dict[str, Any]:
+        """Evaluate the last policy and the chosen one on the report seeds, and close the file.
+
+        The last is what tables compare: choosing after the fact would flatter. The chosen one had
+        the highest success on the selection seeds.
+
+        :return: the record; ``chosen`` is None where no weights were kept to go back to
+        """
+        if not self.curve or self.curve[-1]["steps"] < self.steps:
+            self._measure()
+        self._pause()
+        final = self._evaluate(REPORT_SEED, self.plan.report_episodes).summary()
+        chosen = None
+        if self._weights is not None:
+            from saver_advisors.training.checkpoint import load_policy
+
+            best = max(self.curve, key=lambda line: (line["success_rate"], line["steps"]))
+            chosen = {**final, "steps": best["steps"]}
+            if best["steps"] < self.curve[-1]["steps"]:
+                load_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
+                outcomes = self._evaluate(REPORT_SEED, self.plan.report_episodes)
+                chosen = {**outcomes.summary(), "steps": best["steps"]}
+        return self._write(finished=True, final=final, chosen=chosen)
+
+    def _measure(self) -> None:
+        """A line of the curve; the weights, where they are the best so far."""
+        self._pause()
+        outcomes = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
+        summary = outcomes.summary()
+        line = {
+            "steps": self.steps,
+            "wall_clock_s": round(self._seconds, 3),
+            "success_rate": summary["success_rate"],
+            "mean_q": None,
+            **dict(sorted(summary["cost_means"].items())),
+            **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
+            "advice_spent": 0,
+            # What the seconds are worth: more than the cores means that others had a share.
+            "load_average": None if (averages := load_averages()) is None else averages[0],
+        }
+        self.curve.append(line)
+        # Of equals the later: longer trained, it does better on other episodes.
+        if self._weights is not None and line["success_rate"] >= self._best:
+            from saver_advisors.training.checkpoint import save_policy
+
+            save_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
+            self._best = line["success_rate"]
+        self._write(finished=False)
+        self.progress(line)
+        self._since = time.perf_counter()
+
+    def _pause(self) -> None:
+        """Stop the clock: evaluations are no training."""
+        if self._since is not None:
+            self._seconds += time.perf_counter() - self._since
+            self._since = None
+
+    def _evaluate(self, seed: int, episodes: int) -> EpisodeOutcomes:
+        assert self._predict is not None
+        with _untouched_random():
+            return evaluate_policy(
+                self._predict,
+                self.plan.env_id,
+                episodes=episodes,
+                seed=seed,
+                env_kwargs=self.plan.env_kwargs,
+            )
+
+    def _write(self, finished: bool, **ending: Any) -> dict[str, Any]:
+        record = {
+            "kind": KIND,
+            "name": self.plan.name,
+            "task": self.plan.env_id,
+            "row": self.plan.row,
+            "seed": self.plan.seed,
+            "config": self.plan.config(),
+            "curve": self.curve,
+            "final": None,
+            "teacher_steps": self.plan.teacher_steps,
+            "demonstration_steps": self.plan.demonstration_steps,
+            "finished": finished,
+            **ending,
+            "sessions": [{"from_steps": 0, **self._started}],
+            "provenance": self._started,
+        }
+        write_json_atomic(self.path, record)
+        return record
+
+
+@contextmanager
+def _untouched_random() -> Iterator[None]:
+    """Hand the global generators back as they were: being watched must not change a run."""
+    import torch
+
+    numbers, tensors = np.random.get_state(), torch.get_rng_state()  # noqa: NPY002  (foreign code's)
+    try:
+        yield
+    finally:
+        np.random.set_state(numbers)  # noqa: NPY002
+        torch.set_rng_state(tensors)

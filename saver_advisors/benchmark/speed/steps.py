@@ -1,0 +1,242 @@
+"""How fast environments step and start, and what memory they take."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+from mujoco import mjtStage
+from numpy.typing import NDArray
+
+from saver_advisors.benchmark.machine import cores, median_ratio
+from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
+
+#: The simulator alone, the core, and what users hold in their hands.
+WAYS: Final = ("raw", "core", "gymnasium", "sb3")
+#: Numbers of episodes that are started at once.
+RESET_N_ENVS: Final = (1, 64)
+#: An episode is left this many actions before its end: what is timed has no reset in it.
+SPARE: Final = 5
+#: Stages of the simulator's calls of one action, as :class:`saver_envs.simulation.Simulation` asks
+#: for them.
+_STAGES: Final = [int(mjtStage.mjSTAGE_NONE)] * (CONTACT_SAMPLES - 1) + [int(mjtStage.mjSTAGE_VEL)]
+
+
+class _Bench:
+    """One environment, number and thread count, to be stepped in every way.
+
+    :param env_id: a registered id
+    :param n_envs: environments
+    :param threads: native threads
+    """
+
+    def __init__(self, env_id: str, n_envs: int, threads: int) -> None:
+        from mujoco.batch import Batch
+
+        from saver_envs.envs.sb3_vec_env import SaverVecEnv
+        from saver_envs.envs.vector_env import SaverVectorEnv
+        from saver_envs.registration import make_episodes
+
+        self.n_envs = n_envs
+        self._core = make_episodes(env_id, n_envs, threads)
+        self._vector = SaverVectorEnv(env_id, n_envs, threads=threads)
+        self._sb3 = SaverVecEnv(env_id, n_envs, threads=threads)
+        self._raw = Batch(self._core.scene.model, n_envs, min(threads, n_envs), persistent=True)
+        self._vector.reset(seed=0)
+        self._sb3.reset()
+
+    def round(self, seed: int, seconds: float) -> dict[str, float]:
+        """Time all ways of stepping, on the same episodes and for as many actions.
+
+        :param seed: of the episodes and the actions
+        :param seconds: shortest measurement, unless the episodes end before
+        :return: seconds an action of all environments, by way
+        """
+        from gymnasium.utils import seeding
+
+        core, vector, sb3 = self._core, self._vector, self._sb3
+        for index in range(self.n_envs):
+            core.set_generator(index, seeding.np_random(seed + index)[0])
+        core.reset()
+        start = core.get_state()
+        most = core.settings.horizon - SPARE
+        shape = (most, self.n_envs, core.action_size)
+        actions = np.random.default_rng(seed).uniform(-1, 1, shape).astype(np.float32)
+        controls = []
+        began = time.perf_counter()
+        for action in actions:
+            core.step(action)
+            controls.append(core.simulation.ctrl.copy())
+            if time.perf_counter() - began >= seconds:
+                break
+        actions = actions[: len(controls)]
+
+        # Drawing the same starts in each of them would take longer than what is timed.
+        for episodes in (core, vector.episodes, sb3.episodes):
+            episodes.set_state(start)
+        times = {"core": _per_item(self._step_core, actions)}
+        times["gymnasium"] = _per_item(vector.step, actions)
+        times["sb3"] = _per_item(sb3.step, actions)
+        self._raw.state[:] = start.simulation.rows
+        times["raw"] = _per_item(self._step_raw, controls)
+        return times
+
+    def _step_core(self, action: NDArray[np.float32]) -> None:
+        self._core.step(action)
+        self._core.observation()
+
+    def _step_raw(self, control: NDArray[np.float64]) -> None:
+        """Make the simulator's calls of one action, and no others."""
+        self._raw.ctrl = control
+        for stage in _STAGES:
+            self._raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
+
+
+def _per_item(work: Callable[[Any], object], items: Iterable[Any]) -> float:
+    """Return the mean duration of ``work`` (s)."""
+    began, count = time.perf_counter(), 0
+    for item in items:
+        work(item)
+        count += 1
+    return (time.perf_counter() - began) / count
+
+
+def step_rows(
+    env_id: str,
+    n_envs: int,
+    threads: Sequence[int],
+    rounds: int,
+    seconds: float,
+    advance: Callable[[], None],
+) -> list[dict[str, Any]]:
+    """Time every way of stepping, for each number of threads, in turn.
+
+    :param env_id: a registered id
+    :param n_envs: environments stepped together
+    :param threads: native threads; those beyond ``n_envs`` are left out
+    :param rounds: how often
+    :param seconds: shortest measurement
+    :param advance: called after each round
+    :return: a row for each number of threads
+    """
+    threads = [count for count in threads if count <= n_envs]
+    benches = {}
+    for count in threads:
+        with cores(count):  # threads keep the cores of the one that starts them
+            benches[count] = _Bench(env_id, n_envs, count)
+            benches[count].round(0, seconds)
+    times: dict[int, dict[str, list[float]]] = {
+        count: {way: [] for way in WAYS} for count in threads
+    }
+    for index in range(rounds):
+        for count, bench in benches.items():
+            with cores(count):
+                for way, duration in bench.round(index, seconds).items():
+                    times[count][way].append(duration)
+        advance()
+    return [_step_row(env_id, n_envs, count, times) for count in threads]
+
+
+def _step_row(
+    env_id: str, n_envs: int, threads: int, times: dict[int, dict[str, list[float]]]
+) -> dict[str, Any]:
+    own = times[threads]
+
+    def rate(way: str) -> float:
+        return n_envs / median(own[way])
+
+    def ratio(way: str) -> float:
+        return median_ratio(own["raw"], own[way])
+
+    fewest = min(times)
+    return {
+        "env": env_id,
+        "n_envs": n_envs,
+        "threads": threads,
+        "steps_per_second": rate("gymnasium"),
+        "raw_steps_per_second": rate("raw"),
+        "ratio_to_raw": ratio("gymnasium"),
+        "core_steps_per_second": rate("core"),
+        "core_ratio_to_raw": ratio("core"),
+        "sb3_steps_per_second": rate("sb3"),
+        "sb3_ratio_to_raw": ratio("sb3"),
+        "speed_up_of_threads": median_ratio(times[fewest]["gymnasium"], own["gymnasium"]),
+    }
+
+
+def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
+    """Time the start of an episode, alone and among others; the mean, since starts differ.
+
+    :param env_id: a registered id
+    :param rounds: how often, and so many thousandths of a mean over episodes
+    :return: ``env`` and ``milliseconds_per_episode`` by number of environments
+    """
+    from saver_envs.registration import make_episodes
+
+    found = {}
+    for n_envs in RESET_N_ENVS:
+        episodes = make_episodes(env_id, n_envs)
+        for index in range(n_envs):
+            episodes.set_generator(index, np.random.default_rng(index))
+        repeats = max(1, 40 // n_envs) * rounds
+        with cores(1):
+            episodes.reset()
+            began = time.perf_counter()
+            for _ in range(repeats):
+                episodes.reset()
+            found[str(n_envs)] = (time.perf_counter() - began) / (repeats * n_envs) * 1e3
+    return {"env": env_id, "milliseconds_per_episode": found}
+
+
+def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float | None]:
+    """Measure what an environment adds to the memory of a process, in a process of its own.
+
+    :param env_id: a registered id
+    :param n_envs: numbers of environments
+    :return: megabytes (10^6 bytes) an environment, by number; ``None`` where the system does not
+        tell, and for one environment, which cannot be told from the rest of the process
+    """
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    counts = sorted({count for count in n_envs if count > 1})
+    if not counts or _resident() is None:
+        return {}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
+        return pool.submit(_memory_here, env_id, counts).result()
+
+
+def _memory_here(env_id: str, counts: list[int]) -> dict[int, float | None]:
+    from saver_envs.registration import make_episodes
+
+    def grow(count: int) -> Any:
+        episodes = make_episodes(env_id, count)
+        episodes.reset()
+        for _ in range(3):
+            episodes.step(np.zeros((count, episodes.action_size)))
+        return episodes
+
+    kept = [grow(1)]  # the model and all that the first environment brings along
+    found: dict[int, float | None] = {}
+    for count in counts:
+        before = _resident()
+        kept.append(grow(count))
+        after = _resident()
+        if before is not None and after is not None:
+            found[count] = (after - before) / count / 1e6
+    return found
+
+
+def _resident() -> int | None:
+    """Bytes of this process in memory, where the system tells."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, ValueError, IndexError):
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE")

@@ -1,0 +1,120 @@
+"""Ours and other suites' environments in turn, on one core."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+
+from saver_advisors.benchmark.machine import cores, median_ratio, progress
+from saver_advisors.benchmark.peers.suites import (
+    FETCH_PUSH,
+    PEERS,
+    TWO_ARM_LIFT,
+    Peer,
+    RunningPeer,
+    install,
+)
+
+#: What is compared with which peer, how many times as fast it must be, and what is aimed at.
+COMPARISONS: Final = (
+    ("JacoPush-v0", FETCH_PUSH, 3.0, 5.0),
+    ("DualJacoPush-v0", FETCH_PUSH, 1.5, 2.5),
+    ("DualJacoPush-v0", TWO_ARM_LIFT, 20.0, 40.0),
+)
+N_ENVS: Final = 64
+
+
+def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
+    """Time ours and the peers' environments in turn on one core, whole episodes with resets.
+
+    :param cache: folder of the peers' virtual environments
+    :param rounds: how often
+    :param seconds: shortest measurement
+    :return: ``peers``, ``ours`` and ``ratios``
+    :raises PeerError: when a peer cannot be installed or run
+    """
+    pythons = {peer: install(peer, cache) for peer in PEERS}
+    with ExitStack() as stack:
+        stack.enter_context(cores(1))
+        running = [stack.enter_context(RunningPeer(peer, pythons[peer])) for peer in PEERS]
+        ours = {env_id: _whole_episodes(env_id) for env_id, *_ in COMPARISONS}
+        peer_times: dict[tuple[str, str], list[float]] = {}
+        our_times: dict[str, list[float]] = {env_id: [] for env_id in ours}
+        with progress("peers", rounds) as advance:
+            for _ in range(rounds):
+                for env_id, episodes in ours.items():
+                    our_times[env_id].append(episodes(seconds))
+                for one in running:
+                    for mode in one.modes:
+                        told = one.measure(mode, seconds)
+                        per_step = told["seconds"] / told["steps"]
+                        peer_times.setdefault((one.peer.env, mode), []).append(per_step)
+                advance()
+    fastest = {
+        peer.env: min(
+            (times for (env, _), times in peer_times.items() if env == peer.env), key=median
+        )
+        for peer in PEERS
+    }
+    return {
+        "peers": [
+            _peer_row(one.peer, mode, one.versions, peer_times[one.peer.env, mode])
+            for one in running
+            for mode in one.modes
+        ],
+        "ours": [
+            {"env": env_id, "n_envs": N_ENVS, "steps_per_second": 1 / median(times)}
+            for env_id, times in our_times.items()
+        ],
+        "ratios": [
+            {
+                "env": env_id,
+                "peer": peer.env,
+                "ratio": median_ratio(fastest[peer.env], our_times[env_id]),
+                "must": must,
+                "aim": aim,
+            }
+            for env_id, peer, must, aim in COMPARISONS
+        ],
+    }
+
+
+def _peer_row(
+    peer: Peer, mode: str, versions: dict[str, str], times: list[float]
+) -> dict[str, Any]:
+    return {
+        "env": peer.env,
+        "suite": peer.suite,
+        "mode": mode,
+        "n_envs": peer.n_envs,
+        "steps_per_second": 1 / median(times),
+        "versions": versions,
+    }
+
+
+def _whole_episodes(env_id: str) -> Callable[[float], float]:
+    """Return what times whole episodes of 64 environments, resets and all, per step (s)."""
+    from saver_envs.envs.vector_env import SaverVectorEnv
+
+    env = SaverVectorEnv(env_id, N_ENVS)
+    env.reset(seed=0)
+    horizon = env.episodes.settings.horizon
+    shape = (horizon, N_ENVS, env.episodes.action_size)
+    actions = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+
+    def per_step(seconds: float) -> float:
+        began, episodes = time.perf_counter(), 0
+        while episodes == 0 or time.perf_counter() - began < seconds:
+            for action in actions:
+                env.step(action)
+            env.step(actions[0])  # the step in which all are reset
+            episodes += 1
+        return (time.perf_counter() - began) / (episodes * horizon * N_ENVS)
+
+    return per_step

@@ -1,1 +1,0 @@
-"""The benchmark's protocol for algorithms that are not ours."""

@@ -1,1 +1,0 @@
-"""What every page told from training runs shares: their files, tables and pictures."""

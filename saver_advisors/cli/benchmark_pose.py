@@ -1,0 +1,200 @@
+"""Seeing a person: accuracy on held-out rendered pictures, speed of the parallel ensemble, a peer.
+
+Training and test pictures are rendered; people and patterns of the test are held out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.benchmark.peers.process import PeerError
+from saver_advisors.benchmark.peers.suites import default_cache
+
+EXAMPLES: Final = """\
+examples:
+  saver benchmark pose                                     the shipped network, every set
+  saver benchmark pose --peers --json pose.json            beside BlazePose
+  saver benchmark pose --weights runs/pose/network.safetensors --frames 100
+  saver benchmark pose --only speed                        milliseconds alone"""
+
+FRAMES: Final = 500
+HARD_FRAMES: Final = 100
+THREADS: Final = (1, 2)
+PARTS: Final = ("accuracy", "speed")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import add_json, at_least
+
+    count = at_least(1)
+    parser.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FILE",
+        help="a network's .safetensors file (default: the shipped one)",
+    )
+    parser.add_argument(
+        "--frames",
+        type=at_least(20),
+        default=FRAMES,
+        metavar="N",
+        help="test pictures, rounded to twenties (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--hard-frames",
+        type=at_least(20),
+        default=HARD_FRAMES,
+        metavar="N",
+        help="pictures of each harder set: occluded, low light, two people (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rounds", type=count, default=7, metavar="N", help="medians are over these (default: 7)"
+    )
+    parser.add_argument(
+        "--only", choices=PARTS, help="measure this alone (default: accuracy and speed)"
+    )
+    parser.add_argument(
+        "--peers",
+        action="store_true",
+        help="also BlazePose (lite, full, heavy), in a virtual environment made at the first use",
+    )
+    parser.add_argument(
+        "--peer-cache",
+        type=Path,
+        default=default_cache(),
+        metavar="DIR",
+        help="where the peer is kept (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        default=default_cache().parent / "pose",
+        metavar="DIR",
+        help="where rendered pictures are kept (default: %(default)s)",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    import torch
+
+    from saver_advisors.cli.arguments import write_json
+    from saver_advisors.reporting.errors import UsageError
+    from saver_advisors.training.threads import one_thread_of_algebra
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    figures: dict[str, Any] = {"kind": "pose", "title": "Seeing a person"}
+    try:
+        with one_thread_of_algebra():
+            if args.only != "speed":
+                figures |= _accuracy(args)
+            if args.only != "accuracy":
+                figures |= _speed(args)
+    except (PeerError, OSError) as error:
+        raise UsageError(str(error)) from error
+    finally:
+        torch.set_num_threads(before)
+    _show(figures)
+    write_json(args.json, figures)
+    return 0
+
+
+def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
+    from saver_advisors.benchmark.pose.accuracy import (
+        SETS,
+        SHARD,
+        accuracy,
+        depth_to_centre,
+        of_blazepose,
+        of_network,
+        test_set,
+    )
+    from saver_advisors.benchmark.pose.blazepose import VARIANTS, BlazePose
+    from saver_advisors.reporting.errors import user_mistakes
+    from saver_envs.perception.estimator import PoseEstimator
+    from saver_envs.perception.weights import SHIPPED, read_info
+
+    weights = args.weights or SHIPPED
+    with user_mistakes("argument --weights"):
+        estimator = PoseEstimator.from_file(weights)
+    counts = {
+        name: (args.frames if name == "test" else args.hard_frames) // SHARD * SHARD
+        for name in SETS
+    }
+    sets = {name: test_set(name, count, args.cache) for name, count in counts.items()}
+    estimators = {"saver": estimator}
+    with contextlib.suppress(ValueError):  # branches without their mirror images
+        estimators["saver_mirror"] = PoseEstimator(estimator.network, mirror=True)
+    models: dict[str, dict[str, Any]] = {
+        model: {
+            name: accuracy(of_network(one, data, counts[name]), data) for name, data in sets.items()
+        }
+        for model, one in estimators.items()
+    }
+    for variant in VARIANTS if args.peers else ():
+        with BlazePose(variant, args.peer_cache) as peer:
+            models[f"blazepose_{variant}"] = {
+                name: accuracy(of_blazepose(peer, data, counts[name]), data)
+                for name, data in sets.items()
+                if variant == "heavy" or name == "test"
+            }
+    return {
+        "weights": weights.name,
+        "weights_info": read_info(weights)["info"],
+        "models": models,
+        "depth_to_centre": depth_to_centre(test_set("calibration", 5 * SHARD, args.cache)),
+    }
+
+
+def _speed(args: argparse.Namespace) -> dict[str, Any]:
+    from saver_advisors.benchmark.machine import progress
+    from saver_advisors.benchmark.pose.speed import LIMB_SETS, SIZES, parsing_rows, speed_rows
+    from saver_advisors.reporting.provenance import load_averages
+    from saver_envs.perception.network import ARCHITECTURES
+
+    before = load_averages()
+    rows = []
+    total = len(ARCHITECTURES) * len(SIZES) * len(THREADS) * len(LIMB_SETS)
+    with progress("speed", total) as advance:
+        for architecture in ARCHITECTURES:
+            rounds = args.rounds if architecture == "light" else max(1, args.rounds // 3)
+            rows += speed_rows(architecture, rounds, THREADS, advance)
+    return {
+        "speed": rows,
+        "parsing": parsing_rows(args.rounds),
+        "load": {"before": before, "after": load_averages()},
+    }
+
+
+def _show(figures: dict[str, Any]) -> None:
+    for model, sets in figures.get("models", {}).items():
+        for name, row in sets.items():
+            error_mm = row["error_mm"]
+            print(
+                f"{model:16s} {name:10s} PCK@0.2 {row['pck_0.2']:.3f}   "
+                f"{row['error_px']:5.1f} px   "
+                f"{'  --' if error_mm is None else f'{error_mm:4.0f}'} mm   "
+                f"AP {row['oks_ap']:.3f}   {row['frames_per_second']:5.1f} frames/s"
+            )
+    for row in figures.get("speed", ()):
+        spent = row["milliseconds"]
+        parts = "   ".join(f"{name} {value:.1f}" for name, value in spent.items())
+        size = f"{row['width']} x {row['height']}"
+        head = f"{row['architecture']:6s} {size:9s} {row['threads']} threads"
+        print(f"{head} {row['limbs']:2d} limbs")
+        print(f"    ms: {parts}")
+    for row in figures.get("parsing", ()):
+        print(
+            f"parsing {row['width']} x {row['height']} {row['people']:2d} people "
+            f"({row['found']} found): {row['milliseconds']:.2f} ms"
+        )

@@ -1,0 +1,127 @@
+"""Environment steps per second: beside the bare simulator, over n_envs and threads, beside peers.
+
+Everything compared is measured in turn, round by round, and medians over the rounds are told, so
+that a machine's other work and its changing clock weigh on all alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, Final
+
+from saver_advisors.benchmark.machine import progress
+from saver_advisors.benchmark.peers.process import PeerError
+from saver_advisors.benchmark.peers.suites import PEERS, add_peer_cache
+from saver_advisors.cli.measured import hand_over, measured_or_read
+from saver_advisors.reporting.provenance import load_averages
+from saver_advisors.training.threads import one_thread_of_algebra
+
+EXAMPLES: Final = """\
+examples:
+  saver benchmark speed                                  every row, a few minutes
+  saver benchmark speed --envs JacoPush-v0 --n-envs 64   one row
+  saver benchmark speed --peers --json speed.json        beside FetchPush and TwoArmLift as well"""
+
+ENVS: Final = ("JacoPush-v0", "JacoPickAndPlace-v0", "DualJacoPush-v0", "DualJacoPickAndPlace-v0")
+N_ENVS: Final = (1, 4, 16, 64, 256, 1024)
+THREADS: Final = (1, 2)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from saver_advisors.cli.arguments import add_page, at_least, env_id, positive_seconds
+
+    count = at_least(1)
+    parser.add_argument(
+        "--envs",
+        nargs="+",
+        type=env_id,
+        default=list(ENVS),
+        metavar="ID",
+        help=f"environments (default: {' '.join(ENVS)})",
+    )
+    parser.add_argument(
+        "--n-envs",
+        nargs="+",
+        type=count,
+        default=list(N_ENVS),
+        metavar="N",
+        help="environments stepped together (default: 1 4 16 64 256 1024)",
+    )
+    parser.add_argument(
+        "--threads",
+        nargs="+",
+        type=count,
+        default=list(THREADS),
+        metavar="N",
+        help="native threads, each on a core of its own (default: 1 2)",
+    )
+    parser.add_argument(
+        "--rounds", type=count, default=5, metavar="N", help="medians are over these (default: 5)"
+    )
+    parser.add_argument(
+        "--seconds",
+        type=positive_seconds,
+        default=0.25,
+        metavar="S",
+        help="shortest measurement (default: 0.25)",
+    )
+    parser.add_argument(
+        "--peers",
+        action="store_true",
+        help=f"also time {' and '.join(peer.env for peer in PEERS)}, each in a virtual environment "
+        "that is made at the first use",
+    )
+    add_peer_cache(parser)
+    add_page(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, show, and write where asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: exit status
+    """
+    from saver_advisors.benchmark.speed.speed_page import render
+    from saver_advisors.reporting.errors import UsageError
+
+    try:
+        with one_thread_of_algebra():
+            figures = measured_or_read(args, "speed", lambda: measure(args))
+    except (PeerError, OSError) as error:
+        raise UsageError(str(error)) from error
+    hand_over(render(figures), figures, args.json, args.table)
+    return 0
+
+
+def measure(args: argparse.Namespace) -> dict[str, Any]:
+    """Take every measurement that was asked for.
+
+    :param args: see :func:`add_arguments`
+    :return: JSON-able: ``rows``, ``resets``, ``replay``, ``advice`` and, where asked for, ``peers``
+    """
+    from saver_advisors.benchmark.speed.learner_parts import ADVICE, advice_row, replay_row
+    from saver_advisors.benchmark.speed.steps import memory_per_env, reset_row, step_rows
+    from saver_advisors.benchmark.speed.versus import peer_rows
+
+    load_before = load_averages()
+    memory = {env_id: memory_per_env(env_id, args.n_envs) for env_id in args.envs}
+    rows = []
+    with progress("steps", len(args.envs) * len(args.n_envs) * args.rounds) as advance:
+        for env_id in args.envs:
+            for n_envs in args.n_envs:
+                found = step_rows(env_id, n_envs, args.threads, args.rounds, args.seconds, advance)
+                for row in found:
+                    rows.append({**row, "memory_per_env_mb": memory[env_id].get(n_envs)})
+    figures: dict[str, Any] = {
+        "title": "Speed",
+        "kind": "speed",
+        "rounds": args.rounds,
+        "rows": rows,
+        "resets": [reset_row(env_id, args.rounds) for env_id in args.envs],
+        "replay": replay_row(args.rounds),
+        "advice": [advice_row(strategy, args.rounds, args.seconds) for strategy in ADVICE],
+    }
+    if args.peers:
+        figures["peers"] = peer_rows(args.peer_cache, args.rounds, args.seconds)
+    return {**figures, "load_average": {"before": load_before, "after": load_averages()}}

@@ -1,0 +1,258 @@
+"""One row of a table: the seeds of one method in one task, summed up.
+
+Only finished runs count: a run that is under way has not shown its maximum yet, to which the
+figures of the dissertation's table are relative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+from saver_advisors.evaluation.metrics import LearningMetrics, area_under_curve
+from saver_advisors.evaluation.statistics import Estimate, estimate
+from saver_advisors.experiments.training_runs import TrainingRun
+
+MINUTE: Final = 60.0
+Z95: Final = 1.959964
+"""Of the normal distribution: 95% lie within so many standard deviations."""
+
+
+@dataclass(frozen=True)
+class Censored:
+    """A time over seeds of which some may have ended before it came.
+
+    :param values: a time a seed: when it came, or until when it had not
+    :param never: seeds in which it did not come
+    """
+
+    values: Sequence[float]
+    never: int
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """Over all seeds; where ``never`` is above 0 the true figure is larger."""
+        return estimate(self.values)
+
+    def text(self, digits: int = 0, scale: float = 1.0) -> str:
+        """The figure in words, such as ``> 1,600,000 (1 of 2 never)``."""
+        if not self.never:
+            return self.estimate.text(digits, scale)
+        value = f"{scale * self.estimate.value:,.{digits}f}"
+        return f"> {value} ({self.never} of {self.estimate.n} never)"
+
+    def to_mapping(self) -> dict[str, Any]:
+        """:return: plain values, for JSON"""
+        return {**self.estimate.to_mapping(), "never": self.never}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method in a task.
+
+    :param task: id of the environment
+    :param name: of the row
+    :param runs: its finished runs, a seed each
+    :param under_way: runs that are not finished
+    :param budget: steps over which areas under curves are taken, the same for all rows of a task
+    """
+
+    task: str
+    name: str
+    runs: Sequence[TrainingRun]
+    under_way: Sequence[TrainingRun] = ()
+    budget: float | None = None
+
+    @property
+    def n(self) -> int:
+        """Finished seeds."""
+        return len(self.runs)
+
+    @cached_property
+    def inspired_epoch(self) -> Estimate | None:
+        """IE, of the seeds that ever succeeded; None where none did."""
+        return self._over(lambda run: run.metrics.inspired_epoch)
+
+    @cached_property
+    def rise_time(self) -> Estimate | None:
+        """RT, of the seeds that ever succeeded."""
+        return self._over(lambda run: run.metrics.rise_time)
+
+    @cached_property
+    def maximum_success_rate(self) -> Estimate | None:
+        """MSR."""
+        return self._over(lambda run: run.metrics.maximum_success_rate)
+
+    @cached_property
+    def effective_learning_rate(self) -> Estimate | None:
+        """ELR; a seed that never succeeded learns at rate 0."""
+        return self._over(lambda run: run.metrics.effective_learning_rate or 0.0)
+
+    @cached_property
+    def steps_to_solved(self) -> Censored | None:
+        """Steps of the run to a success rate of 0.9."""
+        return self._time(lambda run: _steps_of(run.metrics))
+
+    @cached_property
+    def all_steps_to_solved(self) -> Censored | None:
+        """The same with steps before the run counted: the teacher's, and demonstrations'; None
+        where a run's are unknown.
+        """
+
+        def solved(run: TrainingRun) -> tuple[float | None, float | None]:
+            counted = run.metrics_with_teacher
+            return (None, None) if counted is None else _steps_of(counted)
+
+        return self._time(solved)
+
+    @cached_property
+    def seconds_to_solved(self) -> Censored | None:
+        """Training time to a success rate of 0.9; None where a run does not tell its own."""
+        return self._time(
+            lambda run: (run.metrics.solved.wall_clock_s, run.metrics.solved.observed_s)
+        )
+
+    @cached_property
+    def final_success(self) -> Estimate | None:
+        """Success on report seeds, of the seeds that were evaluated there."""
+        return self._over(lambda run: run.final_success)
+
+    @cached_property
+    def last_success(self) -> Estimate | None:
+        """Success of the last evaluation of the curve."""
+        return self._over(lambda run: float(run.curve.success[-1]))
+
+    @cached_property
+    def area(self) -> Estimate | None:
+        """Mean success over the budget."""
+        return self._over(lambda run: area_under_curve(run.curve, self.budget))
+
+    @cached_property
+    def advice_spent(self) -> Estimate | None:
+        """Environment steps with advice."""
+        return self._over(lambda run: float(run.advice_spent))
+
+    @cached_property
+    def advice_over(self) -> Estimate | None:
+        """Environment steps by which the last advice was given; None without advice."""
+        return self._over(lambda run: run.advice_over)
+
+    @cached_property
+    def collisions(self) -> Estimate | None:
+        """Steps with a collision in an episode."""
+        return self._over(lambda run: run.collisions)
+
+    @cached_property
+    def wall_clock_s(self) -> Estimate | None:
+        """Training time of a whole run, of the runs that tell it."""
+        return self._over(lambda run: run.metrics.solved.observed_s)
+
+    @property
+    def steps_before(self) -> list[int]:
+        """What was spent before its runs, each value once; nothing where unknown."""
+        return sorted({run.spent_before for run in self.runs if run.spent_before is not None})
+
+    @property
+    def unsolved_seeds(self) -> list[int]:
+        """Seeds that never showed a success rate of 0.9."""
+        return [run.seed for run in self.runs if run.metrics.solved.censored]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """:return: everything, as plain values for JSON"""
+        told: dict[str, Any] = {
+            "task": self.task,
+            "row": self.name,
+            "n": self.n,
+            "seeds": [run.seed for run in self.runs],
+            "under_way": [
+                {"seed": run.seed, "steps": float(run.curve.steps[-1])} for run in self.under_way
+            ],
+            "unsolved_seeds": self.unsolved_seeds,
+            "steps_before": self.steps_before,
+        }
+        for name in FIGURES:
+            figure = getattr(self, name)
+            told[name] = None if figure is None else figure.to_mapping()
+        return told
+
+    def _over(self, of: Callable[[TrainingRun], float | None]) -> Estimate | None:
+        values = [value for run in self.runs if (value := of(run)) is not None]
+        return estimate(values) if values else None
+
+    def _time(
+        self, of: Callable[[TrainingRun], tuple[float | None, float | None]]
+    ) -> Censored | None:
+        """A time that may not have come, from (when it came, until when it was waited for)."""
+        values: list[float] = []
+        never = 0
+        for reached, observed in map(of, self.runs):
+            known = observed if reached is None else reached
+            if known is None:
+                return None
+            values.append(known)
+            never += reached is None
+        return Censored(values, never) if values else None
+
+
+def _steps_of(metrics: LearningMetrics) -> tuple[float | None, float]:
+    """When 0.9 was seen, and until when it was looked for."""
+    return metrics.solved.steps, metrics.solved.observed_steps
+
+
+FIGURES: Final = (
+    "inspired_epoch",
+    "rise_time",
+    "maximum_success_rate",
+    "effective_learning_rate",
+    "steps_to_solved",
+    "all_steps_to_solved",
+    "seconds_to_solved",
+    "final_success",
+    "last_success",
+    "area",
+    "advice_spent",
+    "advice_over",
+    "collisions",
+    "wall_clock_s",
+)
+"""The properties of a row that are figures over its seeds."""
+
+
+def summarize(
+    task: str, by_row: Mapping[str, Sequence[TrainingRun]], order: Sequence[str] = ()
+) -> list[Row]:
+    """The rows of a task's table.
+
+    :param task: id of the environment
+    :param by_row: its runs by row
+    :param order: rows that come first; the others follow by name
+    :return: the rows that there are, those whose runs are all under way too
+    """
+    finished = [run for runs in by_row.values() for run in runs if run.finished]
+    budget = min((float(run.curve.steps[-1]) for run in finished), default=0.0)
+    names = [name for name in order if name in by_row]
+    names += sorted(set(by_row) - set(names))
+    return [
+        Row(
+            task,
+            name,
+            [run for run in by_row[name] if run.finished],
+            [run for run in by_row[name] if not run.finished],
+            budget or None,
+        )
+        for name in names
+    ]
+
+
+def success_resolution(success: float, episodes: int) -> float:
+    """How finely a success rate can be told apart from another by one evaluation.
+
+    :param success: the rate
+    :param episodes: of the evaluation
+    :return: half its 95% interval; at 0 and 1 that of half an episode's distance from them
+    """
+    rate = min(max(success, 0.5 / episodes), 1 - 0.5 / episodes)
+    return Z95 * math.sqrt(rate * (1 - rate) / episodes)

@@ -1,0 +1,354 @@
+"""Files of training runs: what the experiment runner, `saver benchmark run` and `saver curves`
+write, read for tables and figures.
+
+A file that is cut short or damaged is named and left out; it never stops the others. The required
+entries of a ``training-run`` file are ``curve`` and the environment (``task``, or ``env_id`` in
+``config``); the rest has a default.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+from saver_advisors.evaluation.metrics import LearningCurve, LearningMetrics, learning_metrics
+from saver_advisors.evaluation.protocol import environment_text
+
+KIND: Final = "training-run"
+RENDERED: Final = ("advising", "comparison", "constraints")
+"""Kinds of files that are made from those of runs, and may lie among them."""
+
+THREADS_OPTION: Final = re.compile(r"--threads[ =](\d+)")
+"""In the command of ``saver experiments run``, where a run's threads are told."""
+
+DEFAULT_EPISODES: Final = 100
+"""Episodes of an evaluation where a file does not say."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """One run's curve, and what it took.
+
+    :param name: what to call it
+    :param task: id of its environment
+    :param row: the row of a table that it is a seed of, such as ``mc-q 0.1``
+    :param seed: of everything random in it
+    :param points: one mapping an evaluation, as ``curve.jsonl`` has them
+    :param curve: their steps and success rates
+    :param config: its settings
+    :param final: the last policy's evaluation on report seeds, None before it
+    :param chosen: that of the checkpoint that was best on other seeds, None where none was kept
+    :param group: of the grid of experiments that it is from, None outside of one
+    :param teacher_steps: environment steps that trained its teachers, None where unknown
+    :param demonstration_steps: environment steps of demonstrations
+    :param finished: whether it did all its steps
+    :param provenance: where it was measured
+    """
+
+    name: str
+    task: str
+    row: str
+    seed: int
+    points: Sequence[Mapping[str, Any]]
+    curve: LearningCurve
+    config: Mapping[str, Any] = field(default_factory=dict)
+    final: Mapping[str, Any] | None = None
+    chosen: Mapping[str, Any] | None = None
+    group: str | None = None
+    teacher_steps: int | None = 0
+    demonstration_steps: int = 0
+    finished: bool = True
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def spent_before(self) -> int | None:
+        """Environment steps before the run: the teacher's, and those of demonstrations; None where
+        the teacher's are unknown.
+        """
+        return None if self.teacher_steps is None else self.teacher_steps + self.demonstration_steps
+
+    @cached_property
+    def metrics(self) -> LearningMetrics:
+        """What its curve says, its own steps counted."""
+        return learning_metrics(self.curve)
+
+    @cached_property
+    def metrics_with_teacher(self) -> LearningMetrics | None:
+        """The same with all steps counted, those before the run too; None where unknown."""
+        spent = self.spent_before
+        return None if spent is None else learning_metrics(self.curve, spent_before=spent)
+
+    @property
+    def episodes(self) -> int:
+        """Episodes of each of its evaluations."""
+        return int(self.config.get("eval_episodes") or DEFAULT_EPISODES)
+
+    @property
+    def final_success(self) -> float | None:
+        """The last policy's success rate on report seeds, None before that evaluation."""
+        return None if self.final is None else self.final.get("success_rate")
+
+    @property
+    def threads(self) -> int:
+        """What its command gave it, on which its minutes depend; one where that does not say."""
+        told = THREADS_OPTION.search(str(self.provenance.get("command") or ""))
+        return int(told[1]) if told else 1
+
+    @property
+    def advice_spent(self) -> int:
+        """Environment steps in which any arm was advised."""
+        return int(self.points[-1].get("advice_spent") or 0)
+
+    @property
+    def advice_over(self) -> float | None:
+        """Environment steps at the first evaluation after the last advice; None without advice."""
+        if not self.advice_spent:
+            return None
+        return float(
+            next(
+                point["steps"]
+                for point in self.points
+                if (point.get("advice_spent") or 0) >= self.advice_spent
+            )
+        )
+
+    @property
+    def collisions(self) -> float | None:
+        """Steps with a collision in an episode, of the final evaluation where there is one, else of
+        the curve's last.
+        """
+        means = {} if self.final is None else self.final.get("cost_means") or {}
+        value = means.get("cost_collision", self.points[-1].get("cost_collision"))
+        return None if value is None else float(value)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A file, or a part of one, that tables and figures leave out.
+
+    :param file: its name
+    :param reason: why
+    """
+
+    file: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Results:
+    """What some files hold.
+
+    :param runs: training runs, each task, row and seed once
+    :param references: evaluations of policies that were not trained there, such as two teachers
+        side by side, as ``saver evaluate`` writes them
+    :param skipped: what was left out, and why
+    """
+
+    runs: Sequence[TrainingRun]
+    references: Sequence[Mapping[str, Any]]
+    skipped: Sequence[Skipped]
+
+    def of_task(self, task: str) -> dict[str, list[TrainingRun]]:
+        """The runs of an environment by row, each row's in the order of their seeds."""
+        rows: dict[str, list[TrainingRun]] = {}
+        for run in sorted(self.runs, key=lambda run: run.seed):
+            if run.task == task:
+                rows.setdefault(run.row, []).append(run)
+        return rows
+
+
+def read_results(paths: Iterable[str | Path]) -> Results:
+    """Read training runs and evaluations.
+
+    :param paths: JSON files, and folders whose JSON files are read in the order of their names
+    :return: what they hold
+    :raises FileNotFoundError: for a path that does not exist, naming it
+    """
+    runs: dict[tuple[str, str | None, str, int], TrainingRun] = {}
+    references: list[Mapping[str, Any]] = []
+    skipped: list[Skipped] = []
+    for path in _files(paths):
+        try:
+            content = _content(path)
+            found = _runs_of(content, path.stem)
+        except ValueError as error:
+            skipped.append(Skipped(path.name, str(error)))
+            continue
+        if content["kind"] == "evaluation":
+            references.append(content)
+        for run in found:
+            key = (run.task, run.group, run.row, run.seed)
+            if key in runs:
+                reason = f"{run.task}, {run.row}, seed {run.seed} is in {runs[key].name} already"
+                skipped.append(Skipped(path.name, reason))
+            else:
+                runs[key] = run
+    return Results(told_apart(list(runs.values())), references, skipped)
+
+
+def told_apart(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
+    """Give rows that a grid has in several groups, for other settings, names of their own.
+
+    The group with most runs keeps its rows' names, of equals the one with the shortest name; in the
+    others a row that it has too, or that one of its other settings could be taken for, is called
+    ``ROW (GROUP)``. Groups with the same settings, advice and seed apart, belong together.
+
+    :param runs: of any tasks
+    :return: the same runs, renamed where need be
+    """
+    kept = {task: _main_settings(runs, task) for task in {run.task for run in runs}}
+    main_rows = {(run.task, run.row) for run in runs if _settings(run) == kept[run.task]}
+    return [
+        replace(run, row=f"{run.row} ({run.group})")
+        if run.group is not None
+        and _settings(run) != kept[run.task]
+        and ((run.task, run.row) in main_rows or _is_strategy(run))
+        else run
+        for run in runs
+    ]
+
+
+def _main_settings(runs: Sequence[TrainingRun], task: str) -> str | None:
+    """The settings of most of a task's runs of strategies; None where no grid has any."""
+    counted: dict[str, list[TrainingRun]] = {}
+    for run in runs:
+        if run.task == task and run.group is not None and _is_strategy(run):
+            counted.setdefault(_settings(run), []).append(run)
+    names = {key: min(len(run.group or "") for run in found) for key, found in counted.items()}
+    return max(counted, key=lambda key: (len(counted[key]), -names[key]), default=None)
+
+
+def _is_strategy(run: TrainingRun) -> bool:
+    """Whether the row is called as its advice is: a strategy, and nothing else about it."""
+    return run.row.split(" ")[0] == row_name(run.config).split(" ")[0]
+
+
+def _settings(run: TrainingRun) -> str:
+    """What a grid's run has for settings but for advice and seed, to be compared."""
+    if run.group is None:
+        return ""
+    from saver_advisors.training.settings import RunConfig
+
+    config: Mapping[str, Any] = run.config
+    # By way of the class: a setting that is younger than the file has its default there.
+    with contextlib.suppress(TypeError, ValueError):
+        config = RunConfig.from_mapping({**config, "advice": None}).to_mapping()
+    others = {name: value for name, value in config.items() if name not in ("advice", "seed")}
+    return json.dumps(others, sort_keys=True, default=str)
+
+
+def row_name(config: Mapping[str, Any]) -> str:
+    """What a run's advice is called in a table.
+
+    :param config: its settings
+    :return: ``none``, or the strategy with its threshold where it has one, such as ``mc-q 0.1``
+    """
+    advice = config.get("advice")
+    if not advice:
+        return "none"
+    threshold = advice.get("threshold")
+    strategy = str(advice["strategy"])
+    return strategy if threshold is None else f"{strategy} {threshold:g}"
+
+
+def _files(paths: Iterable[str | Path]) -> list[Path]:
+    found: list[Path] = []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise FileNotFoundError(f"{str(path)!r} does not exist")
+        found += sorted(path.glob("*.json")) if path.is_dir() else [path]
+    return list(dict.fromkeys(found))
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """A file's content; a ValueError says what is wrong with it."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"is no JSON, or cut short: {error}") from error
+    if not isinstance(content, dict) or "kind" not in content:
+        raise ValueError("holds no result of ours: it has no kind")
+    return content
+
+
+def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
+    """The training runs in a file."""
+    kind = content["kind"]
+    try:
+        if kind == KIND:
+            return [_training_run(content, stem)]
+        if kind == "curves":
+            return [_drawn_run(one, content) for one in content["runs"]]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"lacks or misspells an entry: {error!r}") from error
+    if kind in RENDERED:
+        return []
+    if kind == "evaluation":
+        if not {"env", "policy", "success_rate", "ci95", "episodes"} <= content.keys():
+            raise ValueError("is an evaluation without env, policy, success_rate, ci95 or episodes")
+        return []
+    raise ValueError(f"has kind {kind!r}: neither {KIND}, curves nor evaluation")
+
+
+def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
+    """A run as the experiment runner and `saver benchmark run` write it."""
+    config = content.get("config") or {}
+    points = content["curve"]
+    task = _task(content.get("task") or config["env_id"], config)
+    steps = points[-1]["steps"] if points else 0
+    return TrainingRun(
+        name=str(content.get("name") or stem),
+        task=task,
+        row=str(content.get("row") or row_name(config)),
+        seed=int(content.get("seed", config.get("seed", 0))),
+        points=points,
+        curve=LearningCurve.from_points(points),
+        config=config,
+        final=content.get("final"),
+        chosen=content.get("chosen"),
+        group=content.get("group"),
+        teacher_steps=_teacher_steps(content.get("teacher_steps"), config),
+        demonstration_steps=int(content.get("demonstration_steps") or 0),
+        finished=bool(content.get("finished", steps >= config.get("total_steps", 0))),
+        provenance=content.get("provenance") or {},
+    )
+
+
+def _task(env_id: object, config: Mapping[str, Any]) -> str:
+    """The environment, and how many arms where that is not as usual: that is another task."""
+    options = config.get("env_kwargs") or {}
+    return environment_text(str(env_id), {k: v for k, v in options.items() if k == "n_arms"})
+
+
+def _teacher_steps(told: int | None, config: Mapping[str, Any]) -> int | None:
+    """As the file tells; where it does not, 0 without advice, and unknown with it."""
+    if told is not None:
+        return int(told)
+    return None if config.get("advice") else 0
+
+
+def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
+    """A run out of the figures of `saver curves`."""
+    advice = one.get("advice")
+    config = {
+        "env_id": one["env"],
+        "algorithm": one.get("algorithm"),
+        "advice": None if advice is None else {"strategy": advice},
+    }
+    return TrainingRun(
+        name=str(one["name"]),
+        task=str(one["env"]),
+        row=row_name(config),
+        seed=int(one.get("seed") or 0),
+        points=one["points"],
+        curve=LearningCurve.from_points(one["points"]),
+        config=config,
+        teacher_steps=_teacher_steps(None, config),
+        provenance=content.get("provenance") or {},
+    )

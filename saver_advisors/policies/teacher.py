@@ -1,0 +1,262 @@
+"""Teachers: frozen single-arm policies, and the group of them that drives n arms in one forward
+pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_advisors.policies.freezing import networks_from_sb3
+from saver_advisors.policies.inference import FloatArray, FrozenPolicy
+from saver_advisors.policies.networks import PolicyNetworks
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+
+class Teacher:
+    """A frozen, deterministic policy of one arm, with critics where it has them.
+
+    Observations, goals and actions are NumPy arrays in the environment's units; the teacher brings
+    its own normaliser and scales actions itself.
+
+    :param networks: the weights, as they are now
+    :param name: what logs and saved runs call it
+    """
+
+    def __init__(self, networks: PolicyNetworks, name: str = "teacher") -> None:
+        self.networks = networks
+        self.name = name
+        self._policy = FrozenPolicy(networks)
+
+    @classmethod
+    def from_sb3(cls, model: OffPolicyAlgorithm, name: str | None = None) -> Teacher:
+        """Freeze a copy of a trained model's actor and critics; training it further does not change
+        the teacher.
+
+        :param model: DDPG, TD3, SAC or TQC with a Dict observation of flat entries
+        :param name: what to call it; by default the algorithm's name
+        :raises TypeError: where the model is of another kind
+        """
+        return cls(networks_from_sb3(model), name or f"sb3-{type(model).__name__}")
+
+    @property
+    def observation_size(self) -> int:
+        """Numbers that it reads from `observation`, 0 where it does not read that entry."""
+        return self.networks.spec.sizes.get("observation", 0)
+
+    @property
+    def goal_size(self) -> int:
+        """Numbers that it reads from `desired_goal`, 0 where it does not read that entry."""
+        return self.networks.spec.sizes.get("desired_goal", 0)
+
+    @property
+    def action_size(self) -> int:
+        """Numbers in one of its actions."""
+        return self.networks.spec.action_size
+
+    @property
+    def has_critics(self) -> bool:
+        """Whether `q_value` works."""
+        return self.networks.spec.n_critics > 0
+
+    @property
+    def reads_achieved_goal(self) -> bool:
+        """Whether it needs the achieved goal too (stock SB3 policies do)."""
+        return "achieved_goal" in self.networks.spec.sizes
+
+    def act(
+        self,
+        observation: NDArray[Any],
+        goal: NDArray[Any],
+        achieved_goal: NDArray[Any] | None = None,
+    ) -> FloatArray:
+        """The deterministic action.
+
+        :param observation: (n, observation_size)
+        :param goal: (n, goal_size) desired goals
+        :param achieved_goal: (n, goal_size), only for a teacher that reads it
+        :return: (n, action_size) in the environment's units
+        :raises ValueError: where a shape does not fit
+        """
+        return self._policy.action(self._features(observation, goal, achieved_goal))
+
+    def q_value(
+        self,
+        observation: NDArray[Any],
+        goal: NDArray[Any],
+        action: NDArray[Any],
+        achieved_goal: NDArray[Any] | None = None,
+        *,
+        twin_minimum: bool = True,
+    ) -> FloatArray:
+        """How good the teacher thinks an action is, Q_tr(s_i, a).
+
+        :param observation: (n, observation_size)
+        :param goal: (n, goal_size) desired goals
+        :param action: (n, action_size), or (k, n, action_size) for k actions in each of the n
+            states
+        :param achieved_goal: (n, goal_size), only for a teacher that reads it
+        :param twin_minimum: the smallest of the critics, which guards against over-estimation; else
+            the first
+        :return: (n,) or (k, n)
+        :raises ValueError: where a shape does not fit or the teacher has no critics
+        """
+        if not self.has_critics:
+            raise ValueError(
+                f"teacher {self.name!r} has no critics: q_value needs weights saved with critics"
+            )
+        if action.shape[-1] != self.action_size or action.shape[-2] != len(observation):
+            raise ValueError(
+                f"action has shape {action.shape}: teacher {self.name!r} needs (..., "
+                f"{len(observation)}, "
+                f"{self.action_size})"
+            )
+        features = self._features(observation, goal, achieved_goal)
+        rows = action.reshape(-1, self.action_size).astype(np.float32, copy=False)
+        repeated = np.tile(features, (len(rows) // max(1, len(features)), 1))
+        values = self._policy.q_value(repeated, rows, twin_minimum=twin_minimum)
+        return values.reshape(action.shape[:-1])
+
+    def _features(
+        self, observation: NDArray[Any], goal: NDArray[Any], achieved: NDArray[Any] | None
+    ) -> FloatArray:
+        inputs = {}
+        given = {"observation": observation, "desired_goal": goal, "achieved_goal": achieved}
+        for key, size in self.networks.spec.inputs:
+            values = given[key]
+            if values is None:
+                raise ValueError(f"teacher {self.name!r} reads {key!r}: pass it too")
+            if values.ndim != 2 or values.shape[1] != size:
+                raise ValueError(
+                    f"{key} has shape {values.shape}: teacher {self.name!r} needs (n, {size})"
+                )
+            inputs[key] = values
+        return self._policy.features(inputs)
+
+    def __repr__(self) -> str:
+        return (
+            f"Teacher({self.name!r}, observation {self.observation_size}, goal {self.goal_size}, "
+            f"action {self.action_size}, critics {self.networks.spec.n_critics})"
+        )
+
+
+class TeacherGroup:
+    """One teacher for every arm, or one for each arm; arms that share a teacher share its forward
+    pass.
+
+    :param teachers: one, or as many as arms
+    :param n_arms: arms to drive
+    :raises ValueError: where the numbers do not match or the teachers' sizes differ
+    """
+
+    def __init__(self, teachers: Teacher | Sequence[Teacher], n_arms: int) -> None:
+        given = (teachers,) if isinstance(teachers, Teacher) else tuple(teachers)
+        if len(given) not in (1, n_arms):
+            raise ValueError(
+                f"{len(given)} teachers for {n_arms} arms: give one for all, or one per arm"
+            )
+        self.teachers = given * n_arms if len(given) == 1 else given
+        first = self.teachers[0]
+        for teacher in self.teachers:
+            sizes = (teacher.observation_size, teacher.goal_size, teacher.action_size)
+            if sizes != (first.observation_size, first.goal_size, first.action_size):
+                raise ValueError(
+                    f"teachers of one group must have the same sizes: {first} and {teacher} differ"
+                )
+        # Compared by identity: two copies of the same weights cost two passes, which is slow but
+        # right.
+        unique = {id(teacher): teacher for teacher in self.teachers}
+        self._members = [
+            (teacher, [arm for arm, other in enumerate(self.teachers) if other is teacher])
+            for teacher in unique.values()
+        ]
+
+    @property
+    def n_arms(self) -> int:
+        """Arms to drive."""
+        return len(self.teachers)
+
+    @property
+    def names(self) -> list[str]:
+        """The teachers' names, arm by arm."""
+        return [teacher.name for teacher in self.teachers]
+
+    @property
+    def action_size(self) -> int:
+        """Numbers in one arm's action."""
+        return self.teachers[0].action_size
+
+    @property
+    def has_critics(self) -> bool:
+        """Whether every arm's teacher has critics."""
+        return all(teacher.has_critics for teacher in self.teachers)
+
+    @property
+    def reads_achieved_goal(self) -> bool:
+        """Whether any arm's teacher needs the achieved goal."""
+        return any(teacher.reads_achieved_goal for teacher in self.teachers)
+
+    def act(
+        self,
+        observations: NDArray[Any],
+        goals: NDArray[Any],
+        achieved_goals: NDArray[Any] | None = None,
+    ) -> FloatArray:
+        """Every arm's action.
+
+        :param observations: (n_envs, n_arms, observation_size)
+        :param goals: (n_envs, n_arms, goal_size)
+        :param achieved_goals: (n_envs, n_arms, goal_size), only where a teacher reads it
+        :return: (n_envs, n_arms, action_size)
+        """
+        n_envs = len(observations)
+        actions = np.empty((n_envs, self.n_arms, self.action_size), dtype=np.float32)
+        for teacher, arms in self._members:
+            achieved = None if achieved_goals is None else _stack(achieved_goals, arms)
+            batch = teacher.act(_stack(observations, arms), _stack(goals, arms), achieved)
+            actions[:, arms] = batch.reshape(n_envs, len(arms), self.action_size)
+        return actions
+
+    def q_value(
+        self,
+        observations: NDArray[Any],
+        goals: NDArray[Any],
+        actions: NDArray[Any],
+        achieved_goals: NDArray[Any] | None = None,
+        *,
+        twin_minimum: bool = True,
+    ) -> FloatArray:
+        """Every arm's value of k candidate actions.
+
+        :param observations: (n_envs, n_arms, observation_size)
+        :param goals: (n_envs, n_arms, goal_size)
+        :param actions: (k, n_envs, n_arms, action_size)
+        :param achieved_goals: (n_envs, n_arms, goal_size), only where a teacher reads it
+        :param twin_minimum: the smallest of the critics, else the first
+        :return: (k, n_envs, n_arms)
+        """
+        n_candidates, n_envs = actions.shape[:2]
+        values = np.empty((n_candidates, n_envs, self.n_arms), dtype=np.float32)
+        for teacher, arms in self._members:
+            achieved = None if achieved_goals is None else _stack(achieved_goals, arms)
+            candidates = actions[:, :, arms].reshape(n_candidates, -1, self.action_size)
+            batch = teacher.q_value(
+                _stack(observations, arms),
+                _stack(goals, arms),
+                candidates,
+                achieved,
+                twin_minimum=twin_minimum,
+            )
+            values[:, :, arms] = batch.reshape(n_candidates, n_envs, len(arms))
+        return values
+
+
+def _stack(per_arm: NDArray[Any], arms: list[int]) -> NDArray[Any]:
+    """(n_envs, n_arms, size) -> (n_envs * len(arms), size): the arms go into the batch."""
+    chosen = per_arm if len(arms) == per_arm.shape[1] else per_arm[:, arms]
+    return chosen.reshape(-1, per_arm.shape[-1])

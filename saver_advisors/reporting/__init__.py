@@ -1,0 +1,1 @@
+"""What a person reads: tables, figures, videos, error messages, and where a figure comes from."""

@@ -1,0 +1,61 @@
+"""What curves look like: colours, marks, axes."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from saver_advisors.evaluation.metrics import SOLVED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Okabe and Ito: told apart by readers with any colour vision.
+COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+GREY: Final = "0.55"
+
+
+class Pen(NamedTuple):
+    """What a curve is drawn with.
+
+    :param colour: Matplotlib's
+    :param dashes: Matplotlib's line style
+    """
+
+    colour: str
+    dashes: str = "-"
+
+
+# All colours once before any of them comes again: dashed, then dotted.
+PENS: Final = tuple(Pen(colour, dashes) for dashes, colour in product(("-", "--", ":"), COLOURS))
+
+FEW_POINTS: Final = 40
+"""Curves with more evaluations are drawn without a mark at each."""
+
+
+def line_style(points: int) -> dict[str, Any]:
+    """How a curve is drawn: few points are marked, many are not.
+
+    :param points: of the curve
+    :return: arguments of Matplotlib's ``plot``
+    """
+    few = points <= FEW_POINTS
+    return {"linewidth": 1.6, "marker": "o" if few else None, "markersize": 3.5}
+
+
+def dress(axes: Axes, name: str) -> None:
+    """Grid, spines and limits as all our curves have them.
+
+    :param axes: whose horizontal axis starts from 0
+    :param name: of the column of the curve that it shows
+    """
+    axes.grid(color="0.9", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlim(left=0)
+    if name == "success_rate":
+        axes.set_ylim(-0.02, 1.02)
+        axes.axhline(SOLVED, color="0.6", linewidth=0.8, linestyle=":")
+    elif name.endswith("_rate"):
+        axes.set_ylim(-0.02, 1.02)
+    elif name.startswith("cost"):
+        axes.set_ylim(bottom=0)

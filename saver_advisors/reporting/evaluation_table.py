@@ -1,0 +1,26 @@
+"""An evaluation as a row of a table, on the terminal and on pages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from saver_advisors.evaluation.protocol import environment_text
+
+COLUMNS = ("environment", "policy", "episodes", "success", "95% interval", "final distance (cm)")
+
+
+def cells(figures: dict[str, Any]) -> list[str]:
+    """A row of a table of results, in the order of ``COLUMNS``, then the costs.
+
+    :param figures: as ``saver evaluate`` writes them
+    :return: the cells
+    """
+    low, high = figures["ci95"]
+    return [
+        environment_text(figures["env"], figures.get("env_kwargs", {})),
+        figures["policy"],
+        str(figures["episodes"]),
+        f"{figures['success_rate']:.3f}",
+        f"{low:.3f} to {high:.3f}",
+        ", ".join(f"{100 * distance:.1f}" for distance in figures["final_distance_mean"]),
+    ]

@@ -1,0 +1,19 @@
+"""Training runs: settings, start, checkpoint, resume, release."""
+
+from saver_advisors.training.building import ALGORITHMS, build_advisor, build_model
+from saver_advisors.training.launch import check_run, load_trained, train
+from saver_advisors.training.run import EvaluationResult, RunResult
+from saver_advisors.training.settings import AdviceConfig, RunConfig
+
+__all__ = [
+    "ALGORITHMS",
+    "AdviceConfig",
+    "EvaluationResult",
+    "RunConfig",
+    "RunResult",
+    "build_advisor",
+    "build_model",
+    "check_run",
+    "load_trained",
+    "train",
+]

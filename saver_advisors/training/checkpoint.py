@@ -1,0 +1,238 @@
+"""A learner's state on disk: complete, atomic, and without pickle.
+
+A checkpoint is a folder: ``policy.safetensors`` (networks, targets, normaliser),
+``training.safetensors`` (optimizers, the entropy coefficient, torch's generator), ``replay.npz``
+and ``state.json`` (counters, the other generators, and what the caller adds). It is written beside
+the old one and takes its place by renaming, so that a crash or a full disk leaves a whole one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch as th
+from safetensors import SafetensorError
+from safetensors.torch import load as tensors_from_bytes
+from safetensors.torch import save as tensors_to_bytes
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.save_util import recursive_getattr
+
+from saver_advisors.learner.algorithms import GoalLearnerMixin
+from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_advisors.reporting.provenance import write_json_atomic
+from saver_envs.files import written_whole
+
+POLICY_FILE = "policy.safetensors"
+TRAINING_FILE = "training.safetensors"
+REPLAY_FILE = "replay.npz"
+STATE_FILE = "state.json"
+TORCH_RANDOM = "random/torch"
+
+
+def save_policy(path: str | Path, policy: th.nn.Module) -> None:
+    """Write a policy's networks and buffers as safetensors.
+
+    :param path: of the file; an old one is replaced only once the new one is complete
+    :param policy: any module
+    :raises OSError: when it cannot be written
+    """
+    # Copies: the networks share the normaliser, and safetensors refuses shared memory.
+    state = {name: tensor.detach().cpu().clone() for name, tensor in policy.state_dict().items()}
+    _write_tensors(Path(path), state)
+
+
+def load_policy(path: str | Path, policy: th.nn.Module) -> None:
+    """Take over networks and buffers written by ``save_policy``.
+
+    :param path: of the file
+    :param policy: a module of the same shape
+    :raises FileNotFoundError: when there is none
+    :raises ValueError: when the file is damaged or of another shape
+    """
+    try:
+        policy.load_state_dict(_read_tensors(Path(path)))
+    except RuntimeError as error:
+        raise ValueError(f"{path} does not fit this policy: {error}") from error
+
+
+def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[str, Any]) -> None:
+    """Write everything a run needs to go on, in place of an older checkpoint.
+
+    :param folder: of the checkpoint
+    :param model: a goal learner
+    :param extra: JSON-able; ``load_checkpoint`` hands it back
+    :raises OSError: when it cannot be written; the older checkpoint is then intact
+    """
+    folder = Path(folder)
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    try:
+        partial.mkdir(parents=True)
+        save_policy(partial / POLICY_FILE, model.policy)
+        _write_tensors(partial / TRAINING_FILE, _training_tensors(model))
+        _buffer(model).save_npz(partial / REPLAY_FILE)
+        write_json_atomic(partial / STATE_FILE, {**_counters(model), "extra": extra})
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise OSError(
+            error.errno,
+            f"the checkpoint {folder} could not be written ({error.strerror or error}); "
+            "an earlier one is intact. Free some disk space and resume",
+        ) from error
+    _swap(partial, folder)
+
+
+def find_checkpoint(folder: str | Path) -> Path | None:
+    """The checkpoint to resume from.
+
+    :param folder: as given to ``save_checkpoint``
+    :return: that folder, or the one it was about to replace when the power went, or None
+    """
+    folder = Path(folder)
+    for candidate in (folder, folder.with_name(f".{folder.name}.previous")):
+        if (candidate / STATE_FILE).exists():
+            return candidate
+    return None
+
+
+def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, Any]:
+    """Put a model built with the same arguments into the state of a checkpoint.
+
+    :param folder: from ``find_checkpoint``
+    :param model: a goal learner
+    :return: what was given as ``extra``
+    :raises FileNotFoundError: when a file is missing
+    :raises ValueError: when a file is damaged or does not fit the model
+    """
+    folder = Path(folder)
+    state = read_state(folder)
+    load_policy(folder / POLICY_FILE, model.policy)
+    _load_training_tensors(folder / TRAINING_FILE, model)
+    _buffer(model).load_npz(folder / REPLAY_FILE)
+    model.num_timesteps = state["steps"]
+    model._n_updates = state["updates"]
+    model._episode_num = state["episodes"]
+    _set_random_state(model, state["random"])
+    return dict(state["extra"])
+
+
+def read_state(folder: Path) -> dict[str, Any]:
+    """The counters of a checkpoint: ``steps``, ``updates``, ``episodes``, ``random``, ``extra``.
+
+    :param folder: from ``find_checkpoint``
+    :return: the content of its ``state.json``
+    :raises ValueError: when the file is damaged
+    """
+    path = folder / STATE_FILE
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+        missing = {"steps", "updates", "episodes", "random", "extra"} - set(state)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{path} is not a checkpoint's state: {error}") from error
+    if missing:
+        raise ValueError(f"{path} is not a checkpoint's state: it lacks {sorted(missing)}")
+    return dict(state)
+
+
+def _buffer(model: OffPolicyAlgorithm) -> GoalReplayBuffer:
+    if not isinstance(model.replay_buffer, GoalReplayBuffer):
+        raise TypeError(f"model={type(model).__name__} must be a goal learner with its own buffer")
+    return model.replay_buffer
+
+
+def _counters(model: OffPolicyAlgorithm) -> dict[str, Any]:
+    assert isinstance(model, GoalLearnerMixin)
+    # Ours draw from generators of their own; SB3's optional parts use the global one.
+    numpy_state: Any = np.random.get_state(legacy=False)  # noqa: NPY002
+    numpy_state["state"]["key"] = numpy_state["state"]["key"].tolist()
+    return {
+        "steps": model.num_timesteps,
+        "updates": model._n_updates,
+        "episodes": model._episode_num,
+        "random": {
+            "numpy": numpy_state,
+            "exploration": model._exploration_random.bit_generator.state,
+            "action_space": model.action_space.np_random.bit_generator.state,
+        },
+    }
+
+
+def _set_random_state(model: OffPolicyAlgorithm, state: dict[str, Any]) -> None:
+    assert isinstance(model, GoalLearnerMixin)
+    np.random.set_state(state["numpy"])  # noqa: NPY002
+    model._exploration_random.bit_generator.state = state["exploration"]
+    model.action_space.np_random.bit_generator.state = state["action_space"]
+
+
+def _training_tensors(model: OffPolicyAlgorithm) -> dict[str, th.Tensor]:
+    """Optimizer moments and lone tensors by name; hyper-parameters come from the arguments."""
+    modules, variables = model._get_torch_save_params()
+    tensors = {TORCH_RANDOM: th.get_rng_state()}
+    for name in modules:
+        if name != "policy":
+            for index, moments in recursive_getattr(model, name).state_dict()["state"].items():
+                for moment, value in moments.items():
+                    tensors[f"{name}/{index}/{moment}"] = th.as_tensor(value).detach().cpu().clone()
+    for name in variables:
+        tensors[f"variable/{name}"] = recursive_getattr(model, name).detach().cpu().clone()
+    return tensors
+
+
+def _load_training_tensors(path: Path, model: OffPolicyAlgorithm) -> None:
+    tensors = _read_tensors(path)
+    modules, variables = model._get_torch_save_params()
+    try:
+        for name in modules:
+            if name != "policy":
+                _load_optimizer(recursive_getattr(model, name), tensors, f"{name}/")
+        for name in variables:
+            variable = recursive_getattr(model, name)
+            variable.data.copy_(tensors[f"variable/{name}"])
+        th.set_rng_state(tensors[TORCH_RANDOM])
+    except (KeyError, RuntimeError, ValueError) as error:
+        raise ValueError(f"{path} does not fit this model: {error}") from error
+
+
+def _load_optimizer(
+    optimizer: th.optim.Optimizer, tensors: dict[str, th.Tensor], prefix: str
+) -> None:
+    moments: dict[int, dict[str, th.Tensor]] = {}
+    for name, tensor in tensors.items():
+        if name.startswith(prefix):
+            number, moment = name.removeprefix(prefix).split("/")
+            moments.setdefault(int(number), {})[moment] = tensor
+    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
+    for index, named in moments.items():
+        for moment, tensor in named.items():
+            if tensor.dim() > 0 and tensor.shape != parameters[index].shape:
+                raise ValueError(f"{prefix}{index}/{moment} is {tuple(tensor.shape)}")
+    groups = optimizer.state_dict()["param_groups"]
+    optimizer.load_state_dict({"state": moments, "param_groups": groups})
+
+
+def _write_tensors(path: Path, tensors: dict[str, th.Tensor]) -> None:
+    """Write through Python's own file, whose errors are OSErrors."""
+    with written_whole(path) as file:
+        file.write(tensors_to_bytes(tensors))
+
+
+def _read_tensors(path: Path) -> dict[str, th.Tensor]:
+    try:
+        return tensors_from_bytes(path.read_bytes())
+    except SafetensorError as error:
+        raise ValueError(f"{path} is not a complete safetensors file: {error}") from error
+
+
+def _swap(partial: Path, folder: Path) -> None:
+    """Put a complete folder in the place of an older one."""
+    previous = folder.with_name(f".{folder.name}.previous")
+    if folder.exists():
+        shutil.rmtree(previous, ignore_errors=True)
+        os.replace(folder, previous)
+    os.replace(partial, folder)
+    shutil.rmtree(previous, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""People: their bodies, how they lie, and what they feel."""

@@ -1,0 +1,223 @@
+"""The people of the scenes: a few bodies, and how their arms lie.
+
+All points are in the manikin's frame (see :mod:`saver_envs.people.manikin`), metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.people.manikin import Capsule, hinge, limb_capsule, trunk_capsules
+from saver_envs.people.postures import random_appearance
+from saver_envs.people.surface import Appearance, body_shape
+
+#: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
+_PER_SPLIT: Final = {"test": 8, "validation": 4, "train": 4}
+#: Seed of these bodies: which ones they are is part of the environments' version.
+_SEED: Final = 8
+
+
+def _bodies() -> tuple[Appearance, ...]:
+    random = np.random.default_rng(_SEED)
+    return tuple(
+        random_appearance(random, split)
+        for split, count in _PER_SPLIT.items()
+        for _ in range(count)
+    )
+
+
+#: Air under an arm that lies (m), so that it starts free of contact.
+_AIR: Final = 0.0005
+
+#: Points of a forearm whose distance from the trunk is looked at.
+_POINTS: Final = 5
+
+#: Who may lie on the bench: women and men of 1.5 to 1.95 m, slim to heavy.
+BODIES: Final = _bodies()
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The geometry of an arm as its body is compiled, and what follows from it.
+
+    :param shoulder: (3,) joint's centre.
+    :param upper: (3,) from shoulder to elbow.
+    :param fore: (3,) from elbow to wrist, with the elbow's angle at 0.
+    :param axis: (3,) unit axis of the elbow, at a right angle to ``upper``.
+    :param bent: how far the elbow is bent where its angle is 0, radians.
+    :param hip: (3,) hip joint's centre at that side.
+    :param radius: of the upper arm, of the forearm and of the hand, metres.
+    :param trunk: the capsule of the trunk at that side.
+    :param hand: (3,) from the wrist to the end of the hand's capsule, as the mesh has it.
+    :param sideways: 1 for a left arm, -1 for a right one.
+    """
+
+    shoulder: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    fore: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    bent: float
+    hip: NDArray[np.float64]
+    radius: tuple[float, float, float]
+    trunk: Capsule
+    hand: NDArray[np.float64]
+    sideways: float
+
+    @property
+    def elbow_height(self) -> float:
+        """Height of a resting elbow's centre, metres."""
+        return self.radius[0] + _AIR
+
+    @property
+    def hand_share(self) -> float:
+        """Length of the hand, by that of the forearm."""
+        return float(np.linalg.norm(self.hand) / np.linalg.norm(self.fore))
+
+    @property
+    def wrist_height(self) -> float:
+        """Height of a resting wrist's centre, metres.
+
+        Forearm and hand are straight, and lie on the elbow and on the hand's end.
+        """
+        level = self.radius[2] + _AIR
+        return (level + self.elbow_height * self.hand_share) / (1 + self.hand_share)
+
+    @property
+    def straightened(self) -> NDArray[np.float64]:
+        """The turn of the hand (quaternion, w first) that lays it on the forearm's line."""
+        first, second = (one / np.linalg.norm(one) for one in (self.hand, self.fore))
+        half = np.append(1.0 + first @ second, np.cross(first, second))
+        turn: NDArray[np.float64] = half / np.linalg.norm(half)
+        return turn
+
+    def elbow_at(
+        self, wrist: NDArray[np.float64], outwards: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Return where a resting elbow is, for resting wrists.
+
+        :param wrist: (k, 3).
+        :param outwards: (k,) whether the elbow points away from the trunk, or towards it.
+        :return: (k, 3); NaN where the arm is too short or too stiff for that.
+        """
+        height = self.elbow_height
+        upper = float(np.sum(self.upper**2) - (height - self.shoulder[2]) ** 2)
+        fore = np.sum(self.fore**2) - (height - wrist[:, 2]) ** 2
+        way = wrist[:, :2] - self.shoulder[:2]
+        distance = np.sqrt(np.sum(way * way, axis=-1))
+        along = (distance**2 + upper - fore) / (2 * distance)
+        with np.errstate(invalid="ignore"):
+            aside = np.sqrt(upper - along**2)  # NaN where the circles do not meet
+        forward = way / distance[:, None]
+        left = np.stack([-forward[:, 1], forward[:, 0]], axis=-1)
+        turn = np.where(outwards, self.sideways, -self.sideways) * aside
+        elbow = np.empty_like(wrist)
+        elbow[:, :2] = self.shoulder[:2] + along[:, None] * forward + turn[:, None] * left
+        elbow[:, 2] = height
+        cosine = self._bend_cosine(elbow, wrist)
+        elbow[~(np.abs(cosine) < 1.0)] = np.nan
+        return elbow
+
+    def bend(self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angle (k,) between upper arm and forearm's line, radians; 0 is straight."""
+        upper, fore = elbow - self.shoulder, wrist - elbow
+        cosine = np.sum(upper * fore, axis=-1) / np.sqrt(
+            np.sum(upper * upper, axis=-1) * np.sum(fore * fore, axis=-1)
+        )
+        angle: NDArray[np.float64] = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return angle
+
+    def gap_to_trunk(
+        self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the air (k,) between forearm and trunk, metres, measured at some points."""
+        begin, end, radius = self.trunk
+        shares = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
+        points = elbow + shares * (wrist - elbow)
+        nearest = points.copy()
+        nearest[..., 0] = np.clip(points[..., 0], begin[0], end[0])  # it lies along the x axis
+        nearest[..., 1:] = begin[1:]
+        apart = points - nearest
+        distance = np.sqrt(np.sum(apart * apart, axis=-1)).min(axis=0)
+        gap: NDArray[np.float64] = distance - radius - self.radius[1]
+        return gap
+
+    def swung(self, points: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (k, 3) turned by ``angle`` (k,), radians, about the vertical shoulder."""
+        x, y = (points[:, :2] - self.shoulder[:2]).T
+        cosine, sine = np.cos(angle), np.sin(angle)
+        turned = points.copy()
+        turned[:, 0] = self.shoulder[0] + cosine * x - sine * y
+        turned[:, 1] = self.shoulder[1] + sine * x + cosine * y
+        return turned
+
+    def _bend_cosine(
+        self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Cosine (k,) of the elbow's bend; above 1 where the carrying angle does not allow it."""
+        upper, fore = elbow - self.shoulder, wrist - elbow
+        across = np.sqrt(np.sum(self.fore**2) - (self.fore @ self.axis) ** 2)
+        cosine: NDArray[np.float64] = np.sum(upper * fore, axis=-1) / (
+            np.sqrt(np.sum(upper * upper, axis=-1)) * across
+        )
+        return cosine
+
+    def joints(
+        self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Return the shoulder's rotation (3, 3) and the elbow's angle (rad) that lead there.
+
+        :param elbow: (3,) as :meth:`elbow_at` returned it.
+        :param wrist: (3,).
+        """
+        angle = float(np.arccos(self._bend_cosine(elbow[None], wrist[None])[0])) - self.bent
+        turned = _about(self.axis, angle) @ self.fore
+        before = _frame(self.upper, turned)
+        after = _frame(elbow - self.shoulder, wrist - elbow)
+        return after @ before.T, angle
+
+
+@lru_cache(maxsize=64)
+def arm_of(appearance: Appearance, side: str) -> Arm:
+    """Return an arm of a body; ``side`` is ``left`` or ``right``."""
+    shape = body_shape(appearance)
+    shoulder, elbow, wrist = (
+        shape.head(f"{side}_{part}") for part in ("upper_arm", "forearm", "hand")
+    )
+    sideways = 1.0 if side == "left" else -1.0
+    axis, bent = hinge(f"{side}_forearm", shape, 1.0)
+    radius = [limb_capsule(f"{side}_{part}", shape)[2] for part in ("upper_arm", "forearm", "hand")]
+    return Arm(
+        shoulder=shoulder,
+        upper=elbow - shoulder,
+        fore=wrist - elbow,
+        axis=axis,
+        bent=bent,
+        hip=shape.head(f"{side}_thigh"),
+        trunk=min(trunk_capsules("torso", shape), key=lambda one: -sideways * one[0][1]),
+        radius=(radius[0], radius[1], radius[2]),
+        hand=limb_capsule(f"{side}_hand", shape)[1] - wrist,
+        sideways=sideways,
+    )
+
+
+def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) about a unit axis."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation: NDArray[np.float64] = (
+        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    )
+    return rotation
+
+
+def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the axes (3, 3), in columns, of which x is along ``first`` and z is across both."""
+    x = first / np.linalg.norm(first)
+    z = np.cross(first, second)
+    z /= np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z], axis=1)

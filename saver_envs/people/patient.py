@@ -1,0 +1,224 @@
+"""The person in n simulations: put there at a reset, and what agents and costs read of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import MODEL_FIELDS
+from numpy.typing import NDArray
+
+from saver_envs.people.bench import HIPS, PersonAddresses
+from saver_envs.scenes import Scene
+from saver_envs.simulation import ObjectState, Simulation, cross
+
+#: Fields of a model that vary by the simulation and not by the body.
+_FRICTION, _DAMPING = "geom_friction", "dof_damping"
+
+
+@dataclass(frozen=True)
+class People:
+    """Who lies on the bench and how, one row for each of k episodes.
+
+    :param body: (k,) which of :data:`saver_envs.people.bodies.BODIES`.
+    :param hips: (k, 2) middle between the hip joints, world frame, metres.
+    :param yaw: (k,) turn of the trunk, radians; at 0 the feet point along +x.
+    :param shoulder: (k, arms, 4) quaternions of the shoulders, of arms in the scene's order.
+    :param elbow: (k, arms) angles of the elbows, radians.
+    :param friction: (k,) sliding friction of arms and hands with what they touch.
+    :param stiffness: (k,) factor of the friction and the damping in the joints of the arms.
+    """
+
+    body: NDArray[np.intp]
+    hips: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    shoulder: NDArray[np.float64]
+    elbow: NDArray[np.float64]
+    friction: NDArray[np.float64]
+    stiffness: NDArray[np.float64]
+
+    @staticmethod
+    def default(n: int) -> People:
+        """Return n times the first body, as it is compiled."""
+        return People(
+            body=np.zeros(n, dtype=np.intp),
+            hips=np.tile(HIPS[:2], (n, 1)).astype(np.float64),
+            yaw=np.zeros(n),
+            shoulder=np.tile([1.0, 0.0, 0.0, 0.0], (n, 2, 1)),
+            elbow=np.zeros((n, 2)),
+            friction=np.full(n, 0.4),
+            stiffness=np.ones(n),
+        )
+
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays under their names."""
+        return dict(self.__dict__)
+
+    def copy(self) -> People:
+        """Return copies of all arrays."""
+        return replace(self, **{name: values.copy() for name, values in self.fields().items()})
+
+    def put(self, rows: NDArray[np.intp], people: People) -> None:
+        """Overwrite ``rows`` (k,) with ``people``."""
+        for name, values in people.fields().items():
+            getattr(self, name)[rows] = values
+
+
+def joined(people: list[People]) -> People:
+    """Return the rows of several in one."""
+    names = people[0].fields()
+    return People(
+        **{name: np.concatenate([getattr(one, name) for one in people]) for name in names}
+    )
+
+
+class Patient:
+    """The person of every simulation.
+
+    :param simulation: of a scene with a person; its models get that person's body.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        assert simulation.scene.person is not None
+        self._simulation = simulation
+        self._scene: Scene = simulation.scene
+        self._where: PersonAddresses = simulation.scene.person
+        self._bodies = _fields_of_bodies(self._where.models)
+        self._fields = {
+            name: simulation.per_simulation(name) for name in (*self._bodies, _FRICTION, _DAMPING)
+        }
+        self._damping = self._where.models[0].dof_damping[self._where.limb_dofs]
+        n = simulation.n
+        self.people = People.default(n)
+        self._hips_before = np.zeros((n, 2))
+        self._neck_before = np.zeros((n, 2))
+
+    def place(self, rows: NDArray[np.intp], people: People, joints: NDArray[np.float64]) -> None:
+        """Put people and arms of simulations ``rows`` (k,) at rest.
+
+        :param rows: which simulations.
+        :param people: k of them.
+        :param joints: (k, arms, dof) of the robots' arms, radians.
+        """
+        where, simulation = self._where, self._simulation
+        self._give_bodies(rows, people)
+        nobody = np.zeros((len(rows), self._scene.n_arms, 0))
+        simulation.reset(rows, joints, nobody, nobody, refresh=False)
+        trunk = np.zeros((len(rows), 4))
+        trunk[:, :2] = people.hips - HIPS[:2] + self._turned_off(people)
+        trunk[:, 2] = people.yaw
+        simulation.qpos[rows[:, None], where.trunk_qpos] = trunk
+        simulation.qpos[rows[:, None, None], where.shoulder_qpos] = people.shoulder
+        simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
+        simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
+        simulation.refresh(rows)
+        self.people.put(rows, people)
+        self._remember(rows)
+
+    def _turned_off(self, people: People) -> NDArray[np.float64]:
+        """Return by how much (k, 2) the turn of the pelvis moves the middle of the hips, metres.
+
+        It turns about its own joint, which is some millimetres away.
+        """
+        pelvis = self._where.models[0].body("pelvis").id
+        lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
+        cosine, sine = np.cos(people.yaw), np.sin(people.yaw)
+        turned = np.stack(
+            [
+                cosine * lever[:, 0] - sine * lever[:, 1],
+                sine * lever[:, 0] + cosine * lever[:, 1],
+            ],
+            axis=-1,
+        )
+        moved: NDArray[np.float64] = turned - lever
+        return moved
+
+    def _give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
+        where, fields = self._where, self._fields
+        for name, values in self._bodies.items():
+            fields[name][rows] = values[people.body]
+        dofs, geoms = where.limb_dofs, where.limb_geoms
+        fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
+        fields[_DAMPING][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
+        fields[_FRICTION][rows[:, None], geoms, 0] = people.friction[:, None]
+
+    def _remember(self, rows: NDArray[np.intp]) -> None:
+        sites = self._simulation.site_position
+        self._hips_before[rows] = sites[rows[:, None], self._where.hip_site, :2].mean(axis=1)
+        self._neck_before[rows] = sites[rows, self._where.neck_site, :2]
+
+    def get_people(self) -> People:
+        """Return a copy of who lies where."""
+        return self.people.copy()
+
+    def set_people(self, people: People) -> None:
+        """Put people there that :meth:`get_people` returned, as at their reset.
+
+        The simulations' own state is to be set afterwards.
+
+        :param people: one for every simulation.
+        """
+        rows = np.arange(self._simulation.n)
+        self.place(rows, people, np.zeros((len(rows), *self._scene.joint_qpos.shape)))
+
+    def wrists(self) -> ObjectState:
+        """Return the state of the wrists, which take the place of cubes.
+
+        A wrist's x axis points from the elbow to the wrist, and its y axis is level: what a
+        skeleton tells of it. Its angular velocity is that of the forearm, across the forearm.
+        """
+        where = self._where
+        sites, sensors = self._simulation.site_position, self._simulation.sensors
+        wrist = sites.take(where.wrist_site, 1)
+        along = wrist - sites.take(where.elbow_site, 1)
+        velocities = sensors.take(where.velocity_sensor, 1)
+        velocity = velocities[:, :, 0]
+        squared = (along * along).sum(axis=-1, keepdims=True)
+        angular = cross(along, velocity - velocities[:, :, 1]) / squared
+        # The bases are not turned: their frames differ from the world's by where they are alone.
+        position = wrist - self._scene.base_position
+        return ObjectState(position, heading(along), velocity, angular, wrist)
+
+    def hips(self) -> NDArray[np.float64]:
+        """Return where the hip joints are, (n, arms, 3), world frame, metres."""
+        return self._simulation.site_position.take(self._where.hip_site, 1)
+
+    def readings(self) -> dict[str, NDArray[np.float64]]:
+        """Return what the arms have done to the torso, (n,) each.
+
+        ``torso_force``: sum of the normal forces on torso and pelvis, of the robots' arms and of
+        the person's own that they push, newtons; the highest of an action's samples.
+        ``torso_displacement``: how far the middle of the hips or the neck, whichever has moved
+        more, is from where it was at the reset, metres, horizontally.
+        """
+        where, simulation = self._where, self._simulation
+        force = simulation.highest.take(where.force_sensor, 1).sum(axis=-1)
+        sites = simulation.site_position
+        hips = sites.take(where.hip_site, 1)[..., :2].mean(axis=1) - self._hips_before
+        neck = sites[:, where.neck_site, :2] - self._neck_before
+        displacement = np.sqrt(np.maximum((hips * hips).sum(axis=-1), (neck * neck).sum(axis=-1)))
+        return {"torso_force": force, "torso_displacement": displacement}
+
+
+@lru_cache(maxsize=4)
+def _fields_of_bodies(models: tuple[mujoco.MjModel, ...]) -> dict[str, NDArray[Any]]:
+    """Return the fields in which models differ, (models, ...) each."""
+    fields = {}
+    for name in sorted(one for one in MODEL_FIELDS if "." not in one):
+        values = np.stack([np.asarray(getattr(model, name)) for model in models])
+        if (values != values[0]).any():
+            fields[name] = values
+    return fields
+
+
+def heading(along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (..., 4), w >= 0, whose x axis is ``along`` and whose y axis is level."""
+    level = np.hypot(along[..., 0], along[..., 1])
+    yaw = np.arctan2(along[..., 1], along[..., 0]) / 2
+    pitch = np.arctan2(-along[..., 2], level) / 2
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    # Half of the yaw is within a quarter turn, so that w is never negative.
+    return np.stack([cy * cp, -sy * sp, cy * sp, sy * cp], axis=-1)

@@ -1,0 +1,104 @@
+"""What a victim lies on: canvas between two poles, with a support for head and neck."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from saver_envs.people.surface import AVERAGE_MAN, Appearance, body_shape
+from saver_envs.robots.description import VISUAL_GROUP
+
+POLE_RADIUS: Final = 0.016  # m
+CANVAS_THICKNESS: Final = 0.012  # m
+STRETCHER: Final = "stretcher"  # name of its body, behind the prefix
+
+
+@dataclass(frozen=True)
+class Stretcher:
+    """A folding field stretcher, ours; flat, so that an arm can be pushed off and onto it.
+
+    :param length: metres, from end to end of the canvas.
+    :param width: metres, between the poles: narrow enough to lie between the arms' bases.
+    :param colour: of the canvas: red, green, blue.
+    :param support: colour of the head's and neck's support.
+    """
+
+    length: float = 1.95
+    width: float = 0.54
+    colour: tuple[float, float, float] = (0.86, 0.42, 0.13)
+    support: tuple[float, float, float] = (0.28, 0.30, 0.33)
+
+
+def add_stretcher(
+    spec: mujoco.MjSpec,
+    stretcher: Stretcher = Stretcher(),
+    appearance: Appearance = AVERAGE_MAN,
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    yaw: float = 0.0,
+    prefix: str = "",
+) -> None:
+    """Add a stretcher under a person.
+
+    :param spec: gets one body with geoms that are only seen: its top is at ``position``'s height,
+        where the scene has a table to lie on.
+    :param stretcher: sizes and colours.
+    :param appearance: of the person, whose head the support has to fit.
+    :param position: of the point between the person's hip joints, metres.
+    :param yaw: turn about z, radians, the person's.
+    :param prefix: of the names.
+    """
+    shape = body_shape(appearance)
+    body = spec.worldbody.add_body(
+        name=prefix + STRETCHER,
+        pos=position,
+        quat=(math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)),
+    )
+    ends = shape.vertices[:, 0].min(), shape.vertices[:, 0].max()
+    middle = float(np.mean(ends))
+    half = stretcher.length / 2
+
+    def box(
+        centre: tuple[float, float, float],
+        size: tuple[float, float, float],
+        colour: tuple[float, float, float],
+    ) -> None:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=centre,
+            size=size,
+            rgba=(*colour, 1),
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+        )
+
+    canvas = (half, stretcher.width / 2, CANVAS_THICKNESS / 2)
+    box((middle, 0, 0.001 - CANVAS_THICKNESS / 2), canvas, stretcher.colour)
+    for side in (-1, 1):
+        y = side * (stretcher.width / 2 + POLE_RADIUS)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=(middle - half - 0.12, y, -0.5 * POLE_RADIUS, middle + half + 0.12, y,
+                    -0.5 * POLE_RADIUS),
+            size=(POLE_RADIUS, 0, 0),
+            rgba=(0.62, 0.63, 0.65, 1),
+            contype=0,
+            conaffinity=0,
+            group=VISUAL_GROUP,
+        )  # fmt: skip
+    head = shape.owned("head")
+    rise = max(float(np.percentile(head[:, 2], 2)), 0.012)
+    crown, nape = float(head[:, 0].min()), float(shape.head("head")[0])
+    centre, reach = (crown + nape) / 2 - 0.01, (nape - crown) / 2 + 0.03
+    box((centre, 0, rise / 2), (reach, 0.13, rise / 2), stretcher.support)
+    wide = float(np.abs(head[:, 1]).max())
+    for side in (-1, 1):
+        box(
+            (centre, side * (wide + 0.045), 0.055),
+            (0.7 * reach, 0.028, 0.055),
+            stretcher.support,
+        )

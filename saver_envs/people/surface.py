@@ -1,0 +1,283 @@
+"""How the manikin looks: its body's shape, skin, hair and clothes, as MuJoCo skins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Colour = tuple[float, float, float]
+Pattern = Literal["plain", "stripes", "checks", "mottled"]
+
+ASSET: Final = Path(__file__).parent / "assets" / "manikin" / "body.npz"
+#: Stature of the exported bodies (m).
+EXPORTED_STATURE: Final = 1.75
+STATURE_RANGE: Final = (1.40, 2.10)
+#: Lengths in the file are in tenths of a millimetre, weights in 255ths.
+_LENGTH_UNIT, _WEIGHT_UNIT = 1e-4, 1 / 255
+#: How far clothes and hair stand off the skin (m).
+_STANDOFF: Final = {"hair": 0.010, "shirt": 0.007, "trousers": 0.006, "shoes": 0.006}
+#: Width and height of a cloth's texture (pixels), and how much cloth it covers (m).
+_TEXTURE_SIZE, _TEXTURE_COVERS = 64, 0.16
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """What a person looks like. Colours are red, green, blue in [0, 1].
+
+    :param gender: 0 is a man's body, 1 a woman's, between them a mixture.
+    :param heaviness: 0 slim, 0.5 average, 1 heavy.
+    :param stature: metres, 1.4 to 2.1.
+    :param skin: colour.
+    :param hair: colour.
+    :param bald: whether the scalp is bare.
+    :param shirt: colour.
+    :param shirt_pattern: plain, stripes, checks or mottled, with ``shirt_second``.
+    :param shirt_second: the pattern's second colour.
+    :param sleeves: none, short or long.
+    :param trousers: colour.
+    :param trousers_pattern: as the shirt's.
+    :param trousers_second: the pattern's second colour.
+    :param trouser_legs: short or long.
+    :param shoes: colour, ``None`` for bare feet.
+    :raises ValueError: for a number out of its range.
+    """
+
+    gender: float = 0.0
+    heaviness: float = 0.5
+    stature: float = EXPORTED_STATURE
+    skin: Colour = (0.80, 0.60, 0.49)
+    hair: Colour = (0.16, 0.11, 0.08)
+    bald: bool = False
+    shirt: Colour = (0.24, 0.36, 0.50)
+    shirt_pattern: Pattern = "plain"
+    shirt_second: Colour = (0.85, 0.85, 0.82)
+    sleeves: Literal["none", "short", "long"] = "short"
+    trousers: Colour = (0.20, 0.21, 0.25)
+    trousers_pattern: Pattern = "plain"
+    trousers_second: Colour = (0.35, 0.36, 0.40)
+    trouser_legs: Literal["short", "long"] = "long"
+    shoes: Colour | None = (0.13, 0.12, 0.12)
+
+    def __post_init__(self) -> None:
+        for name, (least, most) in {
+            "gender": (0.0, 1.0),
+            "heaviness": (0.0, 1.0),
+            "stature": STATURE_RANGE,
+        }.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                raise ValueError(f"{name}={value!r}: must be between {least} and {most}")
+
+
+AVERAGE_MAN: Final = Appearance()
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """A body on its back, in the manikin's frame (see :mod:`saver_envs.people.manikin`), metres.
+
+    :param vertices: (vertices, 3).
+    :param normals: (vertices, 3), outwards, of length 1.
+    :param faces: (triangles, 3) indices of vertices.
+    :param face_part: (triangles,) indices into ``parts``.
+    :param parts: names of the parts of the surface.
+    :param weights: (vertices, bodies) how much each body moves a vertex; rows sum to 1.
+    :param bodies: names of the bodies.
+    :param heads: (bodies, 3) the joints' centres, at which bodies begin.
+    :param nose: (3,).
+    """
+
+    vertices: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    faces: NDArray[np.intp]
+    face_part: NDArray[np.intp]
+    parts: tuple[str, ...]
+    weights: NDArray[np.float64]
+    bodies: tuple[str, ...]
+    heads: NDArray[np.float64]
+    nose: NDArray[np.float64]
+
+    def head(self, body: str) -> NDArray[np.float64]:
+        """(3,) where a body begins."""
+        start: NDArray[np.float64] = self.heads[self.bodies.index(body)]
+        return start
+
+    def owned(self, body: str) -> NDArray[np.float64]:
+        """(some, 3) the vertices that a body moves most."""
+        most = self.weights.argmax(axis=1) == self.bodies.index(body)
+        vertices: NDArray[np.float64] = self.vertices[most]
+        return vertices
+
+
+@lru_cache(maxsize=1)
+def _file() -> dict[str, NDArray[Any]]:
+    with np.load(ASSET, allow_pickle=False) as content:
+        return {name: content[name] for name in content.files}
+
+
+def body_shape(appearance: Appearance) -> BodyShape:
+    """Return the body of that gender, heaviness and stature, a mixture of the exported ones."""
+    content = _file()
+    names = [str(name) for name in content["shape_names"]]
+    share = np.zeros(len(names))
+    slim, heavy = max(0.0, 1 - 2 * appearance.heaviness), max(0.0, 2 * appearance.heaviness - 1)
+    for gender, part in (("man", 1 - appearance.gender), ("woman", appearance.gender)):
+        for build, amount in (("slim", slim), ("average", 1 - slim - heavy), ("heavy", heavy)):
+            share[names.index(f"{build}_{gender}")] = part * amount
+    unit = _LENGTH_UNIT * appearance.stature / EXPORTED_STATURE
+    change = np.tensordot(share[1:], content["shape_change"].astype(float), axes=1)
+    vertices = unit * (content["shape"] + change)
+    faces = content["faces"].astype(np.intp)
+    weights = content["weights"].astype(float) * _WEIGHT_UNIT
+    return BodyShape(
+        vertices=vertices,
+        normals=_normals(vertices, faces),
+        faces=faces,
+        face_part=content["face_part"].astype(np.intp),
+        parts=tuple(str(name) for name in content["parts"]),
+        weights=weights / weights.sum(axis=1, keepdims=True),
+        bodies=tuple(str(name) for name in content["bodies"]),
+        heads=unit * np.tensordot(share, content["heads"].astype(float), axes=1),
+        nose=unit * np.tensordot(share, content["noses"].astype(float), axes=1),
+    )
+
+
+def _normals(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> NDArray[np.float64]:
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(total, faces[:, corner], across)
+    normals: NDArray[np.float64] = total / np.linalg.norm(total, axis=1, keepdims=True)
+    return normals
+
+
+def add_skins(
+    spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, prefix: str
+) -> tuple[str, ...]:
+    """Clothe bodies that are in a specification.
+
+    :param spec: gets textures, materials and skins.
+    :param shape: the body.
+    :param appearance: colours and cut.
+    :param prefix: of the bodies' names, and of the new names.
+    :return: names of the skins.
+    """
+    layers = np.array([_layer(part, appearance) for part in shape.parts])[shape.face_part]
+    patterns = {
+        "shirt": (appearance.shirt_pattern, appearance.shirt_second),
+        "trousers": (appearance.trousers_pattern, appearance.trousers_second),
+    }
+    names = []
+    for layer in np.unique(layers):
+        name = f"{prefix}{layer}"
+        pattern, second = patterns.get(str(layer), ("plain", (0.0, 0.0, 0.0)))
+        _add_material(spec, name, _colour(str(layer), appearance), pattern, second)
+        _add_skin(spec, shape, layers == layer, name, _STANDOFF.get(str(layer), 0.0), prefix)
+        names.append(name)
+    return tuple(names)
+
+
+def _layer(part: str, appearance: Appearance) -> str:
+    """Return what covers a part of the body: skin, hair, lips, eyes, shirt, trousers or shoes."""
+    covered = {
+        "hair": "skin" if appearance.bald else "hair",
+        "brows": "brows",
+        "lips": "lips",
+        "eyes": "eyes",
+        "shirt": "shirt",
+        "sleeve": "skin" if appearance.sleeves == "none" else "shirt",
+        "long_sleeve": "shirt" if appearance.sleeves == "long" else "skin",
+        "trousers": "trousers",
+        "long_trousers": "trousers" if appearance.trouser_legs == "long" else "skin",
+        "shank": "trousers" if appearance.trouser_legs == "long" else "skin",
+        "shoe": "skin" if appearance.shoes is None else "shoes",
+    }
+    return covered.get(part, "skin")
+
+
+def _colour(layer: str, appearance: Appearance) -> Colour:
+    red, green, blue = appearance.skin
+    colours: dict[str, Colour] = {
+        "skin": appearance.skin,
+        "hair": appearance.hair,
+        "brows": appearance.hair,
+        "lips": (0.85 * red, 0.62 * green, 0.66 * blue),
+        "eyes": (0.30, 0.25, 0.22),
+        "shirt": appearance.shirt,
+        "trousers": appearance.trousers,
+        "shoes": appearance.shoes or appearance.skin,
+    }
+    return colours[layer]
+
+
+def _add_material(
+    spec: mujoco.MjSpec, name: str, colour: Colour, pattern: Pattern, second: Colour
+) -> None:
+    material = spec.add_material(name=name, specular=0.12, shininess=0.15)
+    if pattern == "plain":
+        material.rgba = (*colour, 1)
+        return
+    texture = spec.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=_TEXTURE_SIZE,
+        height=_TEXTURE_SIZE,
+        nchannel=3,
+    )
+    share = _pattern(pattern)[..., None]
+    pixels = (1 - share) * np.array(colour) + share * np.array(second)
+    texture.data = np.rint(255 * pixels).astype(np.uint8).tobytes()
+    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
+    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
+    material.textures = textures
+
+
+def _pattern(pattern: Pattern) -> NDArray[np.float64]:
+    """Return the share (size, size) of the second colour."""
+    rows, columns = np.indices((_TEXTURE_SIZE, _TEXTURE_SIZE)) % (_TEXTURE_SIZE // 4)
+    along = (rows < _TEXTURE_SIZE // 8).astype(np.float64)
+    across = (columns < _TEXTURE_SIZE // 8).astype(np.float64)
+    if pattern == "stripes":
+        return along
+    if pattern == "checks":
+        return 0.5 * along + 0.5 * across
+    if pattern == "mottled":
+        random = np.random.default_rng(0)
+        spots = random.random((_TEXTURE_SIZE // 4, _TEXTURE_SIZE // 4)) > 0.5
+        return np.kron(spots, np.ones((4, 4))).astype(np.float64)
+    raise ValueError(f"pattern={pattern!r}: valid are plain, stripes, checks and mottled")
+
+
+def _add_skin(
+    spec: mujoco.MjSpec,
+    shape: BodyShape,
+    chosen: NDArray[np.bool_],
+    name: str,
+    standoff: float,
+    prefix: str,
+) -> None:
+    used, faces = np.unique(shape.faces[chosen], return_inverse=True)
+    elsewhere = np.unique(shape.faces[~chosen])
+    # The rim stays on the skin, so that nobody looks in between.
+    lift = np.where(np.isin(used, elsewhere), 0.0, standoff)
+    vertices = shape.vertices[used] + lift[:, None] * shape.normals[used]
+    weights = shape.weights[used]
+    moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
+    at_work = [body for body, rows in enumerate(moved) if len(rows)]
+    skin = spec.add_skin(name=name, material=name)
+    skin.vert = vertices.astype(np.float32).ravel()
+    skin.face = faces.astype(np.int32).ravel()
+    # Cloth runs round the body: along it, and across it as seen from above.
+    skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
+    skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
+    skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()
+    skin.bindquat = np.tile([1, 0, 0, 0], len(at_work)).astype(np.float32)
+    skin.vertid = [moved[body].astype(np.int32) for body in at_work]
+    skin.vertweight = [weights[moved[body], body].astype(np.float32) for body in at_work]
