@@ -135,11 +135,11 @@ def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
 
     from saver_advisors.reporting.errors import UsageError, unknown
     from saver_envs.modelling.models import Training
-    from saver_envs.modelling.networks import Architecture
+    from saver_envs.modelling.networks import MLPArchitecture
 
     values = settings(args.set, "--set")
     training = {field.name for field in fields(Training)}
-    architecture = {field.name for field in fields(Architecture)}
+    architecture = {field.name for field in fields(MLPArchitecture)}
     for name in values:
         if name not in training | architecture:
             valid = sorted(training | architecture)
@@ -154,13 +154,13 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
     from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.models import new_model
     from saver_envs.modelling.models.network_model import PAPER_LAYERS
-    from saver_envs.modelling.networks import Architecture
+    from saver_envs.modelling.networks import MLPArchitecture
 
     with user_mistakes("argument --model"):
         if not architecture:
             return new_model(args.model, args.robot, args.task)
         layers = {"layers": PAPER_LAYERS[args.task]}
-        shape = Architecture(**{**layers, **architecture})
+        shape = MLPArchitecture(**{**layers, **architecture})
         return new_model(args.model, args.robot, args.task, architecture=shape)
 
 

@@ -1,6 +1,6 @@
-"""Models of the arms (chapter 7): exact ones, a plant that differs from them, and learned ones.
+"""Models of the arms (chapter 7): analytic ones, a simulated twin, and learned ones.
 
-The analytic half (`chain`, `dh`, `inertia`, `newton_euler`, `mico_kinematics`) is pure NumPy. The
-learned half (`networks`, `models`) needs the extra ``modelling``. Nothing here knows a task or an
-environment; ``saver_envs.wrappers.learned_ik`` joins the two.
+The analytic modules (`chain`, `dh`, `inertia`, `mujoco_chain`, `newton_euler`, `arms`) need NumPy
+and MuJoCo only; the learned ones (`networks`, `models`) need the extra ``modelling``. Nothing here
+depends on a task or an environment; ``saver_envs.wrappers.learned_ik`` connects the two.
 """

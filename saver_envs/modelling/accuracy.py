@@ -1,4 +1,4 @@
-"""How far a learned inverse kinematics leaves the hand from targets that it was not trained on."""
+"""Distance of the hand from unseen targets under learned inverse kinematics."""
 
 from __future__ import annotations
 
@@ -6,33 +6,29 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saver_envs.modelling.kinematics import LearnedInverseKinematics
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.kinematics import REFINEMENT, LearnedInverseKinematics
 from saver_envs.modelling.workspace import WorkspaceSamples, workspace_samples
 
-FloatArray = NDArray[np.float64]
-
 TARGETS: Final = 5000
-#: Seed of the unseen targets: weights are trained on seed 0 and the like.
+#: Seed of the unseen targets; training uses small seeds.
 UNSEEN_SEED: Final = 1000
-#: Newton steps behind the shipped models.
-NEWTON_STEPS: Final = 2
 
 
 @cache
 def unseen_targets(robot: str) -> WorkspaceSamples:
-    """Targets (5000, target_size) that no model was trained on, with joints that reach them."""
+    """Return targets (5000, target_size) that no model is trained on, with joints for them."""
     return workspace_samples(robot, TARGETS, UNSEEN_SEED)
 
 
 def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
-    """How far the hand is from unseen targets.
+    """Measure the distance of the hand from unseen targets.
 
-    :param robot: the arm's name
-    :param name: what the model is called
-    :param model: a fitted inverse kinematics of the workspace
-    :return: JSON-able; ``millimetres`` has median, 99th percentile and mean, raw and refined
+    :param robot: the arm's name.
+    :param name: of the model, for the result.
+    :param model: a fitted inverse kinematics model of the workspace.
+    :return: JSON-able; ``millimetres`` has median, 99th percentile and mean, raw and refined.
     """
     unseen = unseen_targets(robot)
     present = None
@@ -43,7 +39,7 @@ def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
         ("raw", 0, False),
         ("one_step", 1, False),
         ("two_steps", 2, False),
-        ("as_used", NEWTON_STEPS, True),
+        ("as_used", REFINEMENT, True),
     ):
         learned = LearnedInverseKinematics(robot, model, steps, nearest)
         errors[label] = distances(learned.solve(unseen.targets, present).error)
@@ -51,7 +47,7 @@ def accuracy(robot: str, name: str, model: Any) -> dict[str, Any]:
 
 
 def distances(metres: FloatArray) -> dict[str, float]:
-    """Median, 99th percentile and mean of distances, in millimetres."""
+    """Return median, 99th percentile and mean of distances (n,), in millimetres."""
     return {
         "median": float(np.median(metres) * 1e3),
         "p99": float(np.percentile(metres, 99) * 1e3),

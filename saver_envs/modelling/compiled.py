@@ -1,4 +1,4 @@
-"""Functions that Numba compiles: loops over arms and joints that would be slow in Python."""
+"""Functions that Numba compiles: loops over arms and joints that are slow in Python."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The data sets of chapter 7: six trajectories of the MICO, two of the Fetch, from the twins.
+"""The data sets of chapter 7, recorded with the twins.
 
-They are made once for a seed, in a minute or two, and kept in the user's cache folder. A file is
-plain NumPy (``.npz``, nothing pickled) with the columns of `recordings.COLUMNS`, each of shape
-(trajectories, samples, numbers); files of one's own arm in that form are read by the same loader.
+A data set is recorded once per seed, in a minute or two, and kept in the user's cache folder. A
+file is plain NumPy (``.npz``, nothing pickled) with the columns of `recordings.COLUMNS`, each of
+shape (trajectories, samples, size); :func:`load_recordings` also reads such files of a real arm.
 """
 
 from __future__ import annotations
@@ -17,44 +17,14 @@ from typing import Any
 import numpy as np
 
 from saver_envs.files import written_whole
-from saver_envs.modelling.arms import Task, arm_named
+from saver_envs.modelling.arms import Campaign, Task, arm_named, arms_with_twins
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.recordings import COLUMNS, Processing, Recording, process
+from saver_envs.modelling.recordings import COLUMNS, Recording, process
 from saver_envs.modelling.trajectories import random_trajectory
 from saver_envs.modelling.twin import TIME_STEP, Twin, nominal_inverse_dynamics
 
-#: Raised whenever the same seed would give other samples.
+#: Increased whenever the same seed gives other samples.
 VERSION = 1
-
-
-@dataclass(frozen=True)
-class Campaign:
-    """How an arm is made to move and what is kept of it (Section 7.3.5).
-
-    :param trajectories: all but the last are for training, the last for testing.
-    :param way_points: cubics of a trajectory.
-    :param interval: duration of a cubic, seconds.
-    :param log_every: simulation steps between logged samples.
-    :param processing: cuts, smoothing and thinning.
-    :param samples: of a trajectory.
-    """
-
-    trajectories: int
-    way_points: int
-    interval: float
-    log_every: int
-    processing: Processing
-    samples: int
-
-
-CAMPAIGNS = {
-    # 800 s, a way-point every 8 s, logged at 500 Hz; two way-points are cut at either end and one
-    # sample in 32 is kept.
-    "mico": Campaign(6, 100, 8.0, 1, Processing(16.0, 50, 32), 12_000),
-    # 2,400 s between the cuts, a way-point every 4 s, logged at 100 Hz. The window spans the same
-    # 0.1 s as the MICO's.
-    "fetch": Campaign(2, 602, 4.0, 5, Processing(4.0, 10, 4), 60_000),
-}
 
 
 @dataclass(frozen=True)
@@ -62,8 +32,8 @@ class DataSet:
     """An arm's samples.
 
     :param robot: the arm's name.
-    :param train: the training trajectories, one behind the other.
-    :param test: the trajectory that no model has seen.
+    :param train: the training trajectories, concatenated.
+    :param test: the held-out trajectory.
     """
 
     robot: str
@@ -72,7 +42,7 @@ class DataSet:
 
 
 def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray]:
-    """Return inputs and outputs of a task (Section 7.3.1), in the order of time.
+    """Return inputs and outputs of a task (Section 7.3.1), in temporal order.
 
     :param recording: the samples.
     :param task: ``ik``: the end effector's position (n, 3) to joints (n, dof); ``id``: joints,
@@ -85,7 +55,7 @@ def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray
 
 
 def default_cache() -> Path:
-    """Where data sets are kept: in the user's cache folder."""
+    """Return the folder of the data sets, in the user's cache folder."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "modelling"
 
@@ -98,33 +68,34 @@ def twin_data_set(
 ) -> DataSet:
     """Return an arm's data set, from the cache if it is there.
 
-    :param name: ``mico`` or ``fetch``.
+    :param name: the arm's name.
     :param seed: of the way-points and the sensors' noise.
     :param cache: folder of the files; the user's cache folder by default.
-    :param progress: is told the number of simulation steps done since it was last told.
-    :raises ValueError: for another arm.
+    :param progress: called with the number of simulation steps since the previous call.
+    :raises ValueError: for an arm without a twin.
     """
     campaign = campaign_of(name)
     path = (cache or default_cache()) / f"{name}-seed{seed}-v{VERSION}.npz"
     if not path.exists():
-        recordings = record_twin(name, campaign, seed, progress)
-        save_recordings(path, name, recordings)
+        save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)
     return DataSet(name, Recording.joined(recordings[:-1]), recordings[-1])
 
 
 def campaign_of(name: str) -> Campaign:
-    """Return an arm's campaign.
+    """Return how data are recorded with an arm.
 
-    :raises ValueError: for an arm without one.
+    :param name: the arm's name.
+    :raises ValueError: for an arm without a twin.
     """
-    if name not in CAMPAIGNS:
-        raise ValueError(f"robot={name!r}: there are data sets of {', '.join(CAMPAIGNS)}")
-    return CAMPAIGNS[name]
+    campaign = arm_named(name).campaign
+    if campaign is None:
+        raise ValueError(f"robot={name!r}: there are data sets of {', '.join(arms_with_twins())}")
+    return campaign
 
 
 def simulated_steps(name: str) -> int:
-    """Return the number of steps that making an arm's data set takes."""
+    """Return the number of simulation steps that recording an arm's data set takes."""
     campaign = campaign_of(name)
     return round(campaign.way_points * campaign.interval / TIME_STEP)
 
@@ -132,21 +103,22 @@ def simulated_steps(name: str) -> int:
 def record_twin(
     name: str, campaign: Campaign, seed: int, progress: Callable[[int], None] | None = None
 ) -> list[Recording]:
-    """Drive a twin through random trajectories and return what was recorded of each.
+    """Drive a twin along random trajectories and return a recording of each.
 
-    The low-level controller knows the maker's inertia.
+    The low-level controller's feed-forward uses the maker's inertia.
 
-    :param name: ``mico`` or ``fetch``.
-    :param campaign: what is driven and kept.
-    :param seed: of way-points and noise; each trajectory has a source of randomness of its own.
+    :param name: the arm's name.
+    :param campaign: trajectories to drive and samples to keep.
+    :param seed: of way-points and noise; each trajectory has its own generator.
     :param progress: see :func:`twin_data_set`.
+    :raises ValueError: if the campaign's number of samples does not match its durations.
     """
-    ways, noise = np.random.SeedSequence(seed).spawn(2)
+    way_points, noise = np.random.SeedSequence(seed).spawn(2)
     trajectories = [
         random_trajectory(
             name, campaign.way_points, campaign.interval, np.random.default_rng(source)
         )
-        for source in ways.spawn(campaign.trajectories)
+        for source in way_points.spawn(campaign.trajectories)
     ]
     record = Twin(name).track(
         trajectories,
@@ -163,11 +135,11 @@ def record_twin(
 
 
 def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
-    """Write a data file, as a whole or not at all.
+    """Write a data file atomically.
 
     :param path: ends in ``.npz``.
     :param name: the arm's name.
-    :param recordings: of equal length.
+    :param recordings: one per trajectory, of equal length.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = {column: np.stack([getattr(one, column) for one in recordings]) for column in COLUMNS}
@@ -177,13 +149,13 @@ def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
 
 
 def load_recordings(path: Path, name: str) -> list[Recording]:
-    """Read a data file and check it.
+    """Read and validate a data file.
 
     :param path: of an ``.npz`` file with the columns of `recordings.COLUMNS`, each (trajectories,
-        samples, numbers).
-    :param name: the arm that it must be of.
-    :raises ValueError: for a file that is cut short or not ours, for missing columns, another
-        arm's joints, shapes that differ, or values that are not finite; the message says which.
+        samples, size).
+    :param name: the arm that it must belong to.
+    :raises ValueError: for an incomplete file or another format, missing columns, another arm's
+        joints, mismatched shapes, or values that are not finite; the message says which.
     """
     dof = arm_named(name).dof
     try:
@@ -191,7 +163,7 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
             content = {column: file[column] for column in file.files}
     except (OSError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is no complete data file: {error}") from error
-    except ValueError as error:  # NumPy takes what it does not know for a pickle, and says how to
+    except ValueError as error:  # NumPy takes unknown formats for pickles and suggests loading them
         raise ValueError(f"{path} is no complete data file: it is no .npz of numbers") from error
     missing = [column for column in COLUMNS if column not in content]
     if missing:
@@ -200,17 +172,14 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
     if robot != name:
         raise ValueError(f"{path} is of robot {robot!r}, not {name!r}")
     shape = content["position"].shape
-    for column, numbers in COLUMNS.items():
-        values, wanted = content[column], dof if numbers == "dof" else 3
+    for column, size in COLUMNS.items():
+        values, wanted = content[column], dof if size == "dof" else 3
         if values.ndim != 3 or values.shape[-1] != wanted:
-            raise ValueError(
-                f"{path}: {column} has shape {values.shape}; {name} needs (trajectories, samples, "
-                f"{wanted})"
-            )
+            needed = f"{name} needs (trajectories, samples, {wanted})"
+            raise ValueError(f"{path}: {column} has shape {values.shape}; {needed}")
         if values.shape[:2] != shape[:2]:
-            raise ValueError(
-                f"{path}: {column} has {values.shape[:2]} samples, position {shape[:2]}"
-            )
+            counts = f"{values.shape[:2]} samples, position {shape[:2]}"
+            raise ValueError(f"{path}: {column} has {counts}")
         if not np.isfinite(values).all():
             where = np.argwhere(~np.isfinite(values))[0].tolist()
             raise ValueError(f"{path}: {column}{where} is not finite")

@@ -1,4 +1,4 @@
-"""Learned inverse dynamics in use: feed-forward torque, and how well an arm tracks with it."""
+"""Learned inverse dynamics as feed-forward torque, and the tracking error of a twin with it."""
 
 from __future__ import annotations
 
@@ -8,35 +8,26 @@ from pathlib import Path
 import numpy as np
 
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.models import InverseModel, load_model
-from saver_envs.modelling.shipped import shipped_model
+from saver_envs.modelling.models import InverseModel
+from saver_envs.modelling.shipped import model_for
 from saver_envs.modelling.trajectories import Trajectory
 from saver_envs.modelling.twin import InverseDynamics, Twin
 
 
 class LearnedInverseDynamics:
-    """Torques for motions, by any inverse dynamics of the table; kept within the torque limits.
+    """Torques for motions by any inverse dynamics model, clipped to the torque limits.
 
-    It is what `Twin.track` takes as feed-forward: with its feedback that is computed-torque control
-    along the reference.
+    `Twin.track` accepts it as feed-forward; with the twin's feedback this is computed-torque
+    control along the reference.
 
     :param robot: the arm's name.
-    :param model: a fitted model, the path of a weight file, or None for the shipped one.
+    :param model: a fitted model, the path of a weight file, or None for the shipped model.
     :raises ValueError: for a model of another arm or task.
     """
 
     def __init__(self, robot: str, model: InverseModel | str | Path | None = None) -> None:
-        if model is None:
-            model = shipped_model(robot, "id")
-        elif not isinstance(model, InverseModel):
-            model = load_model(Path(model), robot, "id")
-        if model.robot != robot or model.task != "id":
-            raise ValueError(
-                f"model={model.name!r} is of robot {model.robot!r}, task {model.task!r}: "
-                f"{robot!r} needs inverse dynamics of its own"
-            )
-        self.model = model
-        self._limit = np.asarray(model.arm.robot.joint_torque_limits)
+        self.model = model_for(robot, "id", model)
+        self._limit = np.asarray(self.model.arm.robot.joint_torque_limits)
 
     def __call__(
         self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
@@ -48,10 +39,10 @@ class LearnedInverseDynamics:
 
 @dataclass(frozen=True)
 class TrackingError:
-    """How far an arm was from where it should have been.
+    """Distance of an arm's joints from their reference.
 
-    :param rms: root mean square over joints and time, radians (metres of a lift).
-    :param per_joint: (dof,) the same of every joint.
+    :param rms: root mean square over joints and time, radians (metres for a lift).
+    :param per_joint: (dof,) root mean square over time.
     """
 
     rms: float
@@ -65,14 +56,14 @@ def tracking_error(
     seed: int = 0,
     gain: float = 1.0,
 ) -> TrackingError:
-    """Follow trajectories on a twin and measure the error of its true joints.
+    """Follow trajectories with a twin and measure the error of its true joints.
 
     :param twin: the plant.
     :param trajectories: of equal duration.
     :param feed_forward: torques for (q, q', q''), or None for feedback alone.
     :param seed: of the sensors' noise.
-    :param gain: the feedback's stiffness as a multiple of the twin's own, its damping as the root
-        of that: with soft feedback the feed-forward shows.
+    :param gain: factor of the feedback's stiffness; its damping is scaled by the square root. Soft
+        feedback shows the quality of the feed-forward.
     :raises ValueError: for a gain that is not above 0.
     """
     if not gain > 0:

@@ -1,4 +1,4 @@
-"""Chains and links read off a compiled MuJoCo model."""
+"""Chains and links of a compiled MuJoCo model."""
 
 from __future__ import annotations
 
@@ -11,34 +11,30 @@ import numpy as np
 from saver_envs.modelling.chain import Chain, FloatArray
 from saver_envs.modelling.inertia import Links
 
+#: Types of joints, and whether they slide.
+_SLIDES = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
 
-def chain_of_model(
-    model: mujoco.MjModel, base: str, joints: Sequence[str], site: str | None, body: str = ""
-) -> Chain:
+
+def chain_of_model(model: mujoco.MjModel, base: str, joints: Sequence[str], site: str) -> Chain:
     """Return the chain from a base body through hinges and slides to a site.
 
     :param model: the compiled model.
     :param base: name of the base's body.
     :param joints: names of the joints, from the base on.
-    :param site: name of the tool's site, or None where ``body`` is the tool.
-    :param body: name of the tool's body.
-    :raises ValueError: for a joint that is neither hinge nor slide.
+    :param site: name of the tool's site.
+    :raises ValueError: for a joint that is neither a hinge nor a slide.
     """
-    data = mujoco.MjData(model)
-    _to_zero(model, data, joints)
+    data = _at_zero(model, joints)
     ends = [_transform(data.body(base).xpos, data.body(base).xmat)]
     prismatic = []
     for name in joints:
         joint = model.joint(name)
         kind = int(joint.type[0])
-        if kind not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
+        if kind not in _SLIDES:
             raise ValueError(f"joint {name!r} is neither a hinge nor a slide")
-        prismatic.append(kind == int(mujoco.mjtJoint.mjJNT_SLIDE))
+        prismatic.append(_SLIDES[kind])
         ends.append(_transform(data.xanchor[joint.id], _frame_along(data.xaxis[joint.id])))
-    if site is not None:
-        tool = _transform(data.site(site).xpos, data.site(site).xmat)
-    else:
-        tool = _transform(data.body(body).xpos, data.body(body).xmat)
+    tool = _transform(data.site(site).xpos, data.site(site).xmat)
     before = [np.linalg.inv(first) @ second for first, second in pairwise(ends)]
     dof = len(joints)
     return Chain(
@@ -53,16 +49,15 @@ def chain_of_model(
 def links_of_model(model: mujoco.MjModel, base: str, joints: Sequence[str], chain: Chain) -> Links:
     """Return the links' inertia, each in its frame of ``chain``.
 
-    Bodies without a joint of their own belong to the link that carries them; what the base carries
-    does not move and is left out.
+    A body without a joint of the chain belongs to the link that carries it. Bodies that the base
+    carries do not move and are omitted.
 
     :param model: the compiled model.
     :param base: name of the base's body.
-    :param joints: names of the chain's joints; all others stay at zero and are taken as fixed.
-    :param chain: the same arm's.
+    :param joints: names of the chain's joints; all others are treated as fixed at zero.
+    :param chain: the same arm's chain.
     """
-    data = mujoco.MjData(model)
-    _to_zero(model, data, joints)
+    data = _at_zero(model, joints)
     frames = chain.frames(np.zeros((1, chain.dof)))
     origin, to_base = data.body(base).xpos.copy(), data.body(base).xmat.reshape(3, 3).T.copy()
     link_of_body = {int(model.joint(name).bodyid[0]): index for index, name in enumerate(joints)}
@@ -83,12 +78,13 @@ def links_of_model(model: mujoco.MjModel, base: str, joints: Sequence[str], chai
     return Links.joined(parts)
 
 
-def _to_zero(model: mujoco.MjModel, data: mujoco.MjData, joints: Sequence[str]) -> None:
-    data.qpos[:] = model.qpos0
+def _at_zero(model: mujoco.MjModel, joints: Sequence[str]) -> mujoco.MjData:
+    data = mujoco.MjData(model)
     for name in joints:
         data.joint(name).qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+    return data
 
 
 def _transform(position: FloatArray, rotation: FloatArray) -> FloatArray:
@@ -98,7 +94,7 @@ def _transform(position: FloatArray, rotation: FloatArray) -> FloatArray:
 
 
 def _frame_along(axis: FloatArray) -> FloatArray:
-    """A rotation whose z axis is ``axis``."""
+    """Return a rotation whose z axis is ``axis``."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""The trunk that all networks share, and its forward pass in NumPy."""
+"""The multi-layer perceptron of all networks, and its forward pass in NumPy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Activation = Literal["leaky_relu", "relu", "sigmoid"]
 Precision = Literal["float32", "bfloat16"]
 Device = Literal["cpu", "cuda"]
 
-#: What the paper's search chose from (Table 7.3).
+#: Values of the paper's search (Table 7.3).
 LAYERS: Final = (3, 4, 5, 6, 7, 8)
 WIDTHS: Final = (128, 256, 512, 1024)
 PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
@@ -29,11 +29,11 @@ LEAKS: Final = (0.1, 0.3, 0.4, 0.5, 0.7, 0.9)
 
 
 @dataclass(frozen=True)
-class Architecture:
-    """A multi-layer perceptron; the defaults are what the paper chose for inverse kinematics.
+class MLPArchitecture:
+    """A multi-layer perceptron; the defaults are the paper's for inverse kinematics.
 
-    :param layers: hidden layers.
-    :param width: neurons of each.
+    :param layers: number of hidden layers.
+    :param width: units per hidden layer.
     :param activation: ``leaky_relu``, ``relu`` or ``sigmoid``.
     :param leak: slope of the leaky ReLU below zero.
     :raises ValueError: for a value out of range.
@@ -56,7 +56,7 @@ class Architecture:
 
 
 class Bfloat16Linear(nn.Linear):
-    """A linear layer whose products are in bfloat16; its weights stay in float32."""
+    """A linear layer with products in bfloat16 and weights in float32."""
 
     def forward(self, input: Tensor) -> Tensor:
         """Return (n, outputs) in bfloat16 for (n, inputs)."""
@@ -65,7 +65,7 @@ class Bfloat16Linear(nn.Linear):
 
 
 class Float32Linear(nn.Linear):
-    """A linear layer in float32, whatever it is given."""
+    """A linear layer in float32, for inputs of any precision."""
 
     def forward(self, input: Tensor) -> Tensor:
         """Return (n, outputs) in float32 for (n, inputs)."""
@@ -73,15 +73,15 @@ class Float32Linear(nn.Linear):
 
 
 def build_network(
-    inputs: int, outputs: int, architecture: Architecture, precision: Precision = "float32"
+    inputs: int, outputs: int, architecture: MLPArchitecture, precision: Precision = "float32"
 ) -> nn.Sequential:
     """Return a fresh network: hidden layers with activations, then a linear layer.
 
-    :param inputs: numbers that it reads.
-    :param outputs: numbers that it gives.
+    :param inputs: size of the input.
+    :param outputs: size of the output.
     :param architecture: of the hidden layers.
-    :param precision: of the products between hidden layers, where nearly all the work is. What is
-        read, what is given and all weights are in float32 either way.
+    :param precision: of the products between hidden layers, which take nearly all the time. Inputs,
+        outputs and all weights are in float32 either way.
     """
     width = architecture.width
     between, last = (
@@ -93,30 +93,29 @@ def build_network(
     return nn.Sequential(*layers, last(width, outputs))
 
 
-def _activation(architecture: Architecture) -> nn.Module:
+def _activation(architecture: MLPArchitecture) -> nn.Module:
     if architecture.activation == "leaky_relu":
         return nn.LeakyReLU(architecture.leak)
     return nn.ReLU() if architecture.activation == "relu" else nn.Sigmoid()
 
 
-#: Rows that pass together: few enough for their activations to stay in the cache.
+#: Rows computed at once: few enough for their activations to stay in the CPU's cache.
 _ROWS: Final = 256
 
 
 class FrozenNetwork:
-    """What `build_network` built, in NumPy: for one target or a few, half of torch's time.
+    """A network of `build_network` in NumPy: for a few targets in half of torch's time.
 
-    :param weights: the state of the network, copied.
-    :param architecture: as it was built with.
-    :param inputs: mean and standard deviation of what it reads, or None where that is
-        standardised already.
-    :param outputs: mean and standard deviation of what it gives, or None likewise.
+    :param weights: state of the network, copied.
+    :param architecture: of the network.
+    :param inputs: mean and standard deviation of its inputs, or None if they are standardised.
+    :param outputs: mean and standard deviation of its outputs, or None likewise.
     """
 
     def __init__(
         self,
         weights: Mapping[str, torch.Tensor],
-        architecture: Architecture,
+        architecture: MLPArchitecture,
         inputs: Scale | None = None,
         outputs: Scale | None = None,
     ) -> None:

@@ -1,20 +1,20 @@
 """Inverse dynamics of a chain by the recursive Newton-Euler method, batched.
 
-Outwards the velocities and accelerations of the links, inwards the forces and moments that these
-need (Luh, Walker and Paul, 1980), all in the frame of the base. Gravity is an acceleration of the
-base. This is equation 7.2 without friction and external force.
+An outward pass computes the velocities and accelerations of the links, an inward pass the forces
+and moments that cause them (Luh, Walker and Paul, 1980), all in the frame of the base. Gravity is
+an acceleration of the base. This is equation 7.2 without friction and external force.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from saver_envs.modelling.chain import Chain, FloatArray
+from saver_envs.modelling.chain import Chain, FloatArray, Frames
 from saver_envs.modelling.inertia import Links
 from saver_envs.simulation import cross
 
 GRAVITY = 9.81  # m/s^2, MuJoCo's default
-#: Rows that are worked on together: few enough to stay in the cache.
+#: Rows computed at once: few enough to stay in the CPU's cache.
 _ROWS = 4096
 
 
@@ -26,16 +26,16 @@ def inverse_dynamics(
     acceleration: FloatArray,
     gravity: float = GRAVITY,
 ) -> FloatArray:
-    """Return the joint torques (N m; N of slides) that a motion takes.
+    """Return the joint torques (N m; N for slides) of a motion.
 
     :param chain: the arm.
     :param links: its inertia, in the frames of ``chain``.
     :param position: (n, dof), radians or metres.
     :param velocity: (n, dof), per second.
     :param acceleration: (n, dof), per second squared.
-    :param gravity: downwards, m/s^2.
+    :param gravity: downward acceleration, m/s^2.
     :return: (n, dof).
-    :raises ValueError: for shapes that do not fit.
+    :raises ValueError: for mismatched shapes.
     """
     shape = np.shape(position)
     for name, values in (("velocity", velocity), ("acceleration", acceleration)):
@@ -65,37 +65,32 @@ def _part(
     centre = frames.link_position + np.einsum("dnij,dj->dni", frames.link_rotation, links.centre)
     force, moment = np.empty((dof, n, 3)), np.empty((dof, n, 3))
     spin, spin_rate = np.zeros((n, 3)), np.zeros((n, 3))
-    origin, origin_acceleration = np.zeros((n, 3)), np.tile((0.0, 0.0, gravity), (n, 1))
+    origin, linear = np.zeros((n, 3)), np.tile((0.0, 0.0, gravity), (n, 1))
     for index in range(dof):
         axis, anchor = frames.axis[index], frames.anchor[index]
+        linear = _carried(linear, spin, spin_rate, anchor - origin)
         if chain.prismatic[index]:
-            # The link's point that is now at the anchor slides on the link before.
+            # The point of the link at the anchor slides along the previous link.
             slide = axis * velocity[:, index, None]
-            linear = _carried(origin_acceleration, spin, spin_rate, anchor - origin)
             linear += axis * acceleration[:, index, None] + 2 * cross(spin, slide)
         else:
-            linear = _carried(origin_acceleration, spin, spin_rate, anchor - origin)
             turn = axis * velocity[:, index, None]
             spin_rate = spin_rate + axis * acceleration[:, index, None] + cross(spin, turn)
             spin = spin + turn
-        origin, origin_acceleration = anchor, linear
+        origin = anchor
         arm = centre[index] - origin
-        force[index] = links.mass[index] * _carried(origin_acceleration, spin, spin_rate, arm)
+        force[index] = links.mass[index] * _carried(linear, spin, spin_rate, arm)
         rotation = frames.link_rotation[index]
         momentum = _in_frame(rotation, links.inertia[index], spin)
         moment[index] = _in_frame(rotation, links.inertia[index], spin_rate) + cross(spin, momentum)
-    return _inwards(chain, frames.axis, frames.anchor, centre, force, moment)
+    return _inwards(chain, frames, centre, force, moment)
 
 
 def _inwards(
-    chain: Chain,
-    axis: FloatArray,
-    anchor: FloatArray,
-    centre: FloatArray,
-    force: FloatArray,
-    moment: FloatArray,
+    chain: Chain, frames: Frames, centre: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
-    """Sum what the links need, from the last to the first, and project it on the joints' axes."""
+    """Sum the links' forces and moments from the last to the first; project on the joint axes."""
+    axis, anchor = frames.axis, frames.anchor
     dof, n, _ = axis.shape
     torque = np.empty((n, dof))
     total_force, total_moment = np.zeros((n, 3)), np.zeros((n, 3))
@@ -112,11 +107,11 @@ def _inwards(
 def _carried(
     acceleration: FloatArray, spin: FloatArray, spin_rate: FloatArray, arm: FloatArray
 ) -> FloatArray:
-    """Acceleration of a point of a turning body, at ``arm`` from one with ``acceleration``."""
+    """Return the acceleration of a rotating body at ``arm`` from a point with ``acceleration``."""
     return acceleration + cross(spin_rate, arm) + cross(spin, cross(spin, arm))
 
 
 def _in_frame(rotation: FloatArray, matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """R M R^T v for rotations (n, 3, 3), one matrix (3, 3) and vectors (n, 3)."""
+    """Return R M R^T v for rotations (n, 3, 3), one matrix (3, 3) and vectors (n, 3)."""
     local = np.einsum("nji,nj->ni", rotation, vector)
     return np.einsum("nij,nj->ni", rotation, local @ matrix.T)

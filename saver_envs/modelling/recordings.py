@@ -1,4 +1,4 @@
-"""From a controlled run to the samples that models learn from: cut, smooth, differentiate, thin."""
+"""Samples from a twin's log: cut, smoothed, differentiated and thinned."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saver_envs.modelling.arms import Processing
 from saver_envs.modelling.chain import Chain, FloatArray
 from saver_envs.modelling.twin import Record
 
-#: Columns of a data file, with the numbers of each: of joints, or of a point.
+#: Columns of a data file and their sizes: one number per joint, or a point.
 COLUMNS = {
     "position": "dof",
     "velocity": "dof",
@@ -17,19 +18,19 @@ COLUMNS = {
     "torque": "dof",
     "hand": "3",
 }
-#: Times that the moving average is applied: position is differentiated twice, and every quantity
-#: must have been smoothed alike for torque and motion to belong together.
+#: Passes of the moving average. Position is differentiated twice, with a pass before each time; all
+#: quantities get the same number of passes, so that torque and motion stay aligned.
 _PASSES = 3
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Samples of one trajectory, in the order of time.
+    """Samples of one trajectory, in temporal order.
 
-    :param position: (k, dof) joints, radians; metres of a lift.
+    :param position: (k, dof) joints, radians; metres for a lift.
     :param velocity: (k, dof), per second.
     :param acceleration: (k, dof), per second squared.
-    :param torque: (k, dof), N m; N of a lift.
+    :param torque: (k, dof), N m; N for a lift.
     :param hand: (k, 3) the end effector in the base frame, metres.
     """
 
@@ -45,7 +46,8 @@ class Recording:
     def first(self, count: int) -> Recording:
         """Return the first ``count`` samples.
 
-        :raises ValueError: when there are fewer.
+        :param count: number of samples.
+        :raises ValueError: if there are fewer.
         """
         if not 0 < count <= len(self):
             raise ValueError(f"count={count!r}: must be 1 to {len(self)}")
@@ -53,30 +55,16 @@ class Recording:
 
     @classmethod
     def joined(cls, parts: list[Recording]) -> Recording:
-        """Return trajectories one behind the other."""
+        """Return trajectories concatenated in time."""
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
 
 
-@dataclass(frozen=True)
-class Processing:
-    """How a run is made into samples.
-
-    :param cut: seconds cut off at either end.
-    :param window: samples of the moving average, at the run's rate.
-    :param keep_every: of the smoothed samples one in so many is kept.
-    """
-
-    cut: float
-    window: int
-    keep_every: int
-
-
 def process(record: Record, chain: Chain, processing: Processing) -> list[Recording]:
-    """Make samples of a run: one recording for each of its arms.
+    """Return a recording for each arm of a log.
 
-    The end effector is where the arm's own forward model has it, as in the paper.
+    The end effector's position is that of the arm's own forward model, as in the paper.
 
-    :param record: of n arms.
+    :param record: log of n arms.
     :param chain: gives the end effector.
     :param processing: cuts, window and rate.
     """
@@ -88,7 +76,7 @@ def process(record: Record, chain: Chain, processing: Processing) -> list[Record
         motion = [position]
         for _ in range(2):
             motion.append(np.gradient(smoothed(motion[-1], processing.window), step, axis=0))
-        # One pass is still missing for the acceleration, two for the velocity, all for the rest.
+        # The acceleration lacks one pass, the velocity two, the position all of them.
         position, velocity, acceleration = (
             smoothed(one, processing.window, _PASSES - order)[keep]
             for order, one in enumerate(motion)
@@ -100,22 +88,18 @@ def process(record: Record, chain: Chain, processing: Processing) -> list[Record
 
 
 def smoothed(values: FloatArray, window: int, passes: int = 1) -> FloatArray:
-    """Return the moving average over a window, centred.
-
-    At the ends, where the window reaches beyond the data, the outermost values are repeated.
+    """Return the centred moving average; beyond the ends the outermost values are repeated.
 
     :param values: (k, ...).
-    :param window: samples; an even window weighs its two outermost samples by half.
-    :param passes: how often it is applied.
+    :param window: length in samples; an even window weights its two outermost samples by half.
+    :param passes: number of times that it is applied.
     """
     half = window // 2
+    span = 2 * half + 1
     for _ in range(passes):
-        padded = np.concatenate(
-            [np.repeat(values[:1], half, 0), values, np.repeat(values[-1:], half, 0)]
-        )
+        padded = np.concatenate([values[:1]] * half + [values] + [values[-1:]] * half)
         total = np.cumsum(padded, axis=0)
         total = np.concatenate([np.zeros_like(total[:1]), total])
-        span = 2 * half + 1
         inner = total[span:] - total[:-span]
         if window % 2 == 0:
             inner -= 0.5 * (padded[: len(values)] + padded[span - 1 :])

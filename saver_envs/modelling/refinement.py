@@ -1,71 +1,105 @@
-"""Newton steps behind a model's guess, arm by arm in compiled code: cheap enough for every step.
+"""Newton steps after a model's guess, compiled and arm by arm: fast enough for every control step.
 
-`saver_envs.modelling.solvers` has the same for whole data sets, where time is of no account.
+`saver_envs.modelling.solvers` has the same steps in NumPy, for whole data sets, and is the
+reference in the tests. For the few arms of a control step NumPy's overhead per call dominates, and
+compiled code can call neither `saver_envs.control.least_squares_step` nor `Chain.frames`, so this
+module implements both again.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import Arm
+from saver_envs.modelling.arms import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.compiled import compiled
 
-#: Larger errors of a refined guess get another way to the target (m, rad).
+#: A refined guess with a larger error is discarded (m, rad).
 POSITION_ENOUGH, ORIENTATION_ENOUGH = 0.008, 0.03
 #: Errors this small need no further step (m, rad).
 _EXACT = 1e-6
-#: Longest step of a joint (rad, m).
-_LONGEST_STEP = 0.3
-#: A solution with a joint this far from where it is lies on another branch (rad, m): on the way
-#: there the hand would leave its path.
+#: Largest step of a joint (rad, m).
+_LARGEST_STEP = 0.3
+#: A solution with a joint this far from its present value lies on another branch (rad, m): on the
+#: way there the hand would leave its path.
 _FAR = 0.6
-#: Squared damping of steps behind a guess, and of those from the present joints, which may be near
+#: Squared damping of steps after a guess, and of steps from the present joints, which may be near
 #: singular postures.
 _NEWTON_DAMPING, _PRESENT_DAMPING = 1e-7, 3e-4
-#: Steps from the present joints beyond those behind a guess.
+#: Steps from the present joints in addition to the steps after a guess.
 _FURTHER_STEPS = 1
-#: Rows of the table of joints.
-_LOWER, _UPPER, _HOME, _IDLE, _DIRECTION, _SLIDES, _TURN = range(7)
+
+
+class _Joints(NamedTuple):
+    """Kinematics of an arm, one entry per joint; ``fixed`` (dof + 1, 3, 4) includes the tool.
+
+    ``turn`` is a full turn for continuous joints, and 0 for others.
+    """
+
+    fixed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    home: FloatArray
+    idle: NDArray[np.bool_]
+    direction: FloatArray
+    slides: NDArray[np.bool_]
+    turn: FloatArray
+
+
+class _Scratch(NamedTuple):
+    """Working memory for one target with ``rows`` entries.
+
+    The tool's frame (3, 4), the Jacobian's columns (dof, 6), anchors (dof, 3), the target's
+    orientation (3, 3), the tool's error (rows,), and the linear system: (rows, rows), (rows,) and
+    the step (dof,).
+    """
+
+    frame: FloatArray
+    columns: FloatArray
+    anchor: FloatArray
+    orientation: FloatArray
+    error: FloatArray
+    gram: FloatArray
+    solution: FloatArray
+    step: FloatArray
 
 
 class Refinement:
-    """Guesses brought to their targets, for one arm's kinematics.
+    """Refines guesses of joints for one arm.
 
-    :param arm: gives kinematics, limits, and which joints do not move the tool.
+    :param arm: gives kinematics, limits, and the joints that do not move the tool.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: KinematicArm) -> None:
         chain = arm.tool_chain
         fixed = np.concatenate([chain.before, chain.tool[None]])
         fixed[1:] = chain.after @ fixed[1:]
-        self._fixed = np.ascontiguousarray(fixed[:, :3])
-        idle = np.isin(np.arange(arm.dof), arm.idle_joints)
-        endless = ~np.isfinite(arm.joint_lower)
-        self._table = np.array(
-            [
-                arm.joint_lower,
-                arm.joint_upper,
-                np.asarray(arm.robot.home),
-                idle,
-                chain.direction,
-                chain.prismatic,
-                np.where(endless, 2 * np.pi, 0.0),
-            ]
+        self._joints = _Joints(
+            np.ascontiguousarray(fixed[:, :3]),
+            arm.joint_lower,
+            arm.joint_upper,
+            np.asarray(arm.robot.home),
+            np.isin(np.arange(arm.dof), arm.idle_joints),
+            chain.direction,
+            chain.prismatic,
+            np.where(np.isfinite(arm.joint_lower), 0.0, 2 * np.pi),
         )
 
     def settled(self, guess: FloatArray, present: FloatArray, still: bool) -> FloatArray:
-        """Return guesses (n, dof) within the limits, endless joints nearest to the present.
+        """Return guesses (n, dof) within the limits, continuous joints nearest to the present.
 
         :param guess: (n, dof), metres and radians.
-        :param present: (n, dof), the joints now.
+        :param present: (n, dof) present joints.
         :param still: whether joints that do not move the tool are at home.
-        :raises ValueError: for shapes that do not belong together.
+        :raises ValueError: for mismatched shapes.
         """
         self._check(len(guess), guess=guess, present=present)
         settled = np.array(guess)
-        _settle_all(settled, present, self._table, still)
+        for joints, now in zip(settled, present, strict=True):
+            _settle(joints, now, self._joints, still)
         return settled
 
     def __call__(
@@ -73,25 +107,25 @@ class Refinement:
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return joints, and which targets are missed by more than 8 mm or 30 mrad.
 
-        Guesses on another branch than that of the present joints, and those that the steps do not
-        bring to their targets, make way for damped steps from the present joints.
+        A guess on another branch than the present joints', or one that the steps do not bring to
+        its target, is replaced by damped steps from the present joints.
 
         :param targets: (n, 3) positions or (n, 6) poses, metres and radians.
         :param guess: (n, dof), metres and radians.
-        :param present: (n, dof), the joints now.
-        :param steps: at most so many behind a guess.
+        :param present: (n, dof) present joints.
+        :param steps: greatest number of steps after a guess.
         :return: (n, dof), within the joint limits, and (n,).
-        :raises ValueError: for shapes that do not belong together.
+        :raises ValueError: for mismatched shapes.
         """
         self._check(len(targets), guess=guess, present=present)
         joints = np.empty_like(present)
         missed = np.empty(len(targets), dtype=np.bool_)
-        _refine(targets, guess, present, self._fixed, self._table, steps, joints, missed)
+        _refine(targets, guess, present, self._joints, steps, joints, missed)
         return joints, missed
 
     def _check(self, n: int, **arrays: FloatArray) -> None:
-        """Compiled code reads on past an array's end: nothing else would notice."""
-        wanted = (n, self._table.shape[1])
+        """Check shapes: compiled code does not notice that it reads beyond an array's end."""
+        wanted = (n, len(self._joints.home))
         for name, values in arrays.items():
             if values.shape != wanted:
                 raise ValueError(f"{name} of shape {values.shape}: must have shape {wanted}")
@@ -102,123 +136,108 @@ def _refine(
     targets: FloatArray,
     guess: FloatArray,
     present: FloatArray,
-    fixed: FloatArray,
-    table: FloatArray,
+    arm: _Joints,
     steps: int,
     joints: FloatArray,
     missed: NDArray[np.bool_],
 ) -> None:
+    """Write joints (n, dof), and which targets are missed (n,)."""
     rows, dof = targets.shape[1], present.shape[1]
     other = np.empty(dof)
-    orientation = np.empty((3, 3))
-    scratch = (np.empty((3, 4)), np.empty((dof, 6)), np.empty((dof, 3)), np.empty(rows))
-    system = (np.empty((rows, rows)), np.empty(rows), np.empty(dof))
-    for arm in range(len(targets)):
-        target, now, best = targets[arm], present[arm], joints[arm]
-        _orientation(target, orientation)
-        best[:] = guess[arm]
-        _settle(best, now, table, True)
-        near = _way(best, now, table) <= _FAR
-        guessed = steps, _NEWTON_DAMPING
-        reached = near and _approach(
-            best, target, orientation, fixed, table, guessed, scratch, system
-        )
+    scratch = _Scratch(
+        np.empty((3, 4)),
+        np.empty((dof, 6)),
+        np.empty((dof, 3)),
+        np.empty((3, 3)),
+        np.empty(rows),
+        np.empty((rows, rows)),
+        np.empty(rows),
+        np.empty(dof),
+    )
+    for index in range(len(targets)):
+        target, now, best = targets[index], present[index], joints[index]
+        _orientation(target, scratch.orientation)
+        best[:] = guess[index]
+        _settle(best, now, arm, True)
+        near = _distance(best, now, arm) <= _FAR
+        reached = near and _approach(best, target, arm, steps, _NEWTON_DAMPING, scratch)
         if not reached:
             other[:] = now
-            _settle(other, now, table, True)
-            direct = steps + _FURTHER_STEPS, _PRESENT_DAMPING
-            reached = _approach(other, target, orientation, fixed, table, direct, scratch, system)
-            # A long way that leads there is better than a short one that does not.
-            by_far = (not reached and not near) and _approach(
-                best, target, orientation, fixed, table, guessed, scratch, system
+            _settle(other, now, arm, True)
+            further = steps + _FURTHER_STEPS
+            reached = _approach(other, target, arm, further, _PRESENT_DAMPING, scratch)
+            # A distant solution is better than none nearby.
+            distant = (not reached and not near) and _approach(
+                best, target, arm, steps, _NEWTON_DAMPING, scratch
             )
-            if not by_far:
+            if not distant:
                 best[:] = other
-            reached = reached or by_far
-        missed[arm] = not reached
+            reached = reached or distant
+        missed[index] = not reached
 
 
 @compiled
-def _settle_all(joints: FloatArray, present: FloatArray, table: FloatArray, still: bool) -> None:
-    for arm in range(len(joints)):
-        _settle(joints[arm], present[arm], table, still)
-
-
-@compiled
-def _settle(joints: FloatArray, present: FloatArray, table: FloatArray, still: bool) -> None:
+def _settle(joints: FloatArray, present: FloatArray, arm: _Joints, still: bool) -> None:
+    """Move idle joints home, continuous joints near the present, and all within their limits."""
     for joint in range(len(joints)):
-        if still and table[_IDLE, joint] != 0.0:
-            joints[joint] = table[_HOME, joint]
-        elif table[_TURN, joint] != 0.0:
-            turns = np.rint((present[joint] - joints[joint]) / table[_TURN, joint])
-            joints[joint] += turns * table[_TURN, joint]
-        joints[joint] = min(max(joints[joint], table[_LOWER, joint]), table[_UPPER, joint])
+        if still and arm.idle[joint]:
+            joints[joint] = arm.home[joint]
+        elif arm.turn[joint] != 0.0:
+            turns = np.rint((present[joint] - joints[joint]) / arm.turn[joint])
+            joints[joint] += turns * arm.turn[joint]
+        joints[joint] = min(max(joints[joint], arm.lower[joint]), arm.upper[joint])
 
 
 @compiled
-def _way(joints: FloatArray, present: FloatArray, table: FloatArray) -> float:
-    """The longest way of a joint that moves the tool; infinite where it is no number."""
-    longest = 0.0
+def _distance(joints: FloatArray, present: FloatArray, arm: _Joints) -> float:
+    """Return the largest distance of a joint that moves the tool; infinity for NaN."""
+    largest = 0.0
     for joint in range(len(joints)):
-        if table[_IDLE, joint] == 0.0:
-            way = abs(joints[joint] - present[joint])
-            longest = max(longest, way if way == way else np.inf)
-    return longest
+        if not arm.idle[joint]:
+            distance = abs(joints[joint] - present[joint])
+            largest = max(largest, distance if distance == distance else np.inf)
+    return largest
 
 
 @compiled
 def _approach(
     joints: FloatArray,
     target: FloatArray,
-    orientation: FloatArray,
-    fixed: FloatArray,
-    table: FloatArray,
-    effort: tuple[int, float],
-    scratch: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    system: tuple[FloatArray, FloatArray, FloatArray],
+    arm: _Joints,
+    steps: int,
+    damping: float,
+    scratch: _Scratch,
 ) -> bool:
-    """Step towards a target, in place; say whether it is reached.
-
-    Effort is the greatest number of steps, and their squared damping.
-    """
-    steps, damping = effort
-    frame, columns, anchor, error = scratch
+    """Make at most ``steps`` steps towards a target, in place; return whether it is reached."""
+    error = scratch.error
     for step in range(steps + 1):
-        _forward(joints, fixed, table, frame, columns, anchor)
-        worst = _lack(frame, target, orientation, error)
+        _forward(joints, arm, scratch)
+        worst = _pose_error(target, scratch)
         if step == steps or worst < _EXACT:
             break
-        _jacobian(frame, table, columns, anchor)
-        _step(joints, error, table, columns, damping, system)
+        _jacobian(arm, scratch)
+        _step(joints, arm, damping, scratch)
     reached = True
     for row in range(len(error)):
         enough = POSITION_ENOUGH if row < 3 else ORIENTATION_ENOUGH
-        # An error that is no number is not enough.
-        reached = reached and abs(error[row]) <= enough
+        reached = reached and abs(error[row]) <= enough  # False for NaN
     return reached
 
 
 @compiled
-def _forward(
-    joints: FloatArray,
-    fixed: FloatArray,
-    table: FloatArray,
-    frame: FloatArray,
-    columns: FloatArray,
-    anchor: FloatArray,
-) -> None:
-    """Write the tool's frame (3, 4) and the joints' axes, into columns[:, 3:], and anchors."""
-    dof = len(joints)
+def _forward(joints: FloatArray, arm: _Joints, scratch: _Scratch) -> None:
+    """Write the tool's frame, the joints' axes, into columns[:, 3:], and their anchors."""
+    frame, dof = scratch.frame, len(joints)
     for row in range(3):
         for column in range(4):
             frame[row, column] = 1.0 if row == column else 0.0
     for joint in range(dof + 1):
-        link = fixed[joint]
+        link = arm.fixed[joint]
         sine, cosine, slide, direction = 0.0, 1.0, 0.0, 1.0
         if joint < dof:
-            direction = table[_DIRECTION, joint]
+            direction = arm.direction[joint]
             move = joints[joint] * direction
-            if table[_SLIDES, joint] != 0.0:
+            if arm.slides[joint]:
                 slide = move
             else:
                 sine, cosine = np.sin(move), np.cos(move)
@@ -231,19 +250,18 @@ def _forward(
             frame[row, 0], frame[row, 1] = cosine * u + sine * v, cosine * v - sine * u
             frame[row, 2] = w
             if joint < dof:
-                columns[joint, 3 + row] = w * direction
-                anchor[joint, row] = frame[row, 3]
+                scratch.columns[joint, 3 + row] = w * direction
+                scratch.anchor[joint, row] = frame[row, 3]
                 frame[row, 3] += w * slide
 
 
 @compiled
-def _jacobian(
-    frame: FloatArray, table: FloatArray, columns: FloatArray, anchor: FloatArray
-) -> None:
-    """Complete the Jacobian's columns (dof, 6), linear before angular, where the axes are."""
+def _jacobian(arm: _Joints, scratch: _Scratch) -> None:
+    """Complete the Jacobian's columns, linear before angular, from the axes in columns[:, 3:]."""
+    columns, frame, anchor = scratch.columns, scratch.frame, scratch.anchor
     for joint in range(len(columns)):
         x, y, z = columns[joint, 3], columns[joint, 4], columns[joint, 5]
-        if table[_SLIDES, joint] != 0.0:
+        if arm.slides[joint]:
             columns[joint, 0], columns[joint, 1], columns[joint, 2] = x, y, z
             columns[joint, 3:] = 0.0
             continue
@@ -256,10 +274,9 @@ def _jacobian(
 
 
 @compiled
-def _lack(
-    frame: FloatArray, target: FloatArray, orientation: FloatArray, error: FloatArray
-) -> float:
-    """Write what the tool lacks, as `solvers.pose_error` has it; return the greatest entry."""
+def _pose_error(target: FloatArray, scratch: _Scratch) -> float:
+    """Write the tool's error as `solvers.pose_error` defines it; return the largest entry."""
+    frame, orientation, error = scratch.frame, scratch.orientation, scratch.error
     for row in range(3):
         error[row] = target[row] - frame[row, 3]
     if len(error) == 6:
@@ -298,43 +315,28 @@ def _orientation(target: FloatArray, orientation: FloatArray) -> None:
 
 
 @compiled
-def _step(
-    joints: FloatArray,
-    error: FloatArray,
-    table: FloatArray,
-    columns: FloatArray,
-    damping: float,
-    system: tuple[FloatArray, FloatArray, FloatArray],
-) -> None:
-    """Make a damped least squares step, in place.
-
-    Joints that it would take beyond a limit stay, and the others do without them.
-    """
-    gram, solution, step = system
-    _least_squares(error, columns, damping, gram, solution, step)
+def _step(joints: FloatArray, arm: _Joints, damping: float, scratch: _Scratch) -> None:
+    """Make a damped least squares step, in place; joints that would leave their limits stay."""
+    columns, step = scratch.columns, scratch.step
+    _least_squares(damping, scratch)
     beyond = False
     for joint in range(len(joints)):
         moved = joints[joint] + step[joint]
-        if moved < table[_LOWER, joint] or moved > table[_UPPER, joint]:
+        if moved < arm.lower[joint] or moved > arm.upper[joint]:
             columns[joint] = 0.0
             beyond = True
     if beyond:
-        _least_squares(error, columns, damping, gram, solution, step)
+        _least_squares(damping, scratch)
     for joint in range(len(joints)):
-        moved = joints[joint] + min(max(step[joint], -_LONGEST_STEP), _LONGEST_STEP)
-        joints[joint] = min(max(moved, table[_LOWER, joint]), table[_UPPER, joint])
+        moved = joints[joint] + min(max(step[joint], -_LARGEST_STEP), _LARGEST_STEP)
+        joints[joint] = min(max(moved, arm.lower[joint]), arm.upper[joint])
 
 
 @compiled
-def _least_squares(
-    error: FloatArray,
-    columns: FloatArray,
-    damping: float,
-    gram: FloatArray,
-    solution: FloatArray,
-    step: FloatArray,
-) -> None:
+def _least_squares(damping: float, scratch: _Scratch) -> None:
     """Write J^T (J J^T + damping I)^-1 error, by Cholesky's decomposition."""
+    error, columns, gram = scratch.error, scratch.columns, scratch.gram
+    solution, step = scratch.solution, scratch.step
     rows, dof = len(error), len(columns)
     for row in range(rows):
         for other in range(row + 1):

@@ -1,4 +1,4 @@
-"""The search of Table 7.3: layers, width, activation and leak; or of a loop's weight; by Optuna."""
+"""Search for architectures (Table 7.3), or for the weight of a GAN's loop, with Optuna."""
 
 from __future__ import annotations
 
@@ -9,23 +9,15 @@ from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models import LOOPED, InverseModel, Training, new_model
-from saver_envs.modelling.networks import (
-    ACTIVATIONS,
-    LAYERS,
-    LEAKS,
-    WIDTHS,
-    Architecture,
-)
-
-FloatArray = NDArray[np.float64]
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.models import LOOPED, Training, new_model
+from saver_envs.modelling.networks import ACTIVATIONS, LAYERS, LEAKS, WIDTHS, MLPArchitecture
 
 _WARM_UP_EPOCHS: Final = 5
 
-#: What is searched: names of settings and their values.
+#: Names of settings and the values to search.
 Space = Mapping[str, Sequence[Any]]
 ARCHITECTURES: Final[Space] = {
     "layers": LAYERS,
@@ -37,14 +29,14 @@ ARCHITECTURES: Final[Space] = {
 
 
 def loop_space(model: str, weights: Sequence[float], trials: int) -> Space | None:
-    """Weights of the loop, each with the same seeds.
+    """Return the space of loop weights, each with the same seeds.
 
-    :param model: its name
-    :param weights: to try; none for another search
-    :param trials: how many there may be
-    :return: ``loop_weight`` and ``seed``, as many of the latter as there are trials for; None where
-        no weights are given
-    :raises ValueError: for a model without loops, a weight that cannot be, or too few trials
+    :param model: name of the model.
+    :param weights: weights to search; none for another search.
+    :param trials: greatest number of trials.
+    :return: ``loop_weight`` and ``seed``, with as many seeds as the trials allow; None without
+        weights.
+    :raises ValueError: for a model without loops, an invalid weight, or too few trials.
     """
     if not weights:
         return None
@@ -54,7 +46,7 @@ def loop_space(model: str, weights: Sequence[float], trials: int) -> Space | Non
         Training(loop_weight=weight)
     seeds = trials // len(weights)
     if seeds < 1:
-        raise ValueError(f"trials={trials}: must be at least one a weight, {len(weights)}")
+        raise ValueError(f"trials={trials}: must be at least one per weight, {len(weights)}")
     return {"loop_weight": list(weights), "seed": list(range(seeds))}
 
 
@@ -69,21 +61,20 @@ def search(
 ) -> list[dict[str, Any]]:
     """Search for the settings with the least validation error.
 
-    Architectures are sought by Optuna's tree-structured Parzen estimator; those that are worse than
-    the median of the trials before, at the same epoch, are broken off. Where the estimator comes
-    back to what it knows, as it does in a space of so few values, it is given one at random that it
-    does not. Any other space is gone through as a grid, to the end, so that its parts can be
-    compared.
+    Architectures are sampled by Optuna's tree-structured Parzen estimator, and a trial stops when
+    it is worse than the median of the previous ones at the same epoch. When the estimator repeats
+    itself, as it does in so small a space, a random untried setting follows. Other spaces are
+    searched as a grid without early stopping, so that their values can be compared.
 
-    :param model: its name
-    :param robot: the arm's name
-    :param task: "ik" or "id"
-    :param samples: inputs and outputs
-    :param training: of every trial; its seed is the search's too
-    :param trials: how many different settings
-    :param space: of architectures, or of settings of the training
-    :return: for each trial its ``settings``, ``epochs`` (fewer than the training's where it was
-        broken off), least ``validation_rmse`` and ``cpu_seconds``
+    :param model: name of the model.
+    :param robot: the arm's name.
+    :param task: ``ik`` or ``id``.
+    :param samples: inputs and outputs.
+    :param training: of every trial; the search uses its seed as well.
+    :param trials: number of different settings.
+    :param space: architectures, or settings of the training.
+    :return: for each trial its ``settings``, ``epochs`` (fewer than the training's if it stopped
+        early), least ``validation_rmse`` and ``cpu_seconds``.
     """
     import optuna
 
@@ -112,11 +103,18 @@ def search(
 
         began = time.process_time()
         try:
-            fitted, training_now = _as_set(model, robot, task, training, settings, architectures)
-            fitted.fit(*samples, training_now, report)
+            if architectures:
+                architecture = MLPArchitecture(**_without_dash(settings))
+                fresh = new_model(model, robot, task, architecture=architecture)
+                fresh.fit(*samples, training, report)
+            else:
+                fresh = new_model(model, robot, task)
+                fresh.fit(*samples, replace(training, **settings), report)
         finally:
             if errors:
-                done.append(_outcome(settings, errors, time.process_time() - began))
+                outcome = {"epochs": len(errors), "validation_rmse": min(errors)}
+                seconds = time.process_time() - began
+                done.append({"settings": settings, **outcome, "cpu_seconds": seconds})
         return min(errors)
 
     def stop(study: optuna.Study, _: object) -> None:
@@ -132,37 +130,16 @@ def search(
     return done
 
 
-def _as_set(
-    model: str,
-    robot: str,
-    task: Task,
-    training: Training,
-    settings: Mapping[str, Any],
-    architectures: bool,
-) -> tuple[InverseModel, Training]:
-    """A model and a training with settings of one or the other."""
-    if not architectures:
-        return new_model(model, robot, task), replace(training, **settings)
-    architecture = Architecture(**_without_dash(settings))
-    return new_model(model, robot, task, architecture=architecture), training
-
-
-def _outcome(settings: dict[str, Any], errors: Sequence[float], seconds: float) -> dict[str, Any]:
-    return {
-        "settings": settings,
-        "epochs": len(errors),
-        "validation_rmse": min(errors),
-        "cpu_seconds": seconds,
-    }
-
-
 def _all_settings(space: Space) -> list[dict[str, Any]]:
-    """Every combination, in the form of :func:`_suggested`."""
-    every = [dict(zip(space, values, strict=True)) for values in product(*space.values())]
-    for settings in every:
+    """Return every combination, in the form of :func:`_suggested`."""
+    distinct: list[dict[str, Any]] = []
+    for values in product(*space.values()):
+        settings = dict(zip(space, values, strict=True))
         if _leakless(settings):
             settings["leak"] = "-"
-    return [one for place, one in enumerate(every) if one not in every[:place]]
+        if settings not in distinct:
+            distinct.append(settings)
+    return distinct
 
 
 def _leakless(settings: Mapping[str, Any]) -> bool:
@@ -174,11 +151,9 @@ def _without_dash(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _suggested(trial: Any, space: Space) -> dict[str, Any]:
-    """A trial's settings; a leak only where the activation has one."""
+    """Return a trial's settings; the leak is ``-`` for activations without one."""
     settings: dict[str, Any] = {}
     for name, values in space.items():
-        if name == "leak" and _leakless(settings):
-            settings[name] = "-"
-        else:
-            settings[name] = trial.suggest_categorical(name, values)
+        leakless = name == "leak" and _leakless(settings)
+        settings[name] = "-" if leakless else trial.suggest_categorical(name, values)
     return settings

@@ -1,4 +1,4 @@
-"""Inverse models that come along, a weight file an arm and task."""
+"""Inverse models shipped with the package: a weight file for each arm and task."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ WEIGHTS = Path(__file__).parent / "weights"
 
 
 def shipped_model(robot: str, task: Task = "ik") -> InverseModel:
-    """Return the inverse model that comes along for an arm.
+    """Return the shipped inverse model of an arm.
 
     :param robot: the arm's name.
     :param task: ``ik``, inverse kinematics, or ``id``, inverse dynamics.
@@ -23,6 +23,26 @@ def shipped_model(robot: str, task: Task = "ik") -> InverseModel:
         names = sorted(one.name.removesuffix(ending) for one in WEIGHTS.glob(f"*{ending}"))
         kind = TASK_NAMES.get(task, f"task {task!r}")
         raise ValueError(
-            f"robot={robot!r}: weights of {kind} come along for {', '.join(names) or 'none'}"
+            f"robot={robot!r}: weights of {kind} are shipped for {', '.join(names) or 'none'}"
         )
     return load_model(path, robot, task)
+
+
+def model_for(robot: str, task: Task, model: InverseModel | str | Path | None) -> InverseModel:
+    """Return the model to use for an arm and a task.
+
+    :param robot: the arm's name.
+    :param task: ``ik`` or ``id``.
+    :param model: a fitted model, the path of a weight file, or None for the shipped model.
+    :raises ValueError: for a model of another arm or task.
+    """
+    if model is None:
+        return shipped_model(robot, task)
+    if not isinstance(model, InverseModel):
+        return load_model(Path(model), robot, task)
+    if model.robot != robot or model.task != task:
+        raise ValueError(
+            f"model={model.name!r} is of robot {model.robot!r}, task {model.task!r}: "
+            f"{robot!r} needs its own model of {TASK_NAMES[task]}"
+        )
+    return model

@@ -1,64 +1,62 @@
-"""Newton steps behind a guess, and the nearest reachable point where there is no exact answer."""
+"""Inverse kinematics by Newton steps, and the nearest reachable point where no solution exists."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import bounded, least_squares_step, orientation_error
-from saver_envs.modelling.arms import Arm
+from saver_envs.modelling.arms import KinematicArm
 from saver_envs.modelling.chain import Chain, FloatArray, Frames
 
 #: A target counts as reached within these residuals (m, rad).
 POSITION_TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 1e-2
-#: Squared damping of a refinement: next to nothing away from singular postures.
+#: Squared damping of Newton steps: negligible except near singular postures.
 _NEWTON_DAMPING = 1e-7
-#: Longest step of a joint in one iteration (rad, m).
-_LONGEST_STEP = 0.5
+#: Largest step of a joint in one iteration (rad, m).
+_LARGEST_STEP = 0.5
 _ITERATIONS = 100
-#: Damping of the search for the nearest point: first, its changes after a good and a bad step,
-#: and its bounds.
-_FIRST, _BETTER, _WORSE = 1e-4, 0.3, 4.0
+#: Damping of the search for the nearest point: initial value, factors after a good and a bad step,
+#: and bounds.
+_INITIAL, _BETTER, _WORSE = 1e-4, 0.3, 4.0
 _LEAST, _MOST = 1e-9, 1e3
-#: A search is over where its steps have become this small (rad, m).
+#: The search stops when its steps are this small (rad, m) ...
 _STILL = 1e-9
-#: And a target is met where the squared error is this small (m^2, rad^2).
+#: ... or the squared error is (m^2, rad^2).
 _EXACT = 1e-14
 
 
 @dataclass(frozen=True)
-class Reached:
-    """Where an arm gets to.
+class Solution:
+    """Joints for targets, and the remaining errors.
 
     :param joints: (n, dof), radians and metres, within the joint limits.
-    :param position_error: (n,) distance of the tool from its target, metres.
+    :param error: (n,) distance of the tool from its target, metres.
     :param orientation_error: (n,) angle from the target's orientation, radians; 0 for positions.
-    :param reached: (n,) whether both are within the tolerances.
     """
 
     joints: FloatArray
-    position_error: FloatArray
+    error: FloatArray
     orientation_error: FloatArray
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
-        """Return (n,) whether both errors are within the tolerances."""
-        return (self.position_error < POSITION_TOLERANCE) & (
-            self.orientation_error < ORIENTATION_TOLERANCE
-        )
+    def reachable(self) -> NDArray[np.bool_]:
+        """Return (n,) whether the target is reached to 1 mm and 0.01 rad."""
+        return (self.error < POSITION_TOLERANCE) & (self.orientation_error < ORIENTATION_TOLERANCE)
 
 
 def pose_error(
     position: FloatArray, rotation: FloatArray | None, targets: FloatArray
 ) -> FloatArray:
-    """Return what a tool lacks.
+    """Return the displacement from tools to targets.
 
-    :param position: (n, 3) of the tool, metres.
-    :param rotation: (n, 3, 3) of the tool; poses alone need it.
+    :param position: (n, 3) of the tools, metres.
+    :param rotation: (n, 3, 3) of the tools; required for poses.
     :param targets: (n, 3) positions, or (n, 6) positions and rotation vectors from tool-down.
-    :return: (n, 3) metres, or (n, 6) with the turn in radians, exact to first order.
+    :return: (n, 3) metres, or (n, 6) with the rotation in radians, exact to first order.
     """
     error = targets[:, :3] - position
     if rotation is None or targets.shape[1] == 3:
@@ -68,13 +66,8 @@ def pose_error(
     return np.concatenate([error, orientation_error(rotation)], axis=1)
 
 
-def target_error(frames: Frames, targets: FloatArray) -> FloatArray:
-    """Return what the tools of n configurations lack; see :func:`pose_error`."""
-    return pose_error(frames.tool_position, frames.tool_rotation, targets)
-
-
 def error_at(joints: FloatArray, targets: FloatArray, chain: Chain) -> FloatArray:
-    """Return what the tool lacks at joints (n, dof); see :func:`pose_error`."""
+    """Return the displacement from the tools at joints (n, dof) to targets; see `pose_error`."""
     if targets.shape[1] == 3:
         return pose_error(chain.position(joints), None, targets)
     return pose_error(*chain.tool_pose(joints), targets)
@@ -91,116 +84,107 @@ def rotation_of(vectors: FloatArray) -> FloatArray:
 
 
 def newton(
-    arm: Arm, targets: FloatArray, joints: FloatArray, steps: int, chain: Chain
+    arm: KinematicArm, targets: FloatArray, joints: FloatArray, steps: int, chain: Chain
 ) -> FloatArray:
-    """Return joints after some Newton steps, the shortest that do, within the joint limits.
+    """Return joints (n, dof) after least-norm Newton steps within the joint limits.
 
     :param arm: gives the limits.
     :param targets: (n, 3) or (n, 6).
     :param joints: (n, dof) to start from.
-    :param steps: their number.
-    :param chain: the arm's, of the tool that the targets are meant for.
+    :param steps: number of steps.
+    :param chain: the arm's chain up to the tool that the targets refer to.
     """
     lower, upper = arm.joint_lower, arm.joint_upper
     joints = bounded(joints, lower, upper)
-    rows = targets.shape[1]
     for _ in range(steps):
-        frames = chain.frames(joints)
-        jacobian = chain.jacobian(frames)[:, :rows]
-        error = target_error(frames, targets)
+        jacobian, error = _linearised(chain.frames(joints), targets, chain)
         moved = joints + least_squares_step(jacobian, error, _NEWTON_DAMPING)
         beyond = (moved < lower) | (moved > upper)
         if beyond.any():
-            # Those joints stay where they are, the others do without them.
+            # Those joints stay where they are; the other joints make up for them.
             few = np.flatnonzero(beyond.any(axis=1))
             held = jacobian[few] * ~beyond[few, None]
             moved[few] = joints[few] + least_squares_step(held, error[few], _NEWTON_DAMPING)
-        step = bounded(moved - joints, -_LONGEST_STEP, _LONGEST_STEP)
+        step = bounded(moved - joints, -_LARGEST_STEP, _LARGEST_STEP)
         joints = bounded(joints + step, lower, upper)
     return joints
 
 
-def judge(targets: FloatArray, joints: FloatArray, chain: Chain) -> Reached:
-    """Return where the arm is at given joints, seen from its targets."""
+def _linearised(frames: Frames, targets: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
+    """Return the Jacobian's rows (n, 3 or 6, dof) for the targets, and the error (n, 3 or 6)."""
+    error = pose_error(frames.tool_position, frames.tool_rotation, targets)
+    return chain.jacobian(frames)[:, : targets.shape[1]], error
+
+
+def evaluate(targets: FloatArray, joints: FloatArray, chain: Chain) -> Solution:
+    """Return the errors at joints (n, dof) with respect to targets (n, 3 or 6)."""
     error = error_at(joints, targets, chain)
-    return Reached(
-        joints,
-        np.linalg.norm(error[:, :3], axis=1),
-        np.linalg.norm(error[:, 3:], axis=1) if error.shape[1] > 3 else np.zeros(len(error)),
-    )
+    position, orientation = (np.linalg.norm(one, axis=1) for one in (error[:, :3], error[:, 3:]))
+    return Solution(joints, position, orientation)
 
 
-def nearest(arm: Arm, targets: FloatArray, joints: FloatArray, chain: Chain) -> Reached:
-    """Return the joints that bring the tool nearest to its targets: Levenberg and Marquardt's way.
+def nearest(arm: KinematicArm, targets: FloatArray, joints: FloatArray, chain: Chain) -> Solution:
+    """Return the joints that bring the tool nearest to its targets (Levenberg-Marquardt).
 
-    A joint that is at a limit and would go beyond is left out of the step. What is found is the
-    nearest point in the neighbourhood of the start; away from joint limits that is the nearest of
-    all.
+    A joint at a limit that would move beyond it is excluded from the step. The solution is the
+    nearest point in the neighbourhood of the start; away from joint limits it is the global one.
 
     :param arm: gives the limits.
     :param targets: (n, 3) or (n, 6).
     :param joints: (n, dof) to start from.
-    :param chain: the arm's, of the tool that the targets are meant for.
+    :param chain: the arm's chain up to the tool that the targets refer to.
     """
-    lower, upper, rows = arm.joint_lower, arm.joint_upper, targets.shape[1]
+    lower, upper = arm.joint_lower, arm.joint_upper
     joints = bounded(joints, lower, upper)
-    damping = np.full(len(joints), _FIRST)
-    frames = chain.frames(joints)
-    error = target_error(frames, targets)
+    # One damping per row, which `least_squares_step` broadcasts.
+    damping: Any = np.full((len(joints), 1), _INITIAL)
     for _ in range(_ITERATIONS):
-        jacobian = chain.jacobian(frames)[:, :rows].copy()
+        jacobian, error = _linearised(chain.frames(joints), targets, chain)
+        jacobian = np.ascontiguousarray(jacobian)  # the layout decides how products are rounded
         uphill = (jacobian * error[:, :, None]).sum(axis=1)
         stuck = ((joints <= lower) & (uphill < 0)) | ((joints >= upper) & (uphill > 0))
-        jacobian *= ~stuck[:, None, :]
-        step = bounded(_damped(jacobian, error, damping), -_LONGEST_STEP, _LONGEST_STEP)
-        tried = bounded(joints + step, lower, upper)
+        step = least_squares_step(jacobian * ~stuck[:, None, :], error, damping)
+        tried = bounded(joints + bounded(step, -_LARGEST_STEP, _LARGEST_STEP), lower, upper)
         tried_frames = chain.frames(tried)
-        tried_error = target_error(tried_frames, targets)
-        better = np.square(tried_error).sum(axis=1) < np.square(error).sum(axis=1)
+        tried_error = pose_error(tried_frames.tool_position, tried_frames.tool_rotation, targets)
+        square = np.square(error).sum(axis=1, keepdims=True)
+        better = np.square(tried_error).sum(axis=1, keepdims=True) < square
         damping = bounded(damping * np.where(better, _BETTER, _WORSE), _LEAST, _MOST)
-        moved = np.abs(np.where(better[:, None], tried - joints, 0.0)).max(initial=0.0)
-        joints = np.where(better[:, None], tried, joints)
-        settled = (damping >= _MOST) | (np.square(error).sum(axis=1) < _EXACT)
-        if settled.all() or (moved < _STILL and not (~better & ~settled).any()):
+        moved = np.abs(np.where(better, tried - joints, 0.0)).max(initial=0.0)
+        joints = np.where(better, tried, joints)
+        settled = (damping >= _MOST) | (square < _EXACT)
+        if settled.all() or (moved < _STILL and (better | settled).all()):
             break
-        frames = chain.frames(joints)
-        error = target_error(frames, targets)
-    return judge(targets, joints, chain)
-
-
-def _damped(jacobian: FloatArray, error: FloatArray, damping: FloatArray) -> FloatArray:
-    """Damped least squares with a damping for each row."""
-    transposed = jacobian.swapaxes(-1, -2)
-    gram = jacobian @ transposed + damping[:, None, None] * np.eye(jacobian.shape[1])
-    return (transposed @ np.linalg.solve(gram, error[..., None]))[..., 0]
+    return evaluate(targets, joints, chain)
 
 
 def reach(
-    arm: Arm, targets: FloatArray, present: FloatArray | None = None, chain: Chain | None = None
-) -> Reached:
+    arm: KinematicArm,
+    targets: FloatArray,
+    present: FloatArray | None = None,
+    chain: Chain | None = None,
+) -> Solution:
     """Solve inverse kinematics without a model.
 
-    From the present joints directly. Without them, from the home posture along the straight way to
-    each target, so that neighbouring targets get neighbouring joints.
+    The search starts from the present joints. Without them it follows the straight line from the
+    home posture to each target, so that neighbouring targets get neighbouring joints.
 
     :param arm: the arm.
     :param targets: (n, 3) or (n, 6), metres and radians.
     :param present: (n, dof), or None.
-    :param chain: the arm's, with another tool than the paper's.
+    :param chain: the arm's chain up to another tool than the paper's.
     """
     chain = chain or arm.chain
     if present is not None:
         return nearest(arm, targets, present, chain)
-    home = np.tile(np.asarray(arm.robot.home), (len(targets), 1))
+    joints = np.tile(np.asarray(arm.robot.home), (len(targets), 1))
     start = np.zeros(targets.shape[1])
-    start[:3] = chain.position(home[:1])[0]
-    joints = home
-    for share in np.linspace(0, 1, 11)[1:]:
-        joints = newton(arm, start + share * (targets - start), joints, 2, chain)
-    found = judge(targets, newton(arm, targets, joints, 3, chain), chain)
-    missed = ~found.reached
+    start[:3] = chain.position(joints[:1])[0]
+    for fraction in np.linspace(0, 1, 11)[1:]:
+        joints = newton(arm, start + fraction * (targets - start), joints, 2, chain)
+    found = evaluate(targets, newton(arm, targets, joints, 3, chain), chain)
+    missed = ~found.reachable
     if not missed.any():
         return found
-    joints, better = found.joints.copy(), nearest(arm, targets[missed], found.joints[missed], chain)
-    joints[missed] = better.joints
-    return judge(targets, joints, chain)
+    found.joints[missed] = nearest(arm, targets[missed], found.joints[missed], chain).joints
+    return evaluate(targets, found.joints, chain)

@@ -1,4 +1,4 @@
-"""The twin: a simulated arm that differs from its data sheet the way a real one does."""
+"""The twin: a simulated arm that differs from its data sheet as real arms do."""
 
 from __future__ import annotations
 
@@ -9,37 +9,33 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from saver_envs.modelling.arms import Arm, arm_named
+from saver_envs.modelling.arms import TwinParameters, arm_named, arms_with_twins
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.mujoco_chain import links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.modelling.trajectories import Trajectory
-from saver_envs.modelling.twin_parameters import TWINS, TwinParameters
-from saver_envs.robots import fetch, mico
 
 #: Physics, controller and torque log run at this rate, 500 Hz (s).
 TIME_STEP = 0.002
 #: The feed-forward is computed at 100 Hz and held.
 FEED_FORWARD_STEPS = 5
-#: Steps whose noise and reference are made at once.
+#: Steps for which noise and reference are computed at once.
 _CHUNK = 5000
 
 #: (n, dof) positions, velocities and accelerations to (n, dof) torques.
 InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
-_BUILDERS = {"mico": mico.build_torque_driven, "fetch": fetch.build_torque_driven}
-
 
 @dataclass(frozen=True)
 class Record:
-    """What a controlled run leaves behind, k samples of n arms.
+    """Log of a controlled run: k samples of n arms.
 
     :param time: (k,), seconds.
-    :param reference: (n, k, dof) where the joints should be.
-    :param position: (n, k, dof) where they really are.
-    :param measured_position: (n, k, dof) what the encoders say.
-    :param commanded_torque: (n, k, dof) what the controller asked for.
-    :param measured_torque: (n, k, dof) what the drives say they gave.
+    :param reference: (n, k, dof) reference of the joints.
+    :param position: (n, k, dof) true joints.
+    :param measured_position: (n, k, dof) readings of the encoders.
+    :param commanded_torque: (n, k, dof) output of the controller.
+    :param measured_torque: (n, k, dof) readings of the drives' torque.
     """
 
     time: FloatArray
@@ -53,11 +49,13 @@ class Record:
 def nominal_model(name: str) -> mujoco.MjModel:
     """Return the arm as its maker describes it, driven by torques.
 
+    :param name: the arm's name.
     :raises ValueError: for an arm without a torque-driven model.
     """
-    if name not in _BUILDERS:
-        raise ValueError(f"robot={name!r}: twins exist of {', '.join(_BUILDERS)}")
-    spec = _BUILDERS[name]()
+    build = arm_named(name).torque_driven
+    if build is None:
+        raise ValueError(f"robot={name!r}: twins exist of {', '.join(arms_with_twins())}")
+    spec = build()
     for geom in list(spec.geoms):
         spec.delete(geom)
     spec.option.timestep = TIME_STEP
@@ -68,22 +66,24 @@ def nominal_model(name: str) -> mujoco.MjModel:
 class Twin:
     """The perturbed plant with its sensors and its low-level controller.
 
-    Nothing touches anything: way-points are chosen free of collision beforehand.
+    It has no contacts: way-points are free of collisions.
 
-    :param name: ``mico`` or ``fetch``.
-    :param parameters: what sets it apart; by default the arm's entry of ``TWINS``.
-    :raises ValueError: for another arm.
+    :param name: the arm's name.
+    :param parameters: how the plant differs; by default the arm's own.
+    :raises ValueError: for an arm without a twin.
     """
 
     def __init__(self, name: str, parameters: TwinParameters | None = None) -> None:
-        self.arm: Arm = arm_named(name)
+        self.arm = arm_named(name)
         self.model = nominal_model(name)
-        self.parameters = TWINS[name] if parameters is None else parameters
+        parameters = parameters or self.arm.twin
+        assert parameters is not None  # arms with a torque-driven model have a twin
+        self.parameters = parameters
         self._perturb()
 
     def _perturb(self) -> None:
-        model, given, robot = self.model, self.parameters, self.arm.robot
-        joints = [model.joint(joint).id for joint in robot.arm_joints]
+        model, given = self.model, self.parameters
+        joints = [model.joint(joint).id for joint in self.arm.robot.arm_joints]
         dofs, bodies = model.jnt_dofadr[joints], model.jnt_bodyid[joints]
         for body, scale in zip(bodies, given.mass_scale, strict=True):
             model.body_mass[body] *= scale
@@ -100,17 +100,13 @@ class Twin:
     def with_gain(self, gain: float) -> Twin:
         """Return the same plant with another feedback.
 
-        :param gain: multiple of the stiffness; the damping goes with its root.
+        :param gain: factor of the stiffness; the damping is scaled by its square root.
         """
         given = self.parameters
-        return Twin(
-            self.arm.name,
-            replace(
-                given,
-                stiffness=tuple(gain * one for one in given.stiffness),
-                controller_damping=tuple(gain**0.5 * one for one in given.controller_damping),
-            ),
-        )
+        stiffness = tuple(gain * one for one in given.stiffness)
+        damping = tuple(gain**0.5 * one for one in given.controller_damping)
+        changed = replace(given, stiffness=stiffness, controller_damping=damping)
+        return Twin(self.arm.name, changed)
 
     def track(
         self,
@@ -120,33 +116,38 @@ class Twin:
         log_every: int = 1,
         progress: Callable[[int], None] | None = None,
     ) -> Record:
-        """Follow trajectories, each with an arm of its own, by feed-forward and feedback.
+        """Follow trajectories, each with its own arm, by feed-forward and feedback.
 
         The torque is ``feed_forward(reference) + stiffness * error + damping * error's rate``; the
-        drives saturate and lag. With ``feed_forward`` the inverse dynamics this is the computed
-        torque along the reference.
+        drives saturate and lag. With inverse dynamics as ``feed_forward`` this is computed-torque
+        control along the reference.
 
         :param trajectories: of equal duration.
         :param feed_forward: torques for (q, q', q''), or None for feedback alone.
         :param generator: of the sensors' noise.
-        :param log_every: record every so many steps of 0.002 s.
-        :param progress: is told the number of steps done since it was last told.
+        :param log_every: record one in this many steps of 0.002 s.
+        :param progress: called with the number of steps since the previous call.
         :raises ValueError: for trajectories of different duration.
-        :raises RuntimeError: when the simulation breaks down.
+        :raises RuntimeError: if the simulation diverges.
         """
-        steps = {round(one.duration / TIME_STEP) for one in trajectories}
-        if len(steps) != 1:
-            raise ValueError("trajectories: all must last equally long")
-        run = _Run(self, trajectories, feed_forward, generator, steps.pop(), log_every)
-        while run.step < run.steps:
-            done = run.advance(min(_CHUNK, run.steps - run.step))
+        durations = {round(one.duration / TIME_STEP) for one in trajectories}
+        if len(durations) != 1:
+            raise ValueError("trajectories: must have the same duration")
+        steps = durations.pop()
+        run = _Run(self, trajectories, feed_forward, generator)
+        logs = []
+        for first in range(0, steps, _CHUNK):
+            count = min(_CHUNK, steps - first)
+            logs.append([one[-first % log_every :: log_every] for one in run.advance(first, count)])
             if progress is not None:
-                progress(done)
-        return run.record()
+                progress(count)
+        joined = [np.concatenate(one).swapaxes(0, 1) for one in zip(*logs, strict=True)]
+        time: FloatArray = np.arange(joined[0].shape[1], dtype=np.float64) * TIME_STEP * log_every
+        return Record(time, *joined)
 
 
 class _Run:
-    """One closed-loop simulation in progress."""
+    """A closed-loop simulation in progress."""
 
     def __init__(
         self,
@@ -154,32 +155,25 @@ class _Run:
         trajectories: list[Trajectory],
         feed_forward: InverseDynamics | None,
         generator: np.random.Generator,
-        steps: int,
-        log_every: int,
     ) -> None:
         self._given, self._generator = twin.parameters, generator
         self._trajectories, self._feed_forward = trajectories, feed_forward
-        self.step, self.steps, self._log_every = 0, steps, log_every
-        n, dof = len(trajectories), twin.arm.dof
-        self._batch = Batch(twin.model, nsim=n, nthread=1, persistent=True)
+        self._batch = Batch(twin.model, nsim=len(trajectories), nthread=1, persistent=True)
         self._position, self._velocity = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._control = self._batch.bind("ctrl")
-        start, _, acceleration = self._reference(0, 1)
-        self._position[:] = start[:, 0]
-        self._torque = np.zeros((n, dof))
-        if feed_forward is not None:
-            self._torque[:] = feed_forward(start[:, 0], 0 * start[:, 0], acceleration[:, 0])
-        self._logs: list[tuple[FloatArray, ...]] = []
+        start = self._reference(0, 1)
+        self._position[:] = start[0][:, 0]
+        self._torque = self._feed(start)[:, 0]
 
     def _reference(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, velocities and accelerations (n, count, dof) from step ``first`` on."""
+        """Return positions, velocities and accelerations (n, count, dof) from a step on."""
         times: FloatArray = np.arange(first, first + count, dtype=np.float64) * TIME_STEP
         parts = [one.at(times) for one in self._trajectories]
         position, velocity, acceleration = (np.stack(part) for part in zip(*parts, strict=True))
         return position, velocity, acceleration
 
     def _feed(self, reference: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
-        """Feed-forward torques (n, count, dof), held over some steps."""
+        """Return feed-forward torques (n, count, dof), each held for some steps."""
         n, count, dof = reference[0].shape
         if self._feed_forward is None:
             return np.zeros((n, count, dof))
@@ -187,24 +181,29 @@ class _Run:
         torque = self._feed_forward(*sparse).reshape(n, -1, dof)
         return np.repeat(torque, FEED_FORWARD_STEPS, axis=1)[:, :count]
 
-    def advance(self, count: int) -> int:
-        """Simulate ``count`` steps and log them."""
+    def advance(self, first: int, count: int) -> tuple[FloatArray, ...]:
+        """Simulate steps.
+
+        :param first: index of the first step.
+        :param count: number of steps.
+        :return: reference, true and measured position, commanded and measured torque, each
+            (count, n, dof).
+        :raises RuntimeError: if the simulation diverges.
+        """
         given, generator = self._given, self._generator
-        n, dof = self._torque.shape
-        reference = self._reference(self.step, count)
-        feed = self._feed(reference)
-        # One row a step: the loop below then reads neighbouring memory.
+        reference = self._reference(first, count)
+        # One row per step: the loop below then reads contiguous memory.
         position_wanted, velocity_wanted, feed = (
-            np.ascontiguousarray(one.swapaxes(0, 1)) for one in (*reference[:2], feed)
+            np.ascontiguousarray(one.swapaxes(0, 1))
+            for one in (*reference[:2], self._feed(reference))
         )
-        noise = generator.standard_normal((3, count, n, dof))
+        noise = generator.standard_normal((3, *feed.shape))
         encoder = noise[0] * np.asarray(given.encoder_noise)
-        velocity_noise = noise[1] * np.asarray(given.velocity_noise)
         stiffness, damping = np.asarray(given.stiffness), np.asarray(given.controller_damping)
-        share = 1 - np.exp(-TIME_STEP / given.lag)
+        response = 1 - np.exp(-TIME_STEP / given.lag)
         limit = np.asarray(given.torque_limit)
-        true, commanded, applied = (np.empty((count, n, dof)) for _ in range(3))
-        velocity_wanted -= velocity_noise
+        true, commanded, applied = (np.empty_like(feed) for _ in range(3))
+        velocity_wanted -= noise[1] * np.asarray(given.velocity_noise)
         position_wanted_noisy = position_wanted - encoder
         torque, position, velocity = self._torque, self._position, self._velocity
         for row in range(count):
@@ -212,30 +211,22 @@ class _Run:
             command = feed[row] + stiffness * (position_wanted_noisy[row] - position)
             command += damping * (velocity_wanted[row] - velocity)
             commanded[row] = command
-            torque += share * (np.minimum(np.maximum(command, -limit), limit) - torque)
+            torque += response * (np.minimum(np.maximum(command, -limit), limit) - torque)
             applied[row] = torque
             self._control[:] = torque
             self._batch.step()
         if not np.isfinite(position).all():
-            raise RuntimeError(f"the twin broke down before {self.step * TIME_STEP:.1f} s")
+            raise RuntimeError(f"the twin's simulation diverged before {first * TIME_STEP:.1f} s")
         measured_torque = applied + noise[2] * np.asarray(given.torque_noise)
-        offset = -self.step % self._log_every
-        logged = (position_wanted, true, true + encoder, commanded, measured_torque)
-        self._logs.append(tuple(one[offset :: self._log_every] for one in logged))
-        self.step += count
-        return count
-
-    def record(self) -> Record:
-        """Return what was logged."""
-        joined = [np.concatenate(one).swapaxes(0, 1) for one in zip(*self._logs, strict=True)]
-        time: FloatArray = (
-            np.arange(joined[0].shape[1], dtype=np.float64) * TIME_STEP * self._log_every
-        )
-        return Record(time, *joined)
+        return position_wanted, true, true + encoder, commanded, measured_torque
 
 
 def nominal_inverse_dynamics(name: str) -> InverseDynamics:
-    """Return inverse dynamics with the maker's inertia: what a low-level controller would have."""
+    """Return inverse dynamics with the maker's inertia, as a low-level controller has it.
+
+    :param name: the arm's name.
+    :raises ValueError: for an arm without a torque-driven model.
+    """
     arm = arm_named(name)
     links = links_of_model(
         nominal_model(name), arm.robot.base_body, arm.robot.arm_joints, arm.chain

@@ -1,8 +1,8 @@
-"""Samples for the inverse kinematics in use: tool targets over a workspace, joints that reach them.
+"""Samples for learned inverse kinematics: tool targets over a workspace, and joints for them.
 
 Targets follow cubics through random way-points, like the joints of the paper's trajectories. Each
-has one answer, reached from the home posture along a straight way (see `solvers.reach`): a function
-that a network can learn, where the paper's data have several answers for one point.
+has a single solution, reached from the home posture along a straight line (see `solvers.reach`):
+a function that a network can learn, whereas the paper's data have several solutions for one point.
 """
 
 from __future__ import annotations
@@ -12,46 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import Arm, arm_named
+from saver_envs.modelling.arms import KinematicArm, arm_named
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.solvers import reach
 from saver_envs.modelling.trajectories import Trajectory
-from saver_envs.reachability import GRID_LOWER, GRID_UPPER
 
 #: Samples from one way-point to the next.
-_SAMPLES_A_WAY = 40
-#: Targets are solved so many at once.
+_SAMPLES_PER_WAY = 40
+#: Targets solved at once.
 _ROWS = 4096
 
 
 @dataclass(frozen=True)
-class Region:
-    """Where targets are.
-
-    :param lower: corner of a box in the base frame, metres.
-    :param upper: the opposite corner.
-    :param reach: farthest from the shoulder, metres.
-    :param turn: largest component of the rotation vector from tool-down, radians; poses alone.
-    """
-
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
-    reach: float = np.inf
-    turn: float = 0.15
-
-
-#: The box of hand positions of the environments, with room round it; for the MICO less what is too
-#: far for its hand; for the Fetch the space in front of its chest.
-REGIONS = {
-    "jaco": Region(GRID_LOWER, GRID_UPPER),
-    "mico": Region(GRID_LOWER, GRID_UPPER, reach=0.59),
-    "fetch": Region((0.45, -0.60, 0.35), (0.95, 0.60, 1.30)),
-}
-
-
-@dataclass(frozen=True)
 class WorkspaceSamples:
-    """Targets with their joints, in the order of time.
+    """Targets with their joints, in temporal order.
 
     :param targets: (n, 3) positions, or (n, 6) poses, of the tool that set-points refer to.
     :param joints: (n, dof).
@@ -67,41 +41,37 @@ def workspace_samples(name: str, count: int, seed: int) -> WorkspaceSamples:
     :param name: the arm's name.
     :param count: number of samples.
     :param seed: of the way-points.
-    :raises ValueError: for an arm without a region.
+    :raises ValueError: for an unknown arm.
     """
-    if name not in REGIONS:
-        raise ValueError(f"robot={name!r}: there are regions of {', '.join(REGIONS)}")
-    arm, region = arm_named(name), REGIONS[name]
-    generator = np.random.default_rng(seed)
+    arm, generator = arm_named(name), np.random.default_rng(seed)
     targets: list[FloatArray] = []
     joints: list[FloatArray] = []
     missing = count
     while missing > 0:
-        drawn = _targets(arm, region, generator)
+        drawn = _targets(arm, generator)
         found = reach(arm, drawn, chain=arm.tool_chain)
-        kept = found.reached
+        kept = found.reachable
         targets.append(drawn[kept])
         joints.append(found.joints[kept])
         missing -= int(kept.sum())
     return WorkspaceSamples(np.concatenate(targets)[:count], np.concatenate(joints)[:count])
 
 
-def _targets(arm: Arm, region: Region, generator: np.random.Generator) -> FloatArray:
-    """Draw targets along cubics through way-points, those outside of the region left out."""
-    lower = np.concatenate([region.lower, np.full(3, -region.turn)])[: arm.target_size]
-    upper = np.concatenate([region.upper, np.full(3, region.turn)])[: arm.target_size]
-    ways = _ROWS // _SAMPLES_A_WAY
-    points = generator.uniform(lower, upper, (ways + 1, arm.target_size))
-    times = (np.arange(ways * _SAMPLES_A_WAY) + 0.5) / _SAMPLES_A_WAY
+def _targets(arm: KinematicArm, generator: np.random.Generator) -> FloatArray:
+    """Draw targets along cubics through way-points; those outside the region are dropped."""
+    region, size = arm.region, arm.target_size
+    lower = np.concatenate([region.lower, np.full(3, -region.turn)])[:size]
+    upper = np.concatenate([region.upper, np.full(3, region.turn)])[:size]
+    ways = _ROWS // _SAMPLES_PER_WAY
+    points = generator.uniform(lower, upper, (ways + 1, size))
+    times = (np.arange(ways * _SAMPLES_PER_WAY) + 0.5) / _SAMPLES_PER_WAY
     targets = Trajectory(points, 1.0).at(times)[0]
-    return targets[within(arm, region, targets)]
+    return targets[within(arm, targets)]
 
 
-def within(arm: Arm, region: Region, targets: FloatArray) -> NDArray[np.bool_]:
-    """Say which targets (n, 3 or 6) lie in the region."""
-    shoulder = np.array([0.0, 0.0, arm.robot.shoulder_height])
-    near = np.linalg.norm(targets[:, :3] - shoulder, axis=1) <= region.reach
-    inside: NDArray[np.bool_] = near & np.all(
-        (targets[:, :3] >= region.lower) & (targets[:, :3] <= region.upper), axis=1
-    )
-    return inside
+def within(arm: KinematicArm, targets: FloatArray) -> NDArray[np.bool_]:
+    """Return (n,) whether targets (n, 3 or 6) lie in the arm's region."""
+    position, region = targets[:, :3], arm.region
+    near = np.linalg.norm(position - (0.0, 0.0, arm.robot.shoulder_height), axis=1) <= region.reach
+    inside: NDArray[np.bool_] = np.all((position >= region.lower) & (position <= region.upper), 1)
+    return inside & near

@@ -9,22 +9,12 @@ import sys
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
+from saver_envs.modelling import arms
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.chain import Chain
-from saver_envs.modelling.dh import (
-    FETCH_TABLE,
-    MICO_TABLE,
-    MICO_TOOL,
-    Row,
-    chain_of_table,
-    fetch_chain,
-    mico_chain,
-)
-from saver_envs.modelling.inertia import Links, fetch_appendix_links, mico_appendix_links
-from saver_envs.modelling.mico_kinematics import inverse_kinematics, nearest_branch
+from saver_envs.modelling.dh import DHRow, chain_of_table
+from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.mujoco_chain import chain_of_model, links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.robots import fetch, jaco, mico
@@ -36,7 +26,7 @@ from saver_envs.simulation import Simulation
 SITES = {"mico": "end_effector", "fetch": "tool"}
 BASES = {"mico": "base", "fetch": fetch.BASE_BODY}
 ROOMS = {"mico": mico, "fetch": fetch}
-CHAINS = {"mico": mico_chain(), "fetch": fetch_chain()}
+CHAINS = {"mico": arms.mico.chain(), "fetch": arms.fetch.chain()}
 
 
 @pytest.fixture(scope="module", params=["mico", "fetch"])
@@ -130,12 +120,21 @@ def test_chains_read_off_a_model(robot: str) -> None:
 
 
 def test_tables_are_the_papers() -> None:
-    alphas = [row.alpha for row in MICO_TABLE]
+    alphas = [row.alpha for row in arms.mico.DH_TABLE]
     assert alphas == [0.0, -math.pi / 2, 0.0, -math.pi / 2]
-    assert [row.a for row in MICO_TABLE] == [0.0, 0.0, 0.29, 0.0]
-    half = math.pi / 2
-    assert [row.alpha for row in FETCH_TABLE] == [0, -half, -half, half, -half, half, -half, 0]
-    assert FETCH_TABLE[2].offset == -half
+    assert [row.a for row in arms.mico.DH_TABLE] == [0.0, 0.0, 0.29, 0.0]
+    half, alphas = math.pi / 2, [row.alpha for row in arms.fetch.DH_TABLE]
+    assert alphas == [
+        0,
+        -half,
+        -half,
+        half,
+        -half,
+        half,
+        -half,
+        0,
+    ]
+    assert arms.fetch.DH_TABLE[2].offset == -half
     lower, upper = arm_named("mico").lower, arm_named("mico").upper
     assert np.allclose(np.degrees(lower), (-180, 70, 155, -180))
     assert np.allclose(np.degrees(upper), (180, 200, 295, 180))
@@ -145,16 +144,16 @@ def test_tables_are_the_papers() -> None:
 
 
 def test_the_convention_matters() -> None:
-    modified = chain_of_table(FETCH_TABLE, "modified")
+    modified = chain_of_table(arms.fetch.DH_TABLE, "modified")
     joints = motions(8, 20)[0]
     assert np.abs(modified.position(joints) - CHAINS["fetch"].position(joints)).max() > 0.1
     with pytest.raises(ValueError, match="convention='craig'"):
-        chain_of_table(FETCH_TABLE, "craig")  # type: ignore[arg-type]
+        chain_of_table(arms.fetch.DH_TABLE, "craig")  # type: ignore[arg-type]
 
 
 def test_a_pendulum_by_hand() -> None:
     # A point of 2 kg on a massless rod of 0.5 m, swinging about a level axis.
-    chain = chain_of_table((Row(0.0, -math.pi / 2, 0.0),), "modified")
+    chain = chain_of_table((DHRow(0.0, -math.pi / 2, 0.0),), "modified")
     links = Links(np.array([2.0]), np.array([[0.5, 0.0, 0.0]]), np.zeros((1, 3, 3)))
     torque = inverse_dynamics(
         chain, links, np.zeros((1, 1)), np.full((1, 1), 3.0), np.full((1, 1), 4.0)
@@ -163,7 +162,7 @@ def test_a_pendulum_by_hand() -> None:
     assert torque[0, 0] == pytest.approx(2 * 0.25 * 4.0 - 2 * 9.81 * 0.5)
 
 
-@pytest.mark.parametrize("links", [mico_appendix_links(), fetch_appendix_links()])
+@pytest.mark.parametrize("links", [arms.mico.appendix_links(), arms.fetch.appendix_links()])
 def test_the_appendix_describes_bodies_that_can_exist(links: Links) -> None:
     for inertia in links.inertia:
         values = np.linalg.eigvalsh(inertia)
@@ -175,38 +174,9 @@ def test_the_appendix_describes_bodies_that_can_exist(links: Links) -> None:
 def test_the_appendix_is_near_the_makers_figures() -> None:
     model = mico.build_torque_driven().compile()
     maker = links_of_model(model, "base", mico.ARM_JOINTS, CHAINS["mico"])
-    paper = mico_appendix_links()
+    paper = arms.mico.appendix_links()
     assert np.abs(maker.centre - paper.centre).max() < 0.035
     assert np.allclose(maker.mass, paper.mass)
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    st.tuples(st.floats(-3.1, 3.1), st.floats(0.9, 5.3), st.floats(0.65, 5.6), st.floats(-3.1, 3.1))
-)
-def test_closed_form_has_every_branch(joints: tuple[float, ...]) -> None:
-    chain = mico_chain(MICO_TOOL)
-    target = chain.position(np.array([joints]))
-    found, valid = inverse_kinematics(target, MICO_TOOL)
-    assert np.isfinite(found).all()
-    for branch in found[0][valid[0]]:
-        reached = chain.position(np.array([[*branch, 0.3]]))
-        assert np.abs(reached - target).max() < 1e-9
-    # The joints that the point came from are among them, unless the arm is stretched out there,
-    # where two branches meet and rounding is magnified.
-    if abs(math.sin(joints[2])) > 1e-3 and np.hypot(*target[0, :2]) > 0.02:
-        near = np.abs(found[0][valid[0]] - np.array(joints[:3])).max(axis=1).min()
-        assert near < 1e-6
-        chosen, reached = nearest_branch(target, np.array([joints]) + 1e-4, MICO_TOOL)
-        assert reached[0]
-        assert np.abs(chosen[0] - joints)[:3].max() < 1e-6
-
-
-def test_closed_form_says_what_is_out_of_reach() -> None:
-    far = np.array([[2.0, 0.0, 0.2], [0.001, 0.001, 0.8]])
-    found, valid = inverse_kinematics(far)
-    assert not valid.any()
-    assert np.isfinite(found).all()
 
 
 def test_the_fetch_comes_without_foreign_simulator_code() -> None:
@@ -255,8 +225,8 @@ def test_wrong_joints_are_named(joints: np.ndarray) -> None:
 
 
 def test_wrong_dynamics_are_named() -> None:
-    chain, links = CHAINS["mico"], mico_appendix_links()
+    chain, links = CHAINS["mico"], arms.mico.appendix_links()
     with pytest.raises(ValueError, match="velocity of shape"):
         inverse_dynamics(chain, links, np.zeros((2, 4)), np.zeros((3, 4)), np.zeros((2, 4)))
     with pytest.raises(ValueError, match="links=8"):
-        inverse_dynamics(chain, fetch_appendix_links(), *np.zeros((3, 2, 4)))
+        inverse_dynamics(chain, arms.fetch.appendix_links(), *np.zeros((3, 2, 4)))

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from saver_envs.modelling import datasets
-from saver_envs.modelling.arms import arm_named
+from saver_envs.modelling.arms import Campaign, Processing, arm_named
+from saver_envs.modelling.arms.mico import TWIN
 from saver_envs.modelling.datasets import (
-    CAMPAIGNS,
-    Campaign,
+    campaign_of,
     load_recordings,
     record_twin,
     samples_of,
@@ -21,7 +21,7 @@ from saver_envs.modelling.datasets import (
     twin_data_set,
 )
 from saver_envs.modelling.dynamics import tracking_error
-from saver_envs.modelling.recordings import COLUMNS, Processing, Recording, smoothed
+from saver_envs.modelling.recordings import COLUMNS, Recording, smoothed
 from saver_envs.modelling.trajectories import Trajectory, random_trajectory
 from saver_envs.modelling.twin import (
     TIME_STEP,
@@ -29,7 +29,6 @@ from saver_envs.modelling.twin import (
     nominal_inverse_dynamics,
     nominal_model,
 )
-from saver_envs.modelling.twin_parameters import TWINS
 
 SHORT = Campaign(2, 2, 1.0, 1, Processing(0.5, 50, 10), 50)
 
@@ -55,7 +54,7 @@ def test_cubics_rest_at_the_way_points_and_agree_with_their_derivatives() -> Non
 
 @pytest.mark.parametrize("name", ["mico", "fetch"])
 def test_way_points_are_feasible(name: str) -> None:
-    arm, interval = arm_named(name), CAMPAIGNS[name].interval
+    arm, interval = arm_named(name), campaign_of(name).interval
     trajectory = random_trajectory(name, 12, interval, np.random.default_rng(1))
     assert (trajectory.points >= arm.lower).all()
     assert (trajectory.points <= arm.upper).all()
@@ -68,7 +67,7 @@ def test_way_points_are_feasible(name: str) -> None:
 
 
 def test_campaigns_give_the_papers_sizes() -> None:
-    mico, fetch = CAMPAIGNS["mico"], CAMPAIGNS["fetch"]
+    mico, fetch = campaign_of("mico"), campaign_of("fetch")
     assert (mico.trajectories, mico.samples, mico.way_points * mico.interval) == (6, 12_000, 800)
     assert (fetch.trajectories, fetch.samples) == (2, 60_000)
     assert fetch.way_points * fetch.interval - 2 * fetch.processing.cut == 2400
@@ -82,14 +81,14 @@ def test_campaigns_give_the_papers_sizes() -> None:
 def test_the_twin_differs_from_the_makers_arm_as_its_parameters_say() -> None:
     nominal, twin = nominal_model("mico"), Twin("mico").model
     ratio = twin.body("link_2").mass[0] / nominal.body("link_2").mass[0]
-    assert ratio == pytest.approx(TWINS["mico"].mass_scale[1])
-    assert np.allclose(twin.dof_frictionloss, TWINS["mico"].friction)
-    assert np.allclose(twin.actuator_forcerange[:, 1], TWINS["mico"].torque_limit)
+    assert ratio == pytest.approx(TWIN.mass_scale[1])
+    assert np.allclose(twin.dof_frictionloss, TWIN.friction)
+    assert np.allclose(twin.actuator_forcerange[:, 1], TWIN.torque_limit)
 
 
 def test_feed_forward_of_the_plants_own_dynamics_tracks_best() -> None:
     ways = [Trajectory(np.array([[0.0, 2.2, 4.0, 0.0], [0.5, 2.6, 3.4, 0.5]]), 3.0)]
-    given = TWINS["mico"]
+    given = TWIN
     still = (0.0,) * 4
     ideal = replace(
         given,
@@ -117,7 +116,7 @@ def test_feed_forward_of_the_plants_own_dynamics_tracks_best() -> None:
 
 
 def test_torques_saturate() -> None:
-    weak = replace(TWINS["mico"], torque_limit=(1.0, 1.0, 1.0, 1.0))
+    weak = replace(TWIN, torque_limit=(1.0, 1.0, 1.0, 1.0))
     ways = [Trajectory(np.array([[0.0, 2.2, 4.0, 0.0], [2.0, 2.6, 3.4, 0.5]]), 1.0)]
     record = Twin("mico", weak).track(ways, None, np.random.default_rng(0))
     assert np.abs(record.commanded_torque).max() > 5

@@ -14,25 +14,25 @@ from hypothesis import strategies as st
 
 import saver_envs  # noqa: F401  (registers the ids)
 from saver_envs.control import DampedLeastSquares
-from saver_envs.modelling.arms import ARMS, arm_named
+from saver_envs.modelling.arms import ARMS, arm_named, mico
+from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.datasets import campaign_of
-from saver_envs.modelling.dh import MICO_TABLE, MICO_TOOL
 from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.models import Training, new_model
-from saver_envs.modelling.models.base import FloatArray, InverseModel
-from saver_envs.modelling.networks import Architecture
+from saver_envs.modelling.models.base import InverseModel
+from saver_envs.modelling.networks import MLPArchitecture
 from saver_envs.modelling.shipped import shipped_model
-from saver_envs.modelling.solvers import judge, nearest, newton, reach, rotation_of
+from saver_envs.modelling.solvers import evaluate, nearest, newton, reach, rotation_of
 from saver_envs.modelling.trajectories import random_trajectory
 from saver_envs.modelling.twin import Twin
-from saver_envs.modelling.workspace import REGIONS, within, workspace_samples
+from saver_envs.modelling.workspace import within, workspace_samples
 from saver_envs.registration import make_episodes
 from saver_envs.wrappers.learned_ik import LearnedIKAction
 
-SHOULDER = np.array([0.0, 0.0, MICO_TABLE[0].d])
+SHOULDER = np.array([0.0, 0.0, mico.DH_TABLE[0].d])
 #: The MICO's reach from its shoulder (m): both links stretched out, 7 mm beside the axis.
-REACH = float(np.hypot(0.29 + 0.1231 + MICO_TOOL, MICO_TABLE[2].d))
+REACH = float(np.hypot(0.29 + 0.1231 + mico.TOOL, mico.DH_TABLE[2].d))
 
 
 class Wild(type(new_model("mlp", "mico", "ik"))):  # type: ignore[misc]
@@ -62,8 +62,8 @@ def test_workspace_samples_are_targets_that_their_joints_reach(robot: str) -> No
     arm = arm_named(robot)
     samples = workspace_samples(robot, 300, 0)
     assert samples.targets.shape == (300, arm.target_size)
-    assert within(arm, REGIONS[robot], samples.targets).all()
-    assert judge(samples.targets, samples.joints, arm.tool_chain).reached.all()
+    assert within(arm, samples.targets).all()
+    assert evaluate(samples.targets, samples.joints, arm.tool_chain).reachable.all()
     again = workspace_samples(robot, 300, 0)
     assert np.array_equal(samples.joints, again.joints)
 
@@ -81,11 +81,11 @@ def test_newton_steps_converge(robot: str) -> None:
     start = samples.joints + 0.02
     errors = [
         np.median(
-            judge(
+            evaluate(
                 samples.targets,
                 newton(arm, samples.targets, start, steps, arm.tool_chain),
                 arm.tool_chain,
-            ).position_error
+            ).error
         )
         for steps in range(4)
     ]
@@ -101,7 +101,7 @@ def test_newton_steps_keep_the_limits() -> None:
     joints = newton(arm, samples.targets, start, 4, arm.tool_chain)
     assert (joints >= arm.joint_lower).all()
     assert (joints <= arm.joint_upper).all()
-    assert judge(samples.targets, joints, arm.tool_chain).reached.mean() > 0.9
+    assert evaluate(samples.targets, joints, arm.tool_chain).reachable.mean() > 0.9
 
 
 @settings(max_examples=15, deadline=None)
@@ -155,9 +155,9 @@ def test_endless_joints_turn_the_shorter_way() -> None:
 def test_a_solver_without_a_model() -> None:
     arm = arm_named("jaco")
     samples = workspace_samples("jaco", 50, 5)
-    assert reach(arm, samples.targets).reached.all()
+    assert reach(arm, samples.targets).reachable.all()
     near = nearest(arm, samples.targets, samples.joints + 0.1, arm.tool_chain)
-    assert near.reached.all()
+    assert near.reachable.all()
 
 
 @pytest.mark.parametrize("env_id", ["MicoPush-v0", "JacoPush-v0"])
@@ -254,7 +254,7 @@ def fitted(robot: str, task: str) -> InverseModel:
         "mlp",
         robot,
         task,  # type: ignore[arg-type]
-        architecture=Architecture(1, 8),
+        architecture=MLPArchitecture(1, 8),
     )
     values = np.random.default_rng(0).normal(size=(40, model.input_size + model.output_size))
     model.fit(values[:, : model.input_size], values[:, model.input_size :], Training(epochs=1))
@@ -268,9 +268,9 @@ def test_models_of_another_arm_or_task_are_refused() -> None:
         LearnedInverseDynamics("fetch", fitted("mico", "id"))
     with pytest.raises(ValueError, match="refinement=-1"):
         LearnedInverseKinematics("mico", refinement=-1)
-    with pytest.raises(ValueError, match="kinematics come along for fetch, jaco, mico"):
+    with pytest.raises(ValueError, match="kinematics are shipped for fetch, jaco, mico"):
         shipped_model("panda")
-    with pytest.raises(ValueError, match="dynamics come along for fetch, mico"):
+    with pytest.raises(ValueError, match="dynamics are shipped for fetch, mico"):
         shipped_model("jaco", "id")
     with pytest.raises(ValueError, match="robot='ur5'"):
         workspace_samples("ur5", 10, 0)

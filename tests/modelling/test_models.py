@@ -26,14 +26,14 @@ from saver_envs.modelling.models.dualgan import WEIGHT_BOUND
 from saver_envs.modelling.models.flow import ConditionalFlow, Flow
 from saver_envs.modelling.networks import (
     ACTIVATIONS,
-    Architecture,
     FrozenNetwork,
+    MLPArchitecture,
     Precision,
     build_network,
 )
 from saver_envs.modelling.newton_euler import inverse_dynamics
 
-SMALL = Architecture(layers=2, width=32)
+SMALL = MLPArchitecture(layers=2, width=32)
 QUICK = Training(epochs=4, batch_size=64)
 NETWORKS = ("mlp", *ADVERSARIAL, "conditional", "flow")
 
@@ -104,8 +104,8 @@ def test_what_is_supervised_comes_near(name: str) -> None:
 
 def test_bfloat16_keeps_weights_and_ends_in_float32() -> None:
     torch.manual_seed(0)
-    half = build_network(5, 3, Architecture(layers=3, width=64), "bfloat16")
-    full = build_network(5, 3, Architecture(layers=3, width=64))
+    half = build_network(5, 3, MLPArchitecture(layers=3, width=64), "bfloat16")
+    full = build_network(5, 3, MLPArchitecture(layers=3, width=64))
     full.load_state_dict(half.state_dict(), strict=True)
     values = torch.randn(50, 5)
     assert half(values).dtype == torch.float32
@@ -332,7 +332,7 @@ def test_the_analytic_kinematics_are_exact() -> None:
 @pytest.mark.parametrize("rows", [1, 7, 600])
 def test_numpy_computes_what_torch_does(activation: str, rows: int) -> None:
     torch.manual_seed(0)
-    architecture = Architecture(3, 48, activation, 0.3)  # type: ignore[arg-type]
+    architecture = MLPArchitecture(3, 48, activation, 0.3)  # type: ignore[arg-type]
     network = build_network(5, 3, architecture)
     frozen = FrozenNetwork(network.state_dict(), architecture)
     values = torch.randn(rows, 5)
@@ -344,7 +344,7 @@ def test_numpy_computes_what_torch_does(activation: str, rows: int) -> None:
 
 
 def test_layers_are_hidden_ones() -> None:
-    network = build_network(3, 4, Architecture(layers=3, width=256))
+    network = build_network(3, 4, MLPArchitecture(layers=3, width=256))
     widths = [m.out_features for m in network if isinstance(m, torch.nn.Linear)]
     assert widths == [256, 256, 256, 4]
     # The discriminators and generators of dynamics have five.
@@ -365,7 +365,7 @@ def test_layers_are_hidden_ones() -> None:
 )
 def test_wrong_architectures_are_named(options: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Architecture(**options)  # type: ignore[arg-type]
+        MLPArchitecture(**options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import ARMS, Arm, arm_named
+from saver_envs.modelling.arms import ARMS, KinematicArm, arm_named
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.refinement import ORIENTATION_ENOUGH, POSITION_ENOUGH, Refinement
 from saver_envs.modelling.solvers import error_at, nearest
@@ -21,19 +21,19 @@ from saver_envs.registration import make_episodes
 Floats = NDArray[np.float64]
 
 
-def lack(arm: Arm, joints: Floats, targets: Floats) -> Floats:
+def lack(arm: KinematicArm, joints: Floats, targets: Floats) -> Floats:
     """What the tool lacks (n, rows), by the code for whole data sets."""
     return np.abs(error_at(joints, targets, arm.tool_chain))
 
 
-def misses(arm: Arm, joints: Floats, targets: Floats) -> NDArray[np.bool_]:
+def misses(arm: KinematicArm, joints: Floats, targets: Floats) -> NDArray[np.bool_]:
     error = lack(arm, joints, targets)
     return (error[:, :3] > POSITION_ENOUGH).any(axis=1) | (error[:, 3:] > ORIENTATION_ENOUGH).any(
         axis=1
     )
 
 
-def within(arm: Arm, joints: Floats) -> bool:
+def within(arm: KinematicArm, joints: Floats) -> bool:
     return bool(((joints >= arm.joint_lower) & (joints <= arm.joint_upper)).all())
 
 
@@ -60,7 +60,7 @@ def test_poses_that_are_not_tool_down() -> None:
     turned = samples.targets.copy()
     turned[:, 3:] += np.random.default_rng(1).uniform(-0.3, 0.3, (100, 3))
     exact = nearest(arm, turned, samples.joints, arm.tool_chain)
-    good = exact.reached
+    good = exact.reachable
     assert good.sum() > 50
     joints, missed = Refinement(arm)(turned[good], exact.joints[good], exact.joints[good], 0)
     assert not missed.any()
@@ -97,7 +97,7 @@ def test_the_present_branch_is_kept_and_left_where_need_be() -> None:
     flipped = samples.joints + np.array([0, 0, 0, np.pi, 0, np.pi])
     flipped[:, 4] *= -1
     there = nearest(arm, samples.targets, flipped, arm.tool_chain)
-    far = there.reached & (np.abs(there.joints - samples.joints).max(axis=1) > 1)
+    far = there.reachable & (np.abs(there.joints - samples.joints).max(axis=1) > 1)
     assert far.sum() > 20
     targets, now, other = samples.targets[far], samples.joints[far], there.joints[far]
     joints, missed = refine(targets, other, now + 0.05, 2)

@@ -344,10 +344,10 @@ def test_other_pages_come_from_their_figures() -> None:
 def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """20 s of the MICO instead of 800: as many samples, nearer to one another."""
     from saver_envs.modelling import datasets
-    from saver_envs.modelling.recordings import Processing
+    from saver_envs.modelling.arms import Campaign, Processing
 
-    short = datasets.Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
-    monkeypatch.setitem(datasets.CAMPAIGNS, "mico", short)
+    short = Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
+    monkeypatch.setattr(datasets, "campaign_of", lambda _: short)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
 
@@ -428,7 +428,7 @@ def test_a_search_never_trains_the_same_twice(monkeypatch: pytest.MonkeyPatch) -
     [
         ("cgan", [0.1], 1, "model='cgan' has no loop: choose one of bigan, dualgan"),
         ("bigan", [-0.1], 1, "loop_weight=-0.1"),
-        ("bigan", [0.1, 1.0], 1, "trials=1: must be at least one a weight, 2"),
+        ("bigan", [0.1, 1.0], 1, "trials=1: must be at least one per weight, 2"),
     ],
 )
 def test_wrong_searches_are_named(

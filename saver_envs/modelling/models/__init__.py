@@ -38,8 +38,8 @@ def new_model(name: str, robot: str, task: Task, **options: Any) -> InverseModel
     :param name: of ``MODELS``.
     :param robot: the arm's name.
     :param task: ``ik`` or ``id``.
-    :param options: the model's own, such as ``architecture``.
-    :raises ValueError: for an unknown name, or a task that the model is not for.
+    :param options: of the model, such as ``architecture``.
+    :raises ValueError: for an unknown name, or a task that the model does not solve.
     """
     if name not in MODELS:
         raise ValueError(f"model={name!r}: must be one of {', '.join(MODELS)}")

@@ -1,51 +1,60 @@
-"""What the adversarial models share: fake inputs, the two turns of an update, their optimisers."""
+"""What the adversarial models share: fake samples, alternating updates, and optimisers."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from saver_envs.modelling.models.base import Training
-from saver_envs.modelling.models.network_model import NetworkModel, adam
+from saver_envs.modelling.models.network_model import NetworkModel, adam, descend
 
-#: Adam's decay rates: the first below the usual 0.9, as is the custom with adversarial losses.
+#: Adam's decay rates: the first below the usual 0.9, as is common with adversarial losses.
 _BETAS = (0.5, 0.999)
 
 
 class AdversarialModel(NetworkModel):
-    """A generator that predicts, other networks that map back, and discriminators that judge.
+    """A generator I -> O that predicts, perhaps an encoder O -> I, and discriminators of I || O.
 
-    In every update the discriminators learn first, from generated samples through which no
-    gradient flows, then the generators, from discriminators that stay as they are.
+    In every update the discriminators learn first, from generated samples without gradient, then
+    the generators, with the discriminators fixed.
     """
+
+    has_encoder: ClassVar[bool] = False
+    n_discriminators: ClassVar[int] = 1
 
     def _prepare(self, training: Training) -> nn.Module:
         self._sigma, self._supervised = training.sigma, training.supervised_weight
         self._loop_weight = training.loop_weight
-        generators, discriminators = self._build()
-        self._generators, self._discriminators = generators, discriminators
-        self._generator_adam = _adam(generators, training)
-        self._discriminator_adam = _adam(discriminators, training)
-        return generators[0]
+        inputs, outputs = self.network_input_size, self.output_size
+        self._generators = [self._new_network(inputs, outputs)]
+        if self.has_encoder:
+            self._generators.append(self._new_network(outputs, inputs))
+        self._discriminators = [
+            self._new_network(inputs + outputs, 1) for _ in range(self.n_discriminators)
+        ]
+        self._optimisers = [
+            _adam(self._generators, training),
+            _adam(self._discriminators, training),
+        ]
+        return self._generators[0]
 
-    def _optimisers(self) -> list[torch.optim.Optimizer]:
-        return [self._generator_adam, self._discriminator_adam]
-
-    @abstractmethod
-    def _build(self) -> tuple[list[nn.Module], list[nn.Module]]:
-        """Return generators, the predicting one first, and discriminators."""
-
-    @abstractmethod
     def _fakes(self, inputs: Tensor, outputs: Tensor) -> list[Tensor]:
         """Return generated samples I || O, for the discriminators in turn."""
+        near_inputs = self._near(inputs)
+        fakes = [torch.cat([near_inputs, self._generators[0](near_inputs)], dim=1)]
+        if self.has_encoder:
+            near_outputs = self._near(outputs)
+            fakes.append(torch.cat([self._generators[1](near_outputs), near_outputs], dim=1))
+        return fakes
 
     @abstractmethod
     def _discriminator_loss(self, real: Tensor, fakes: list[Tensor]) -> Tensor:
-        """Return what the discriminators minimise.
+        """Return the discriminators' loss.
 
         :param real: (n, inputs + outputs).
         :param fakes: what :meth:`_fakes` returned, detached.
@@ -53,15 +62,14 @@ class AdversarialModel(NetworkModel):
 
     @abstractmethod
     def _generator_loss(self, inputs: Tensor, outputs: Tensor, fakes: list[Tensor]) -> Tensor:
-        """Return what the generators minimise."""
+        """Return the generators' loss."""
 
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
+        generator_adam, discriminator_adam = self._optimisers
         fakes = self._fakes(inputs, outputs)
         real = torch.cat([inputs, outputs], dim=1)
-        loss = self._discriminator_loss(real, [fake.detach() for fake in fakes])
-        self._discriminator_adam.zero_grad()
-        loss.backward()
-        self._discriminator_adam.step()
+        detached = [fake.detach() for fake in fakes]
+        descend(discriminator_adam, self._discriminator_loss(real, detached))
         self._after_discriminators()
         for network in self._discriminators:
             network.requires_grad_(False)
@@ -69,24 +77,18 @@ class AdversarialModel(NetworkModel):
         if self._supervised:
             predicted = self._generators[0](inputs)
             loss = loss + self._supervised * functional.mse_loss(predicted, outputs)
-        self._generator_adam.zero_grad()
-        loss.backward()
-        self._generator_adam.step()
+        descend(generator_adam, loss)
         for network in self._discriminators:
             network.requires_grad_(True)
 
     def _after_discriminators(self) -> None:
-        """Do what must follow a discriminators' step."""
+        """Constrain the discriminators' weights after their step."""
 
     def _near(self, values: Tensor) -> Tensor:
         """Return fake values, N(values, sigma^2) in every channel."""
         if not self._sigma:
             return values
         return values + self._sigma * torch.randn_like(values)
-
-    def _judge(self) -> nn.Module:
-        """Return a fresh discriminator of I || O, one logit or score."""
-        return self._new_network(self.network_input_size + self.output_size, 1)
 
 
 def squared_distance(first: Tensor, second: Tensor) -> Tensor:

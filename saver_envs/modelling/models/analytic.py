@@ -1,27 +1,27 @@
-"""What needs no learning: kinematics in closed form or solved, Newton-Euler with Appendix A."""
+"""Analytic models: iterated inverse kinematics, and Newton-Euler with the inertia of Appendix A."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
 from torch import Tensor
 
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.models.base import History, InverseModel, Progress, Training
 from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.modelling.solvers import reach
 
 
 class Analytic(InverseModel):
-    """The forward model's own inverse, and the drawing's dynamics.
+    """The inverse of the forward model, and the dynamics of the drawings.
 
-    Inverse kinematics is damped least squares, iterated from the arm's home posture, or from the
-    present joints where they are given; inverse dynamics is recursive Newton-Euler with the
-    inertia of Appendix A.
+    Inverse kinematics iterates damped least squares from the arm's home posture, or from the
+    present joints if given; inverse dynamics is recursive Newton-Euler with the inertia of
+    Appendix A.
 
-    :raises ValueError: for the dynamics of an arm that Appendix A does not have.
+    :raises ValueError: for the dynamics of an arm that Appendix A does not list.
     """
 
     name: ClassVar[str] = "analytic"
@@ -30,26 +30,19 @@ class Analytic(InverseModel):
         super().__init__(robot, task)
         links = self.arm.appendix_links
         if task == "id" and links is None:
-            raise ValueError(f"robot={robot!r}: Appendix A has no inertia of it")
+            raise ValueError(f"robot={robot!r}: Appendix A has no inertia for it")
         self._links = links() if links is not None and task == "id" else None
 
-    def fit(
-        self,
-        inputs: FloatArray,
-        outputs: FloatArray,
-        training: Training | None = None,
-        progress: Callable[[int, float], None] | None = None,
+    def _fit(
+        self, inputs: FloatArray, outputs: FloatArray, training: Training, progress: Progress
     ) -> History:
-        """Check the samples; there is nothing to learn."""
-        inputs, outputs = self._samples(inputs, outputs)
+        """Measure the error; there is nothing to learn."""
         few = slice(0, len(inputs), max(1, len(inputs) // 2000))
         history = History()
         history.add(self.predict(inputs[few]) - outputs[few])
         return history
 
-    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
-        """Return joints or torques; see :class:`InverseModel`."""
-        inputs = self._checked(inputs, self.input_size, "inputs")
+    def _predict(self, inputs: FloatArray, present: FloatArray | None) -> FloatArray:
         if self._links is not None:
             position, velocity, acceleration = np.split(inputs, 3, axis=1)
             return inverse_dynamics(self.arm.chain, self._links, position, velocity, acceleration)

@@ -1,4 +1,4 @@
-"""What every inverse model can do: fit, predict, save; and how it is trained."""
+"""The interface of inverse models (fit, predict, save) and the settings of their training."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 import torch
@@ -16,10 +16,13 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from saver_envs.files import written_whole
-from saver_envs.modelling.arms import Arm, Task, arm_named
+from saver_envs.modelling.arms import TASK_NAMES, Task, arm_named
+from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
 
-FloatArray = NDArray[np.float64]
+T = TypeVar("T")
+#: Called with each epoch and its validation RMSE.
+Progress = Callable[[int, float], None]
 
 TASKS: Final[tuple[Task, ...]] = ("ik", "id")
 FORMAT: Final = "saver-inverse-model-1"
@@ -27,27 +30,27 @@ FORMAT: Final = "saver-inverse-model-1"
 
 @dataclass(frozen=True)
 class Training:
-    """How a model is trained; the defaults are the paper's where it names them.
+    """How a model is trained; the defaults are the paper's where it states them.
 
-    :param epochs: passes over the training share.
-    :param batch_size: samples of an update. The paper names none.
+    :param epochs: passes over the training samples.
+    :param batch_size: samples per update; not stated in the paper.
     :param learning_rate: of Adam.
-    :param decay: the learning rate of the last epoch as a share of the first, on a cosine.
-    :param validation_share: of the samples, drawn at random, that train nothing.
-    :param sigma: standard deviation of the fake inputs round the real ones, in the standardised
-        units of the channels (0, 0.2, 0.4 or 0.6 in the paper); adversarial models alone.
-    :param supervised_weight: of the squared error that is added to the generator's loss; 0 in the
-        paper's equations; adversarial models alone.
-    :param loop_weight: of the loops in the losses of ``bigan`` and ``dualgan``. The paper names
-        none, and any two generators that undo each other meet them, whatever the data: too great a
-        weight drowns the discriminators, which alone tie the generators to the data.
+    :param decay: ratio of the last epoch's learning rate to the first's, on a cosine.
+    :param validation_share: fraction of the samples held out for validation, drawn at random.
+    :param sigma: standard deviation of the fake inputs around the real ones, in standardised units
+        (0, 0.2, 0.4 or 0.6 in the paper); only for adversarial models.
+    :param supervised_weight: weight of a squared error added to the generator's loss; 0 in the
+        paper's equations; only for adversarial models.
+    :param loop_weight: weight of the loops in the losses of ``bigan`` and ``dualgan``; not stated
+        in the paper. Any two generators that invert each other satisfy the loops, whatever the
+        data: a large weight drowns the discriminators, which alone tie the generators to the data.
     :param precision: of the products between hidden layers, ``float32`` or ``bfloat16``: the
-        latter takes two thirds of the time on a processor that has it (AVX-512 BF16, AMX) and much
-        more on one that has not. Weights and predictions are in float32 either way.
-    :param device: that the networks learn on, ``cpu`` or ``cuda``. Models predict on the CPU. From
-        a seed, weights, split and order are the same on both; the noise of the fake inputs is not.
+        latter takes two thirds of the time on a processor that supports it (AVX-512 BF16, AMX) and
+        much more on others. Weights and predictions are in float32 either way.
+    :param device: on which networks learn, ``cpu`` or ``cuda``; models predict on the CPU. From a
+        seed, weights, split and order are the same on both; the noise of the fake inputs is not.
     :param seed: of weights, split, order and noise.
-    :raises ValueError: for a value out of range, or a GPU where there is none.
+    :raises ValueError: for a value out of range, or ``cuda`` without a GPU.
     """
 
     epochs: int = 100
@@ -80,17 +83,25 @@ class Training:
                 raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
         if self.device == "cuda" and not torch.cuda.is_available():
             raise ValueError(
-                f"device='cuda': torch {torch.__version__} sees no GPU here; 'cpu' would do"
+                f"device='cuda': torch {torch.__version__} finds no GPU; use device='cpu'"
             )
+
+    def split(
+        self, count: int, generator: np.random.Generator
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the indices of the validation samples, at least one, and the training samples."""
+        order = generator.permutation(count)
+        held_out = max(1, round(self.validation_share * count))
+        return order[:held_out], order[held_out:]
 
 
 @dataclass
 class History:
-    """What a training run was like.
+    """Validation errors of a training run.
 
-    :param validation_rmse: after every epoch, in original units.
-    :param best_epoch: from 0, that of the weights which are kept.
-    :param per_output: at that epoch, of each output.
+    :param validation_rmse: root mean square error after every epoch, in original units.
+    :param best_epoch: index of the epoch whose weights are kept.
+    :param per_output: root mean square error of each output at that epoch.
     """
 
     validation_rmse: list[float] = field(default_factory=list)
@@ -98,7 +109,7 @@ class History:
     per_output: list[float] = field(default_factory=list)
 
     def add(self, error: FloatArray) -> bool:
-        """Note the errors (n, outputs) of an epoch; say whether it is the best so far."""
+        """Record the errors (n, outputs) of an epoch; return whether it is the best so far."""
         square = np.square(error).mean(axis=0)
         rmse = float(np.sqrt(square.mean()))
         best = np.isfinite(rmse) and rmse < min(self.validation_rmse, default=np.inf)
@@ -114,66 +125,83 @@ class InverseModel(ABC):
 
     :param robot: the arm's name.
     :param task: ``ik`` or ``id``.
-    :raises ValueError: for an unknown arm or task.
+    :raises ValueError: for an unknown arm or a task that the model does not solve.
     """
 
     name: ClassVar[str]
     #: Whether `predict` needs the present joints.
     needs_present: ClassVar[bool] = False
+    #: Tasks that the model solves.
+    tasks: ClassVar[tuple[Task, ...]] = TASKS
 
     def __init__(self, robot: str, task: Task) -> None:
-        self.arm: Arm = arm_named(robot)
+        self.arm = arm_named(robot)
         if task not in TASKS:
             raise ValueError(f"task={task!r}: must be one of {', '.join(TASKS)}")
+        if task not in self.tasks:
+            only = TASK_NAMES[self.tasks[0]]
+            raise ValueError(f"task={task!r}: {self.name!r} is only for {only}")
         self.robot, self.task = robot, task
 
     @property
     def input_size(self) -> int:
-        """Numbers of an input: a target's, or three times the joints'."""
+        """Size of an input: a target, or position, velocity and acceleration of the joints."""
         return self.arm.target_size if self.task == "ik" else 3 * self.arm.dof
 
     @property
     def output_size(self) -> int:
-        """Numbers of an output: one a joint."""
+        """Size of an output: one number per joint."""
         return self.arm.dof
 
-    @abstractmethod
     def fit(
         self,
         inputs: FloatArray,
         outputs: FloatArray,
         training: Training | None = None,
-        progress: Callable[[int, float], None] | None = None,
+        progress: Progress | None = None,
     ) -> History:
-        """Learn from samples in the order of time.
+        """Learn from samples in temporal order.
 
         :param inputs: (n, input_size), original units.
         :param outputs: (n, output_size).
-        :param training: how; the defaults if None.
-        :param progress: is told each epoch and its validation RMSE.
-        :raises ValueError: for shapes that do not fit, or values that are not finite.
+        :param training: settings; the defaults if None.
+        :param progress: called with each epoch and its validation RMSE.
+        :return: validation errors.
+        :raises ValueError: for mismatched shapes, or values that are not finite.
         """
+        inputs, outputs = self._samples(inputs, outputs)
+        return self._fit(inputs, outputs, training or Training(), progress or (lambda *_: None))
 
-    @abstractmethod
     def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
         """Return outputs (n, output_size) in original units.
 
         :param inputs: (n, input_size).
-        :param present: (n, dof) the joints now; inverse kinematics alone, and only where
-            ``needs_present`` says so must it be given.
-        :raises ValueError: for shapes that do not fit, or a model that is not fitted.
+        :param present: (n, dof) present joints, for inverse kinematics; required if
+            ``needs_present``.
+        :raises ValueError: for a wrong shape, or a model that is not fitted.
         """
+        return self._predict(self._checked(inputs, self.input_size, "inputs"), present)
+
+    @abstractmethod
+    def _fit(
+        self, inputs: FloatArray, outputs: FloatArray, training: Training, progress: Progress
+    ) -> History:
+        """Learn from checked samples; see :meth:`fit`."""
+
+    @abstractmethod
+    def _predict(self, inputs: FloatArray, present: FloatArray | None) -> FloatArray:
+        """Return outputs for checked inputs; see :meth:`predict`."""
 
     @abstractmethod
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Tensors and settings that make the model."""
+        """Return the tensors and settings that define the model."""
 
     @classmethod
     @abstractmethod
     def _from_state(
         cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
     ) -> InverseModel:
-        """Make the model again."""
+        """Return the model that :meth:`_state` describes."""
 
     def save(self, path: Path, card: Mapping[str, Any] | None = None) -> None:
         """Write a weight file.
@@ -204,6 +232,12 @@ class InverseModel(ABC):
         with written_whole(path) as file:
             file.write(to_bytes(whole, header))
 
+    def _fitted(self, part: T | None) -> T:
+        """Return a part that fitting or loading creates, or raise ValueError."""
+        if part is None:
+            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        return part
+
     def _checked(self, values: FloatArray, size: int, name: str) -> FloatArray:
         values = np.asarray(values, dtype=np.float64)
         if values.ndim != 2 or values.shape[1] != size:
@@ -219,6 +253,6 @@ class InverseModel(ABC):
         outputs = self._checked(outputs, self.output_size, "outputs")
         if len(inputs) != len(outputs) or len(inputs) < 2:
             raise ValueError(
-                f"{len(inputs)} inputs and {len(outputs)} outputs: must be as many, at least 2"
+                f"{len(inputs)} inputs and {len(outputs)} outputs: must be equally many, at least 2"
             )
         return inputs, outputs

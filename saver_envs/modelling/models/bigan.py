@@ -5,37 +5,22 @@ from __future__ import annotations
 from typing import ClassVar
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
-from saver_envs.modelling.models.adversarial import (
-    AdversarialModel,
-    squared_distance,
-)
+from saver_envs.modelling.models.adversarial import AdversarialModel, squared_distance
 
 
 class Bigan(AdversarialModel):
     """A generator I -> O, an encoder O -> I, one discriminator of I || O, and a loop.
 
     min_(G,E) max_D E[log D(O|I)] + E[log(1 - D(G(I*)|I*))] + E[log(1 - D(O*|E(O*)))], with
-    I* ~ N(I, sigma^2) and O* ~ N(O, sigma^2); G and E minimise ||I - E(G(I))||^2 besides, by
+    I* ~ N(I, sigma^2) and O* ~ N(O, sigma^2); G and E also minimise ||I - E(G(I))||^2, weighted by
     ``loop_weight``.
     """
 
     name: ClassVar[str] = "bigan"
-
-    def _build(self) -> tuple[list[nn.Module], list[nn.Module]]:
-        inputs, outputs = self.network_input_size, self.output_size
-        networks = [self._new_network(inputs, outputs), self._new_network(outputs, inputs)]
-        return list(networks), [self._judge()]
-
-    def _fakes(self, inputs: Tensor, outputs: Tensor) -> list[Tensor]:
-        generator, encoder = self._generators
-        near_inputs, near_outputs = self._near(inputs), self._near(outputs)
-        return [
-            torch.cat([near_inputs, generator(near_inputs)], dim=1),
-            torch.cat([encoder(near_outputs), near_outputs], dim=1),
-        ]
+    has_encoder: ClassVar[bool] = True
 
     def _discriminator_loss(self, real: Tensor, fakes: list[Tensor]) -> Tensor:
         scores = self._discriminators[0](torch.cat([real, *fakes])).split(len(real))
@@ -48,6 +33,6 @@ class Bigan(AdversarialModel):
         generator, encoder = self._generators
         scores = self._discriminators[0](torch.cat(fakes)).split(len(inputs))
         fooled = -sum((functional.softplus(one).mean() for one in scores), torch.zeros(()))
-        # Without noise G(I) is at hand.
+        # Without noise the fakes contain G(I).
         generated = generator(inputs) if self._sigma else fakes[0][:, inputs.shape[1] :]
         return fooled + self._loop_weight * squared_distance(inputs, encoder(generated))

@@ -1,8 +1,9 @@
-"""A normalising flow over joints, given the target: today's peer of the adversarial models.
+"""A normalising flow over joints, given the target: a modern counterpart of the adversarial models.
 
 Coupling layers (RealNVP; Dinh et al., 2017) turn a normal variable into joints, conditioned on the
-target, and learn by maximum likelihood, as IKFlow does (Ames et al., 2022). It keeps the answers
-apart that a regressor averages: from several draws the one nearest to the present joints is taken.
+target, and learn by maximum likelihood, as in IKFlow (Ames et al., 2022). A regressor averages over
+solutions; a flow separates them, and of several draws the one nearest to the present joints is
+used.
 """
 
 from __future__ import annotations
@@ -15,16 +16,17 @@ import torch
 from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models.base import FloatArray, Training
-from saver_envs.modelling.models.network_model import NetworkModel, adam
-from saver_envs.modelling.networks import Architecture, Float32, FrozenNetwork, build_network
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.models.base import Training
+from saver_envs.modelling.models.network_model import NetworkModel, adam, descend
+from saver_envs.modelling.networks import Float32, FrozenNetwork, MLPArchitecture, build_network
 
 #: Coupling layers, and the perceptron in each.
 COUPLINGS = 6
-_ARCHITECTURE = Architecture(layers=2, width=128)
-#: Log scales stay within this bound.
-_LARGEST_LOG_SCALE = 2.0
-#: Noise on the standardised joints in training: they lie on a thin set, whose density has no bound.
+_ARCHITECTURE = MLPArchitecture(layers=2, width=128)
+#: Bound of the log scales, and of the gradient's norm.
+_LARGEST_LOG_SCALE, _LARGEST_GRADIENT = 2.0, 10.0
+#: Noise on the standardised joints in training: they lie on a thin set with unbounded density.
 _SOFTENING = 0.02
 #: Draws among which the one nearest to the present joints is chosen.
 DRAWS = 16
@@ -33,12 +35,12 @@ DRAWS = 16
 class ConditionalFlow(nn.Module):
     """Coupling layers between joints and a normal variable.
 
-    :param condition: numbers of the target.
-    :param size: numbers of the joints, at least 2.
+    :param condition: size of the target.
+    :param size: number of joints, at least 2.
     :param architecture: of the perceptrons.
     """
 
-    def __init__(self, condition: int, size: int, architecture: Architecture) -> None:
+    def __init__(self, condition: int, size: int, architecture: MLPArchitecture) -> None:
         super().__init__()
         self.nets = nn.ModuleList()
         for layer in range(COUPLINGS):
@@ -48,7 +50,7 @@ class ConditionalFlow(nn.Module):
         self._size = size
 
     def log_likelihood(self, values: Tensor, condition: Tensor) -> Tensor:
-        """Return log p(values | condition), (n,), less a constant."""
+        """Return log p(values | condition), (n,), up to a constant."""
         total = values.new_zeros(len(values))
         for layer, net in enumerate(self.nets):
             kept, changed = halves(self._size, layer)
@@ -61,7 +63,7 @@ class ConditionalFlow(nn.Module):
 
 
 def halves(size: int, layer: int) -> tuple[slice, slice]:
-    """Return which entries a layer reads, and which it changes."""
+    """Return the entries that a layer reads, and those that it changes."""
     even, odd = slice(0, size, 2), slice(1, size, 2)
     return (even, odd) if layer % 2 == 0 else (odd, even)
 
@@ -69,13 +71,13 @@ def halves(size: int, layer: int) -> tuple[slice, slice]:
 class FrozenFlow:
     """The flow from normal variables to joints, in NumPy.
 
-    :param weights: the state of a `ConditionalFlow`, copied.
+    :param weights: state of a `ConditionalFlow`, copied.
     :param architecture: of its perceptrons.
-    :param size: numbers of the joints.
+    :param size: number of joints.
     """
 
     def __init__(
-        self, weights: Mapping[str, Tensor], architecture: Architecture, size: int
+        self, weights: Mapping[str, Tensor], architecture: MLPArchitecture, size: int
     ) -> None:
         self._nets = [
             FrozenNetwork(
@@ -102,72 +104,60 @@ class FrozenFlow:
 class Flow(NetworkModel):
     """Joints as draws of a conditional flow; without present joints the draw at 0.
 
-    :raises ValueError: for inverse dynamics, whose answer is one.
+    :raises ValueError: for inverse dynamics, which has a single solution.
     """
 
     name: ClassVar[str] = "flow"
+    tasks: ClassVar[tuple[Task, ...]] = ("ik",)
 
-    def __init__(self, robot: str, task: Task, architecture: Architecture | None = None) -> None:
-        if task != "ik":
-            raise ValueError(f"task={task!r}: 'flow' is for inverse kinematics alone")
+    def __init__(self, robot: str, task: Task, architecture: MLPArchitecture | None = None) -> None:
         super().__init__(robot, task, architecture or _ARCHITECTURE)
-        # The same draws for every target: a prediction is a function.
+        # The same draws for every target make predictions deterministic.
         self._draws = (
             np.random.default_rng(0).standard_normal((DRAWS, self.output_size)).astype(np.float32)
         )
         self._draws[0] = 0.0
 
-    def _prepare(self, training: Training) -> nn.Module:
+    def _predictor(self) -> ConditionalFlow:
         flow = ConditionalFlow(self.input_size, self.output_size, self.architecture)
-        self._flow = flow.to(self._device)
-        self._adam = adam(self._flow.parameters(), training)
-        return self._flow
+        return flow.to(self._device)
 
-    def _optimisers(self) -> list[torch.optim.Optimizer]:
-        return [self._adam]
+    def _prepare(self, training: Training) -> nn.Module:
+        self._flow = self._predictor()
+        self._optimisers = [adam(self._flow.parameters(), training)]
+        return self._flow
 
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
         softened = outputs + _SOFTENING * torch.randn_like(outputs)
         loss = -self._flow.log_likelihood(softened, inputs).mean()
-        self._adam.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self._flow.parameters(), 10.0)
-        self._adam.step()
+        descend(self._optimisers[0], loss, _LARGEST_GRADIENT)
 
     def _frozen_of(self, weights: Mapping[str, Tensor]) -> FrozenFlow:
         return FrozenFlow(weights, self.architecture, self.output_size)
 
     def _forward(self, inputs: FloatArray) -> FloatArray:
-        if self._frozen is None:
-            raise ValueError(f"{self.name} of {self.robot} is not fitted")
-        return self._output_scale.backward(self._frozen(self._input_scale.forward(inputs)))
+        frozen = self._fitted(self._frozen)
+        return self._output_scale.backward(frozen(self._input_scale.forward(inputs)))
 
-    def _network_to_load(self) -> nn.Module:
-        return ConditionalFlow(self.input_size, self.output_size, self.architecture)
-
-    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
-        """Return joints (n, dof): of the draws the nearest to the present ones, if given."""
-        inputs = self._checked(inputs, self.input_size, "inputs")
+    def _predict(self, inputs: FloatArray, present: FloatArray | None) -> FloatArray:
+        """Return joints (n, dof): the draw nearest to the present joints, if given."""
         if present is None:
             return self._forward(inputs)
         present = self._checked(present, self.output_size, "present")
-        frozen = self._frozen
-        if not isinstance(frozen, FrozenFlow):
-            raise ValueError(f"{self.name} of {self.robot} is not fitted")
-        n = len(inputs)
-        condition = np.repeat(self._input_scale.forward(inputs), DRAWS, axis=0)
-        joints = self._output_scale.backward(frozen(condition, np.tile(self._draws, (n, 1))))
-        joints = joints.reshape(n, DRAWS, -1)
+        joints = self._drawn(inputs, np.tile(self._draws, (len(inputs), 1)))
         best = np.square(joints - present[:, None]).sum(axis=-1).argmin(axis=1)
-        return joints[np.arange(n), best]
+        return joints[np.arange(len(inputs)), best]
 
     def sample(self, inputs: FloatArray, draws: int, generator: np.random.Generator) -> FloatArray:
-        """Return joints (n, draws, dof) that the flow holds likely for inputs (n, input_size)."""
+        """Return random joints (n, draws, dof) for inputs (n, input_size)."""
         inputs = self._checked(inputs, self.input_size, "inputs")
-        frozen: Any = self._frozen
-        if frozen is None:
-            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        normal = generator.standard_normal((len(inputs) * draws, self.output_size))
+        return self._drawn(inputs, normal.astype(np.float32))
+
+    def _drawn(self, inputs: FloatArray, normal: Float32) -> FloatArray:
+        """Return joints (n, draws, dof) for inputs (n, ...) and normal variables (n draws, dof)."""
+        frozen: Any = self._fitted(self._frozen)
+        draws = len(normal) // len(inputs)
         condition = np.repeat(self._input_scale.forward(inputs), draws, axis=0)
-        normal = generator.standard_normal((len(condition), self.output_size)).astype(np.float32)
         joints = self._output_scale.backward(frozen(condition, normal))
         return joints.reshape(len(inputs), draws, -1)

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from saver_envs.modelling.models.cgan import Cgan
 
-#: Labels: fake and real as the discriminator learns them, and what the generator wants to hear.
+#: Labels of fake and real samples for the discriminator, and the generator's target.
 FAKE, REAL, WANTED = 0.0, 1.0, 1.0
 
 
@@ -16,10 +16,9 @@ class Lsgan(Cgan):
     name = "lsgan"
 
     def _discriminator_loss(self, real: Tensor, fakes: list[Tensor]) -> Tensor:
-        judge = self._discriminators[0]
-        return 0.5 * (
-            (judge(real) - REAL).square().mean() + (judge(fakes[0]) - FAKE).square().mean()
-        )
+        discriminator = self._discriminators[0]
+        true, generated = discriminator(real) - REAL, discriminator(fakes[0]) - FAKE
+        return 0.5 * (true.square().mean() + generated.square().mean())
 
     def _generator_loss(self, inputs: Tensor, outputs: Tensor, fakes: list[Tensor]) -> Tensor:
         return 0.5 * (self._discriminators[0](fakes[0]) - WANTED).square().mean()

@@ -1,15 +1,14 @@
-"""The supervised baseline: squared error, nothing else."""
+"""The supervised baseline: a perceptron trained on the squared error."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from saver_envs.modelling.models.base import Training
-from saver_envs.modelling.models.network_model import NetworkModel, adam
+from saver_envs.modelling.models.network_model import NetworkModel, adam, descend
 
 
 class Mlp(NetworkModel):
@@ -18,15 +17,10 @@ class Mlp(NetworkModel):
     name: ClassVar[str] = "mlp"
 
     def _prepare(self, training: Training) -> nn.Module:
-        self._network = self._new_network(self.network_input_size, self.output_size)
-        self._adam = adam(self._network.parameters(), training)
+        self._network = self._predictor()
+        self._optimisers = [adam(self._network.parameters(), training)]
         return self._network
-
-    def _optimisers(self) -> list[torch.optim.Optimizer]:
-        return [self._adam]
 
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
         loss = functional.mse_loss(self._network(inputs), outputs)
-        self._adam.zero_grad()
-        loss.backward()
-        self._adam.step()
+        descend(self._optimisers[0], loss)

@@ -1,11 +1,11 @@
-"""What the networks among the inverse models share: scaling, the loop over batches, weights."""
+"""What the inverse models with networks share: scaling, the training loop, and weights."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import torch
@@ -13,32 +13,34 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models.base import FloatArray, History, InverseModel, Training
-from saver_envs.modelling.models.captured import own_stream, updates_from
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.models.base import History, InverseModel, Progress, Training
+from saver_envs.modelling.models.cuda_graphs import own_stream, updates_from
 from saver_envs.modelling.networks import (
-    Architecture,
+    Float32,
     FrozenNetwork,
+    MLPArchitecture,
     Precision,
     build_network,
 )
 
-#: A forward pass over values (n, inputs) in original units.
-Frozen = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+#: A forward pass over values (n, inputs).
+Frozen = Callable[[Float32], Float32]
 #: Hidden layers that the paper chose for each task (Table 7.3).
 PAPER_LAYERS: Final[Mapping[Task, int]] = {"ik": 3, "id": 5}
-#: Standard deviations below this mark a channel that does not vary.
+#: A channel with a smaller standard deviation counts as constant.
 _CONSTANT = 1e-9
 
 
-class Standardiser:
+class Standardiser(NamedTuple):
     """Mean and standard deviation of every channel (Section 7.3.4).
 
     :param mean: (channels,).
     :param std: (channels,), above 0.
     """
 
-    def __init__(self, mean: FloatArray, std: FloatArray) -> None:
-        self.mean, self.std = np.asarray(mean, np.float64), np.asarray(std, np.float64)
+    mean: FloatArray
+    std: FloatArray
 
     @classmethod
     def of(cls, values: FloatArray) -> Standardiser:
@@ -46,29 +48,30 @@ class Standardiser:
         std = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(std < _CONSTANT, 1.0, std))
 
-    def forward(self, values: FloatArray) -> NDArray[np.float32]:
-        """Return standardised values."""
+    def forward(self, values: FloatArray) -> Float32:
+        """Return standardised values (n, channels)."""
         return ((values - self.mean) / self.std).astype(np.float32)
 
     def backward(self, values: NDArray[np.floating]) -> FloatArray:
-        """Return values in original units."""
+        """Return standardised values (n, channels) in original units."""
         return values * self.std + self.mean
 
 
 class NetworkModel(InverseModel):
-    """A model whose prediction is one network's; subclasses say how it learns.
+    """A model that predicts with one network; subclasses define its training.
 
     :param robot: the arm's name.
     :param task: ``ik`` or ``id``.
     :param architecture: of every network of the model; the paper's by default.
     """
 
-    def __init__(self, robot: str, task: Task, architecture: Architecture | None = None) -> None:
+    def __init__(self, robot: str, task: Task, architecture: MLPArchitecture | None = None) -> None:
         super().__init__(robot, task)
-        self.architecture = architecture or Architecture(layers=PAPER_LAYERS[task])
+        self.architecture = architecture or MLPArchitecture(layers=PAPER_LAYERS[task])
         self._input_scale = self._output_scale = Standardiser(np.zeros(1), np.ones(1))
         self._precision: Precision = "float32"
         self._device = torch.device("cpu")
+        self._optimisers: list[torch.optim.Optimizer] = []
         self._weights: dict[str, Tensor] | None = None
         self._frozen: Frozen | None = None
 
@@ -76,53 +79,39 @@ class NetworkModel(InverseModel):
 
     @abstractmethod
     def _prepare(self, training: Training) -> nn.Module:
-        """Build networks and optimisers; return the network that predicts."""
+        """Build networks and ``_optimisers``; return the network that predicts."""
 
     @abstractmethod
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
         """Learn from one batch of standardised samples."""
 
-    def _optimisers(self) -> list[torch.optim.Optimizer]:
-        """The optimisers, for their learning rates to be lowered."""
-        return []
-
     def _network_inputs(
         self, inputs: FloatArray, outputs: FloatArray, generator: np.random.Generator
     ) -> FloatArray:
-        """What the network sees while it learns: the inputs, unless a subclass adds to them."""
+        """Return the network's inputs in training."""
         return inputs
 
     # ---------------------------------------------------------------------------------------------
 
-    def fit(
-        self,
-        inputs: FloatArray,
-        outputs: FloatArray,
-        training: Training | None = None,
-        progress: Callable[[int, float], None] | None = None,
+    def _fit(
+        self, inputs: FloatArray, outputs: FloatArray, training: Training, progress: Progress
     ) -> History:
         """Learn; the weights of the epoch with the least validation RMSE are kept."""
-        training = training or Training()
-        inputs, outputs = self._samples(inputs, outputs)
         generator = np.random.default_rng(training.seed)
         inputs = self._network_inputs(inputs, outputs, generator)
         self._input_scale, self._output_scale = Standardiser.of(inputs), Standardiser.of(outputs)
-        order = generator.permutation(len(inputs))
-        held_out = max(1, round(training.validation_share * len(inputs)))
-        held, used = order[:held_out], order[held_out:]
+        held, used = training.split(len(inputs), generator)
         torch.manual_seed(training.seed)
         self._precision, self._device = training.precision, torch.device(training.device)
-        samples = inputs[used], outputs[used]
         history, kept = History(), None
         with own_stream(self._device):
-            for weights in self._epochs(*samples, training):
+            for weights in self._epochs(inputs[used], outputs[used], training):
                 self._frozen = self._frozen_of(weights)
                 if history.add(self._forward(inputs[held]) - outputs[held]):
                     kept = {
                         name: one.detach().to("cpu", copy=True) for name, one in weights.items()
                     }
-                if progress is not None:
-                    progress(len(history.validation_rmse) - 1, history.validation_rmse[-1])
+                progress(len(history.validation_rmse) - 1, history.validation_rmse[-1])
         if kept is None:
             raise FloatingPointError(f"{self.name} diverged: no epoch has a finite error")
         self._weights, self._frozen = kept, self._frozen_of(kept)
@@ -136,40 +125,43 @@ class NetworkModel(InverseModel):
         y = torch.from_numpy(self._output_scale.forward(outputs)).to(self._device)
         network = self._prepare(training)
         update = updates_from(self._update, x, y, training.batch_size)
-        schedules = [_cosine(one, training) for one in self._optimisers()]
+        floor = training.learning_rate * training.decay
+        schedules = [
+            torch.optim.lr_scheduler.CosineAnnealingLR(one, training.epochs, eta_min=floor)
+            for one in self._optimisers
+        ]
         for _ in range(training.epochs):
-            # The order is drawn on the CPU, whose numbers are the same for both devices.
+            # Drawn on the CPU, the order is the same for both devices.
             for batch in torch.randperm(len(x)).to(self._device).split(training.batch_size):
                 update(batch)
             for schedule in schedules:
                 schedule.step()
             yield network.state_dict()
 
-    def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
-        """Return outputs; see :class:`InverseModel`."""
-        return self._forward(self._checked(inputs, self.input_size, "inputs"))
+    def _predict(self, inputs: FloatArray, present: FloatArray | None) -> FloatArray:
+        return self._forward(inputs)
 
     def _frozen_of(self, weights: Mapping[str, Tensor]) -> Frozen:
-        scales = self._input_scale, self._output_scale
-        return FrozenNetwork(weights, self.architecture, *((one.mean, one.std) for one in scales))
+        return FrozenNetwork(weights, self.architecture, self._input_scale, self._output_scale)
 
     def _forward(self, inputs: FloatArray) -> FloatArray:
-        if self._frozen is None:
-            raise ValueError(f"{self.name} of {self.robot} is not fitted")
-        return self._frozen(inputs.astype(np.float32)).astype(np.float64)
+        return self._fitted(self._frozen)(inputs.astype(np.float32)).astype(np.float64)
 
     @property
     def network_input_size(self) -> int:
-        """Numbers that the network reads."""
+        """Size of the network's input."""
         return self.input_size
 
     def _new_network(self, inputs: int, outputs: int) -> nn.Sequential:
         network = build_network(inputs, outputs, self.architecture, self._precision)
         return network.to(self._device)
 
+    def _predictor(self) -> nn.Module:
+        """Return a fresh network of the kind that predicts."""
+        return self._new_network(self.network_input_size, self.output_size)
+
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        if self._weights is None:
-            raise ValueError(f"{self.name} of {self.robot} is not fitted")
+        weights = self._fitted(self._weights)
         scales = {
             "input_mean": self._input_scale.mean,
             "input_std": self._input_scale.std,
@@ -177,20 +169,19 @@ class NetworkModel(InverseModel):
             "output_std": self._output_scale.std,
         }
         tensors = {name: torch.from_numpy(one) for name, one in scales.items()}
-        tensors |= {f"network.{name}": one for name, one in self._weights.items()}
+        tensors |= {f"network.{name}": one for name, one in weights.items()}
         return tensors, {"architecture": asdict(self.architecture)}
 
     @classmethod
     def _from_state(
         cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
     ) -> InverseModel:
-        model = cls(robot, task, Architecture(**settings["architecture"]))
-        scales = {
-            name: tensors[name].numpy() for name in tensors if not name.startswith("network.")
-        }
-        model._input_scale = Standardiser(scales["input_mean"], scales["input_std"])
-        model._output_scale = Standardiser(scales["output_mean"], scales["output_std"])
-        network = model._network_to_load()
+        model = cls(robot, task, MLPArchitecture(**settings["architecture"]))
+        model._input_scale, model._output_scale = (
+            Standardiser(tensors[f"{side}_mean"].numpy(), tensors[f"{side}_std"].numpy())
+            for side in ("input", "output")
+        )
+        network = model._predictor()
         weights = {
             name.removeprefix("network."): one
             for name, one in tensors.items()
@@ -201,30 +192,30 @@ class NetworkModel(InverseModel):
         model._frozen = model._frozen_of(model._weights)
         return model
 
-    def _network_to_load(self) -> nn.Module:
-        return self._new_network(self.network_input_size, self.output_size)
-
 
 def adam(
     parameters: Iterable[nn.Parameter],
     training: Training,
     betas: tuple[float, float] = (0.9, 0.999),
 ) -> torch.optim.Adam:
-    """Return Adam over parameters; on a GPU one that a CUDA graph can hold.
+    """Return Adam over parameters; on a GPU one that works in a CUDA graph.
 
-    :param parameters: on the device of the training.
-    :param training: its learning rate and its device.
+    :param parameters: on the training device.
+    :param training: gives learning rate and device.
     :param betas: decay rates of the moments.
     """
     on_gpu = training.device == "cuda"
-    # A graph would keep a rate that is a number as it was when it was captured.
+    # A graph would freeze a learning rate that is a Python number.
     rate = torch.tensor(training.learning_rate, device="cuda") if on_gpu else training.learning_rate
     return torch.optim.Adam(parameters, lr=rate, betas=betas, fused=True, capturable=on_gpu)
 
 
-def _cosine(
-    optimiser: torch.optim.Optimizer, training: Training
-) -> torch.optim.lr_scheduler.LRScheduler:
-    return torch.optim.lr_scheduler.CosineAnnealingLR(
-        optimiser, training.epochs, eta_min=training.learning_rate * training.decay
-    )
+def descend(
+    optimiser: torch.optim.Optimizer, loss: Tensor, largest_gradient: float | None = None
+) -> None:
+    """Take one gradient step on a loss, with the gradient's norm clipped where a bound is given."""
+    optimiser.zero_grad()
+    loss.backward()
+    if largest_gradient is not None:
+        nn.utils.clip_grad_norm_(optimiser.param_groups[0]["params"], largest_gradient)
+    optimiser.step()

@@ -1,4 +1,4 @@
-"""Updates from rows of the data, and how a GPU does many small ones quickly."""
+"""Training updates from rows of the data, replayed as a CUDA graph on a GPU."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from torch import Tensor
 #: One update, from a batch of inputs and outputs.
 Update = Callable[[Tensor, Tensor], None]
 
-#: Updates before a graph is captured of them: what is set up once (an optimiser's state, the
-#: workspaces of matrix products) must be there before.
+#: Updates before the graph is recorded: it needs what the first ones allocate (the optimiser's
+#: state, workspaces of matrix products).
 _WARM_UP: Final = 3
 
 
 def own_stream(device: torch.device) -> AbstractContextManager[object]:
-    """Return a context in which a GPU's work is on a stream of its own, as a capture needs it."""
+    """Return a context in which a GPU works on its own stream, as recording a graph requires."""
     if device.type != "cuda":
         return nullcontext()
     stream = torch.cuda.Stream(device)
@@ -29,29 +29,30 @@ def own_stream(device: torch.device) -> AbstractContextManager[object]:
 def updates_from(
     update: Update, inputs: Tensor, outputs: Tensor, batch_size: int
 ) -> Callable[[Tensor], None]:
-    """Return what learns from given rows of the data.
+    """Return a function that updates from given rows of the data.
 
-    :param update: what learns from a batch.
-    :param inputs: (n, inputs), on the device that trains.
-    :param outputs: (n, outputs), there too.
-    :param batch_size: rows of nearly every update.
+    :param update: one update, from a batch.
+    :param inputs: (n, inputs), on the training device.
+    :param outputs: (n, outputs), on the training device.
+    :param batch_size: rows of all updates but the last of an epoch.
+    :return: function of row indices (batch,).
     """
     if inputs.is_cuda:
-        return CapturedUpdate(update, inputs, outputs, batch_size)
+        return CudaGraphUpdate(update, inputs, outputs, batch_size)
     return lambda rows: update(inputs[rows], outputs[rows])
 
 
-class CapturedUpdate:
+class CudaGraphUpdate:
     """An update that a CUDA graph replays.
 
     An update of these networks is a hundred kernels of a few microseconds each: launched one by
-    one from Python, the GPU would wait most of the time. The first updates and those of other batch
-    sizes are launched so all the same; none is done twice, and none is left out.
+    one from Python, they would leave the GPU idle most of the time. The first updates, and those of
+    other batch sizes, are launched that way; each update runs exactly once.
 
-    :param update: what learns from a batch; it may not wait for the GPU.
+    :param update: one update, from a batch; it must not synchronise with the GPU.
     :param inputs: (n, inputs), on the GPU.
-    :param outputs: (n, outputs), there too.
-    :param batch_size: rows of an update that is captured.
+    :param outputs: (n, outputs), on the GPU.
+    :param batch_size: rows of an update that the graph replays.
     """
 
     def __init__(self, update: Update, inputs: Tensor, outputs: Tensor, batch_size: int) -> None:
@@ -61,7 +62,7 @@ class CapturedUpdate:
         self._warm_up = _WARM_UP
 
     def __call__(self, rows: Tensor) -> None:
-        """Learn from rows of the data, (batch,) indices."""
+        """Update from rows of the data, indices (batch,)."""
         if len(rows) != len(self._rows):
             self._learn(rows)
         elif self._warm_up:
@@ -70,14 +71,14 @@ class CapturedUpdate:
         else:
             self._rows.copy_(rows)
             if self._graph is None:
-                self._graph = self._captured()
+                self._graph = self._recorded()
             self._graph.replay()
 
     def _learn(self, rows: Tensor) -> None:
         self._update(self._inputs[rows], self._outputs[rows])
 
-    def _captured(self) -> torch.cuda.CUDAGraph:
-        """What is captured is not done: the first replay does it."""
+    def _recorded(self) -> torch.cuda.CUDAGraph:
+        """Record the graph, which runs at its first replay."""
         graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph, stream=torch.cuda.current_stream()):
             self._learn(self._rows)

@@ -8,8 +8,8 @@ import torch
 
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.models import ADVERSARIAL, Training, new_model
-from saver_envs.modelling.models.captured import own_stream, updates_from
-from saver_envs.modelling.networks import Architecture, Device
+from saver_envs.modelling.models.cuda_graphs import own_stream, updates_from
+from saver_envs.modelling.networks import Device, MLPArchitecture
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
 
@@ -18,7 +18,7 @@ def learned(name: str, device: Device, sigma: float = 0.0) -> tuple[list[float],
     """Validation errors, and joints for a few targets, of a model that saw 500 samples."""
     joints = np.random.default_rng(0).uniform((-1, 2, 3, 0), (1, 3, 4, 1), (500, 4))
     inputs = arm_named("mico").chain.position(joints)
-    model = new_model(name, "mico", "ik", architecture=Architecture(layers=2, width=32))
+    model = new_model(name, "mico", "ik", architecture=MLPArchitecture(layers=2, width=32))
     # 400 rows: six whole batches an epoch, and a short one.
     training = Training(epochs=4, batch_size=64, sigma=sigma, device=device)
     history = model.fit(inputs, joints, training)
@@ -43,7 +43,7 @@ def test_a_gpu_learns_what_the_cpu_learns(name: str) -> None:
 
 
 @needs_gpu
-def test_what_is_captured_is_done_once_a_call_and_draws_anew() -> None:
+def test_a_cuda_graph_updates_once_per_call_with_fresh_noise() -> None:
     inputs = torch.arange(6.0, device="cuda")[:, None]
     count, drawn = (torch.zeros(1, device="cuda") for _ in range(2))
 
@@ -74,7 +74,7 @@ def test_a_gpu_learns_the_same_from_a_seed_with_noise_too(name: str) -> None:
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_a_gpu_is_refused_where_there_is_none() -> None:
-    with pytest.raises(ValueError, match=r"device='cuda': torch .* sees no GPU here; 'cpu' would"):
+    with pytest.raises(ValueError, match=r"device='cuda': torch .* finds no GPU; use device='cpu'"):
         Training(device="cuda")
 
 
