@@ -7,7 +7,7 @@ or moves along it. Results are in the frame of the arm's base, in metres and rad
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -69,10 +69,6 @@ class Chain:
     def dof(self) -> int:
         """Number of joints."""
         return len(self.direction)
-
-    def with_tool(self, tool: FloatArray) -> Chain:
-        """Return the same arm with another tool, (4, 4) in the frame of the last link."""
-        return replace(self, tool=tool)
 
     def frames(self, joints: FloatArray) -> Frames:
         """Return the frames of all links and the tool.

@@ -118,10 +118,7 @@ class Refinement:
         :raises ValueError: for mismatched shapes.
         """
         self._check(len(targets), guess=guess, present=present)
-        joints = np.empty_like(present)
-        missed = np.empty(len(targets), dtype=np.bool_)
-        _refine(targets, guess, present, self._joints, steps, joints, missed)
-        return joints, missed
+        return _refine(targets, guess, present, self._joints, steps)
 
     def _check(self, n: int, **arrays: FloatArray) -> None:
         """Check shapes: compiled code does not notice that it reads beyond an array's end."""
@@ -133,16 +130,11 @@ class Refinement:
 
 @compiled
 def _refine(
-    targets: FloatArray,
-    guess: FloatArray,
-    present: FloatArray,
-    arm: _Joints,
-    steps: int,
-    joints: FloatArray,
-    missed: NDArray[np.bool_],
-) -> None:
-    """Write joints (n, dof), and which targets are missed (n,)."""
-    rows, dof = targets.shape[1], present.shape[1]
+    targets: FloatArray, guess: FloatArray, present: FloatArray, arm: _Joints, steps: int
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return joints (n, dof), and which targets are missed (n,); see `Refinement.__call__`."""
+    (n, rows), dof = targets.shape, present.shape[1]
+    joints, missed = np.empty((n, dof)), np.empty(n, dtype=np.bool_)
     other = np.empty(dof)
     scratch = _Scratch(
         np.empty((3, 4)),
@@ -154,7 +146,7 @@ def _refine(
         np.empty(rows),
         np.empty(dof),
     )
-    for index in range(len(targets)):
+    for index in range(n):
         target, now, best = targets[index], present[index], joints[index]
         _orientation(target, scratch.orientation)
         best[:] = guess[index]
@@ -174,6 +166,7 @@ def _refine(
                 best[:] = other
             reached = reached or distant
         missed[index] = not reached
+    return joints, missed
 
 
 @compiled

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saver_envs.modelling.arms import ARMS, KinematicArm, arm_named
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.refinement import ORIENTATION_ENOUGH, POSITION_ENOUGH, Refinement
-from saver_envs.modelling.solvers import error_at, nearest
+from saver_envs.modelling.solvers import error_at, nearest, newton
 from saver_envs.modelling.workspace import workspace_samples
 from saver_envs.registration import make_episodes
 
@@ -53,6 +53,22 @@ def test_guesses_nearby_become_exact(robot: str) -> None:
     assert errors[2] < 0.1 * errors[1]
     assert errors[3] < 1e-6
     assert not missed.any()
+
+
+@pytest.mark.parametrize(("steps", "tolerance"), [(1, 1e-9), (2, 1e-4)])
+@pytest.mark.parametrize("robot", ARMS)
+def test_compiled_steps_are_those_of_the_plain_solver(
+    robot: str, steps: int, tolerance: float
+) -> None:
+    arm, samples = arm_named(robot), workspace_samples(robot, 200, 4)
+    guess = samples.joints + 0.01 * np.random.default_rng(2).standard_normal(samples.joints.shape)
+    for joint in arm.idle_joints:
+        guess[:, joint] = arm.robot.home[joint]
+    joints, missed = Refinement(arm)(samples.targets, guess, guess, steps)
+    plain = newton(arm, samples.targets, guess, steps, arm.tool_chain)
+    assert not missed.any()
+    # The compiled solver omits steps once the error is below 1e-6.
+    assert np.abs(joints - plain).max() < tolerance
 
 
 def test_poses_that_are_not_tool_down() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -97,7 +98,8 @@ def chain(tool_distance: float = END_EFFECTOR) -> Chain:
 
     :param tool_distance: distance of the tool from joint 4, on its axis, metres.
     """
-    return chain_of_table(DH_TABLE, "modified").with_tool(translation(0, 0, tool_distance))
+    tool = translation(0, 0, tool_distance)
+    return replace(chain_of_table(DH_TABLE, "modified"), tool=tool)
 
 
 def appendix_links() -> Links:

@@ -20,14 +20,11 @@ from saver_envs.modelling.models.flow import Flow
 from saver_envs.modelling.models.identified import Identified
 from saver_envs.modelling.models.lsgan import Lsgan
 from saver_envs.modelling.models.mlp import Mlp
-from saver_envs.modelling.models.network_model import NetworkModel
 
 MODELS: Mapping[str, type[InverseModel]] = {
     model.name: model
     for model in (Mlp, Cgan, Lsgan, Bigan, Dualgan, Analytic, Conditional, Flow, Identified)
 }
-#: The networks of chapter 7.
-PAPER_MODELS = ("mlp", "cgan", "lsgan", "bigan", "dualgan")
 ADVERSARIAL = ("cgan", "lsgan", "bigan", "dualgan")
 LOOPED = ("bigan", "dualgan")
 
@@ -103,10 +100,8 @@ __all__ = [
     "ADVERSARIAL",
     "LOOPED",
     "MODELS",
-    "PAPER_MODELS",
     "History",
     "InverseModel",
-    "NetworkModel",
     "Task",
     "Training",
     "load_model",

@@ -144,20 +144,9 @@ class Flow(NetworkModel):
         if present is None:
             return self._forward(inputs)
         present = self._checked(present, self.output_size, "present")
-        joints = self._drawn(inputs, np.tile(self._draws, (len(inputs), 1)))
-        best = np.square(joints - present[:, None]).sum(axis=-1).argmin(axis=1)
-        return joints[np.arange(len(inputs)), best]
-
-    def sample(self, inputs: FloatArray, draws: int, generator: np.random.Generator) -> FloatArray:
-        """Return random joints (n, draws, dof) for inputs (n, input_size)."""
-        inputs = self._checked(inputs, self.input_size, "inputs")
-        normal = generator.standard_normal((len(inputs) * draws, self.output_size))
-        return self._drawn(inputs, normal.astype(np.float32))
-
-    def _drawn(self, inputs: FloatArray, normal: Float32) -> FloatArray:
-        """Return joints (n, draws, dof) for inputs (n, ...) and normal variables (n draws, dof)."""
         frozen: Any = self._fitted(self._frozen)
-        draws = len(normal) // len(inputs)
-        condition = np.repeat(self._input_scale.forward(inputs), draws, axis=0)
-        joints = self._output_scale.backward(frozen(condition, normal))
-        return joints.reshape(len(inputs), draws, -1)
+        condition = np.repeat(self._input_scale.forward(inputs), DRAWS, axis=0)
+        joints = frozen(condition, np.tile(self._draws, (len(inputs), 1)))
+        joints = self._output_scale.backward(joints).reshape(len(inputs), DRAWS, -1)
+        best = np.square(joints - present[:, None]).sum(axis=-1).argmin(axis=1)
+        return np.asarray(joints[np.arange(len(inputs)), best])
