@@ -25,13 +25,13 @@ from saver_envs.simulation import Simulation
 
 SITES = {"mico": "end_effector", "fetch": "tool"}
 BASES = {"mico": "base", "fetch": fetch.BASE_BODY}
-ROOMS = {"mico": mico, "fetch": fetch}
+ROBOTS = {"mico": mico, "fetch": fetch}
 CHAINS = {"mico": arms.mico.chain(), "fetch": arms.fetch.chain()}
 
 
 @pytest.fixture(scope="module", params=["mico", "fetch"])
 def arm(request: pytest.FixtureRequest) -> tuple[str, mujoco.MjModel, Chain]:
-    model = ROOMS[request.param].build_torque_driven().compile()
+    model = ROBOTS[request.param].build_torque_driven().compile()
     # Random postures may touch: what contacts and limits add is no inverse dynamics of the arm.
     for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
         model.opt.disableflags |= int(flag)
@@ -67,7 +67,7 @@ def test_forward_kinematics_and_jacobian_are_mujocos(
 
 def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROOMS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
     position, velocity, acceleration = motions(chain.dof)
     torque = inverse_dynamics(chain, links, position, velocity, acceleration)
     data = mujoco.MjData(model)
@@ -80,7 +80,7 @@ def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain])
 def test_newton_euler_is_pinocchios(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     pinocchio = pytest.importorskip("pinocchio")
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROOMS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
     built = pinocchio.Model()
     parent = 0
     zero = chain.frames(np.zeros((1, chain.dof)))
@@ -179,7 +179,7 @@ def test_the_appendix_is_near_the_makers_figures() -> None:
     assert np.allclose(maker.mass, paper.mass)
 
 
-def test_the_fetch_comes_without_foreign_simulator_code() -> None:
+def test_the_fetch_comes_without_third_party_simulator_code() -> None:
     code = (
         "import sys; from saver_envs.robots.fetch import FETCH, build_torque_driven;"
         "build_torque_driven().compile();"
@@ -191,10 +191,10 @@ def test_the_fetch_comes_without_foreign_simulator_code() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("room", [mico, fetch])
-def test_torque_driven_arms_have_motors_and_nothing_else(room: object) -> None:
-    model = room.build_torque_driven().compile()  # type: ignore[attr-defined]
-    limits = np.array(room.JOINT_TORQUES)  # type: ignore[attr-defined]
+@pytest.mark.parametrize("robot", [mico, fetch])
+def test_torque_driven_arms_have_motors_and_nothing_else(robot: object) -> None:
+    model = robot.build_torque_driven().compile()  # type: ignore[attr-defined]
+    limits = np.array(robot.JOINT_TORQUES)  # type: ignore[attr-defined]
     assert (model.nq, model.nu) == (len(limits), len(limits))
     assert np.allclose(model.actuator_forcerange[:, 1], limits)
     assert not model.dof_armature.any()

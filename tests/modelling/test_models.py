@@ -69,9 +69,9 @@ def small(name: str, task: Task = "ik", robot: str = "mico") -> InverseModel:
 def test_every_network_learns_saves_and_comes_back(name: str, tmp_path: Path) -> None:
     inputs, joints = kinematic_samples()
     model = small(name)
-    told: list[int] = []
-    history = model.fit(inputs, joints, QUICK, lambda epoch, _: told.append(epoch))
-    assert told == [0, 1, 2, 3]
+    reported: list[int] = []
+    history = model.fit(inputs, joints, QUICK, lambda epoch, _: reported.append(epoch))
+    assert reported == [0, 1, 2, 3]
     assert len(history.validation_rmse) == 4
     best = min(history.validation_rmse)
     assert history.validation_rmse[history.best_epoch] == best
@@ -162,29 +162,32 @@ def prepared(
 
 def test_equation_7_8() -> None:
     model, inputs, outputs, (fake,), real = prepared("cgan")
-    judge = model._discriminators[0]
-    value = judge(real).sigmoid().log().mean() + (1 - judge(fake).sigmoid()).log().mean()
+    discriminator = model._discriminators[0]
+    value = (
+        discriminator(real).sigmoid().log().mean()
+        + (1 - discriminator(fake).sigmoid()).log().mean()
+    )
     assert torch.allclose(model._discriminator_loss(real, [fake]), -value)
-    wanted = (1 - judge(fake).sigmoid()).log().mean()
+    wanted = (1 - discriminator(fake).sigmoid()).log().mean()
     assert torch.allclose(model._generator_loss(inputs, outputs, [fake]), wanted)
     assert torch.equal(fake, torch.cat([inputs, model._generators[0](inputs)], dim=1))
 
 
 def test_equation_7_9() -> None:
     model, inputs, outputs, (fake,), real = prepared("lsgan")
-    judge = model._discriminators[0]
-    wanted = 0.5 * ((judge(real) - 1) ** 2).mean() + 0.5 * (judge(fake) ** 2).mean()
+    discriminator = model._discriminators[0]
+    wanted = 0.5 * ((discriminator(real) - 1) ** 2).mean() + 0.5 * (discriminator(fake) ** 2).mean()
     assert torch.allclose(model._discriminator_loss(real, [fake]), wanted)
-    wanted = 0.5 * ((judge(fake) - 1) ** 2).mean()
+    wanted = 0.5 * ((discriminator(fake) - 1) ** 2).mean()
     assert torch.allclose(model._generator_loss(inputs, outputs, [fake]), wanted)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.4])
 def test_equations_7_10_and_7_11(sigma: float) -> None:
     model, inputs, outputs, fakes, real = prepared("bigan", sigma)
-    judge, (generator, encoder) = model._discriminators[0], model._generators
-    fooled = sum((1 - judge(fake).sigmoid()).log().mean() for fake in fakes)
-    value = judge(real).sigmoid().log().mean() + fooled
+    discriminator, (generator, encoder) = model._discriminators[0], model._generators
+    fooled = sum((1 - discriminator(fake).sigmoid()).log().mean() for fake in fakes)
+    value = discriminator(real).sigmoid().log().mean() + fooled
     assert torch.allclose(model._discriminator_loss(real, fakes), -value)
     loop = ((inputs - encoder(generator(inputs))) ** 2).sum(dim=1).mean()
     assert torch.allclose(
@@ -228,10 +231,10 @@ def test_each_side_learns_in_its_own_turn(name: str) -> None:
     def state(networks: list[torch.nn.Module]) -> Tensor:
         return torch.cat([p.detach().flatten().clone() for n in networks for p in n.parameters()])
 
-    generators, judges = state(model._generators), state(model._discriminators)
+    generators, discriminators = state(model._generators), state(model._discriminators)
     model._update(inputs, outputs)
     assert not torch.equal(generators, state(model._generators))
-    assert not torch.equal(judges, state(model._discriminators))
+    assert not torch.equal(discriminators, state(model._discriminators))
     assert all(p.requires_grad for n in model._discriminators for p in n.parameters())
 
 
