@@ -89,9 +89,9 @@ def settings_of(env_id: str, variant: Variant) -> Any:
     from saver_advisors.training.settings import RunConfig
 
     config = RunConfig.from_mapping(default_settings(env_id))
-    if config.advice is not None and config.advice.start_as_teacher:
+    if config.advice is not None and config.advice.warm_start:
         advised = replace(
-            config.advice, strategy="early", budget=config.total_steps, start_as_teacher=False
+            config.advice, strategy="early", budget=config.total_steps, warm_start=False
         )
         config = replace(config, advice=advised)
     changes: dict[str, Any] = {}

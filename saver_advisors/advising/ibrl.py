@@ -26,8 +26,8 @@ class BetterOfBoth:
     """An arm gets the teacher's action where the student's own critics find that better.
 
     One value of all arms is asked about every combination of teacher's and student's actions, 2^n
-    for n arms. Where the critics have a value for each arm (`arms_apart`) an arm asks its own, with
-    the other arms' actions left to the student. A tie goes to the student.
+    for n arms. Where the critics have a value for each arm (`per_arm_critics`) an arm asks its own,
+    with the other arms' actions left to the student. A tie goes to the student.
     """
 
     name: ClassVar[str] = "ibrl"

@@ -7,8 +7,8 @@ nowhere, zeros between the blocks are there to be learned over.
 What is exact, and what is not:
 
 - the actor and the normaliser, always
-- the critics, where there is a value for each arm (`arms_apart`) and no LayerNorm. A LayerNorm of
-  the student averages over all arms' units, each teacher's over its own: there the critics start
+- the critics, where there is a value for each arm (`per_arm_critics`) and no LayerNorm. A LayerNorm
+  of the student averages over all arms' units, each teacher's over its own: there the critics start
   near their teachers', not at them
 - one value of all arms is none of the teachers' (it is worth something only when every arm is
   done): such critics, and quantile critics, start afresh

@@ -48,7 +48,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
 
     :param advisor: the advisor, or the arguments of `make_advisor` as a mapping (for configuration
         files; a model loaded with such a mapping goes on with the budget that it has spent), or
-        None for the plain algorithm. A mapping may hold `start_as_teacher` too: a goal learner's
+        None for the plain algorithm. A mapping may hold `warm_start` too: a goal learner's
         networks then start as the teachers', see `start_as_teachers`
     """
 
@@ -71,7 +71,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         starts = False
         if isinstance(self.advisor, Mapping):
             self.advisor = dict(self.advisor)
-            starts = self.advisor.pop("start_as_teacher", False)
+            starts = self.advisor.pop("warm_start", False)
         advisor = self._ready_advisor()
         super()._setup_model()
         # A model that has been advised before is being loaded, and has weights of its own.

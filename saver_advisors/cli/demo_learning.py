@@ -26,7 +26,7 @@ LESSON_SETTINGS: Final = (
 #: teacher's advice all the time and imitates it; the other has hindsight to learn from.
 STUDENTS: Final = {
     "taught": (
-        *("imitation_weight=50", "imitation_filter_from=1000000000"),
+        *("imitation_weight=50", "imitation_filter_start=1000000000"),
         *("relabel_probability=0", "policy_delay=1"),
         *("--advice", "early", "--teacher", TEACHER, "--budget", "1000000000"),
     ),

@@ -26,7 +26,7 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
     :param buffer_size: of the student's own transitions
     :param arguments: as for ``GoalReplayBuffer``
     :param demonstration_size: transitions that ``demonstrations`` keeps
-    :param demonstration_share: of each batch, in [0, 1)
+    :param demonstration_fraction: of each batch, in [0, 1)
     :raises ValueError: for a share or sizes that do not fit
     """
 
@@ -35,17 +35,17 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         buffer_size: int,
         *arguments: Any,
         demonstration_size: int,
-        demonstration_share: float = 0.5,
+        demonstration_fraction: float = 0.5,
         **named: Any,
     ) -> None:
-        if not 0.0 <= demonstration_share < 1.0:
-            raise ValueError(f"demonstration_share={demonstration_share} must lie in [0, 1)")
+        if not 0.0 <= demonstration_fraction < 1.0:
+            raise ValueError(f"demonstration_fraction={demonstration_fraction} must lie in [0, 1)")
         super().__init__(buffer_size, *arguments, **named)
         seed = named.pop("seed", None)
         # A stream of its own: what one buffer draws must not shift what the other will draw.
         own = None if seed is None else int(np.random.SeedSequence([seed, 1]).generate_state(1)[0])
         self.demonstrations = GoalReplayBuffer(demonstration_size, *arguments, seed=own, **named)
-        self.demonstration_share = demonstration_share
+        self.demonstration_fraction = demonstration_fraction
 
     def sample_transitions(
         self, batch_size: int, *, relabel_probability: float | None = None
@@ -82,7 +82,7 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
             return 0
         if self.size() == 0:
             return batch_size
-        return round(self.demonstration_share * batch_size)
+        return round(self.demonstration_fraction * batch_size)
 
     def end_running_episodes(self) -> None:
         """Cut the running episodes of both buffers short."""

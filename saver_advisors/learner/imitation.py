@@ -34,7 +34,7 @@ class ImitatingTD3(TD3):
     :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``
     :param imitation_weight: of the mean squared difference, over advised transitions, between
         the actor's action and the advised one; 0 for plain TD3
-    :param imitation_filter_from: environment steps from which on only those advised actions are
+    :param imitation_filter_start: environment steps from which on only those advised actions are
         imitated that the critic finds better than the actor's
     :raises ValueError: for a negative weight or step
     """
@@ -49,17 +49,17 @@ class ImitatingTD3(TD3):
         self,
         *arguments: Any,
         imitation_weight: float = 0.0,
-        imitation_filter_from: int = 0,
+        imitation_filter_start: int = 0,
         **named: Any,
     ) -> None:
         if not imitation_weight >= 0:
             raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
-        if not imitation_filter_from >= 0:
-            raise ValueError(f"imitation_filter_from={imitation_filter_from} must be 0 or more")
+        if not imitation_filter_start >= 0:
+            raise ValueError(f"imitation_filter_start={imitation_filter_start} must be 0 or more")
         self.proposals = None
         self.value_weights = None
         self.imitation_weight = imitation_weight
-        self.imitation_filter_from = imitation_filter_from
+        self.imitation_filter_start = imitation_filter_start
         super().__init__(*arguments, **named)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
@@ -152,7 +152,7 @@ class ImitatingTD3(TD3):
         imitation = th.zeros(())
         if self.imitation_weight > 0 and advised.any():
             followed = advised
-            if self.num_timesteps >= self.imitation_filter_from:
+            if self.num_timesteps >= self.imitation_filter_start:
                 with th.no_grad():
                     shown = critic.q1_forward(batch.observations, batch.actions)
                 followed = advised & (self._weighed(shown) > self._weighed(values))

@@ -43,7 +43,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
     algorithm = ALGORITHMS[config.algorithm]
     build: Callable[..., OffPolicyAlgorithm] = algorithm
     horizon = episode_horizon(env)
-    goal_parts = _goal_parts(env) if config.arms_apart else None
+    goal_parts = _goal_parts(env) if config.per_arm_critics else None
     replay_arguments: dict[str, Any] = {
         "horizon": horizon,
         "relabel_probability": config.relabel_probability,
@@ -60,7 +60,7 @@ def build_model(config: RunConfig, env: VecEnv) -> OffPolicyAlgorithm:
         if config.advice.demonstration_steps > 0:
             arguments["replay_buffer_class"] = DemonstrationReplayBuffer
             replay_arguments["demonstration_size"] = demonstration_steps(config, horizon)
-            replay_arguments["demonstration_share"] = config.advice.demonstration_share
+            replay_arguments["demonstration_fraction"] = config.advice.demonstration_fraction
     if config.constraint_relabelling is not None:
         _relabel_constraint(config, arguments, replay_arguments)
     model = build(
@@ -94,7 +94,7 @@ def _td3_arguments(config: RunConfig) -> dict[str, Any]:
         "target_policy_noise",
         "target_noise_clip",
         "imitation_weight",
-        "imitation_filter_from",
+        "imitation_filter_start",
     )
     return {name: getattr(config, name) for name in names}
 
@@ -150,7 +150,7 @@ def _use_teachers(advice: AdviceConfig, model: Any, advisor: Advisor) -> None:
     """What teachers do beside advising: lend their weights, and propose actions to the target."""
     from saver_advisors.advising import TeacherProposals, start_as_teachers
 
-    if advice.start_as_teacher:
+    if advice.warm_start:
         start_as_teachers(model, advisor.teachers, advisor.mapping)
     if advice.bootstrap:
         model.proposals = TeacherProposals(advisor, model.policy.scale_action)

@@ -46,7 +46,7 @@ _NOT_NEGATIVE = (
     "target_noise_clip",
     "action_penalty",
     "imitation_weight",
-    "imitation_filter_from",
+    "imitation_filter_start",
     "constraint_value_weight",
     "eval_seed",
 )
@@ -76,9 +76,9 @@ class AdviceConfig:
     :param demonstration_steps: environment steps at the start in which the teachers drive every arm
         into a buffer of demonstrations; they count as steps of the run and as advice, and whole
         episodes are finished
-    :param demonstration_share: of each batch that is drawn from that buffer (0.5: RLPD)
+    :param demonstration_fraction: of each batch that is drawn from that buffer (0.5: RLPD)
     :param cloning_updates: gradient steps that fit the actor to the demonstrations before it learns
-    :param start_as_teacher: the student's networks start as the teachers', arm by arm
+    :param warm_start: the student's networks start as the teachers', arm by arm
     """
 
     strategy: str
@@ -92,9 +92,9 @@ class AdviceConfig:
     arms: tuple[int, ...] | None = None
     bootstrap: bool = False
     demonstration_steps: int = 0
-    demonstration_share: float = 0.5
+    demonstration_fraction: float = 0.5
     cloning_updates: int = 0
-    start_as_teacher: bool = False
+    warm_start: bool = False
 
     def __post_init__(self) -> None:
         _check_types(self, "advice.")
@@ -102,8 +102,8 @@ class AdviceConfig:
         _require(limit is None or limit >= 0, "advice.threshold", limit, "0 or more")
         for name in ("budget", "demonstration_steps", "cloning_updates"):
             _require(getattr(self, name) >= 0, f"advice.{name}", getattr(self, name), "0 or more")
-        share = self.demonstration_share
-        _require(0 <= share < 1, "advice.demonstration_share", share, "in [0, 1)")
+        share = self.demonstration_fraction
+        _require(0 <= share < 1, "advice.demonstration_fraction", share, "in [0, 1)")
         _require(
             self.demonstration_steps <= self.budget,
             "advice.demonstration_steps",
@@ -176,15 +176,15 @@ class RunConfig:
         holds more than positions
     :param relabel_probability: share of sampled transitions with a hindsight goal
     :param imitation_weight: of the actor's loss on advised transitions (TD3)
-    :param imitation_filter_from: steps from which on only advised actions are imitated that the
+    :param imitation_filter_start: steps from which on only advised actions are imitated that the
         critic finds better (TD3)
-    :param arms_apart: give each arm's part of the goal a hindsight goal, a reward and a value of
-        its own; the actor maximises the values' mean (TD3)
+    :param per_arm_critics: give each arm's part of the goal a hindsight goal, a reward and a value
+        of its own; the actor maximises the values' mean (TD3)
     :param stages: of a variable reward, in their order, or None; for tasks with a constraint
     :param constraint_relabelling: what becomes of the required value of a relabelled transition:
         ``next``, ``future`` or ``keep``; as every other part of the goal where None
     :param constraint_value_weight: of the constraint's own value in what the actor maximises, each
-        arm's weighing 1; for ``arms_apart`` with stages
+        arm's weighing 1; for ``per_arm_critics`` with stages
     :param advice: a teacher's advice, or None
     :param eval_every: steps between evaluations
     :param eval_episodes: episodes of an evaluation, without noise and advice
@@ -219,8 +219,8 @@ class RunConfig:
     achieved_goal_input: bool = False
     relabel_probability: float = 0.8
     imitation_weight: float = 0.0
-    imitation_filter_from: int = 0
-    arms_apart: bool = False
+    imitation_filter_start: int = 0
+    per_arm_critics: bool = False
     stages: tuple[StageConfig, ...] | None = None
     constraint_relabelling: str | None = None
     constraint_value_weight: float = 1.0
@@ -239,8 +239,8 @@ class RunConfig:
             )
         if self.advice is not None and self.advice.bootstrap and self.algorithm != "td3":
             raise ValueError(f"advice.bootstrap=True needs algorithm='td3', not {self.algorithm!r}")
-        if self.arms_apart and self.algorithm != "td3":
-            raise ValueError(f"arms_apart=True needs algorithm='td3', not {self.algorithm!r}")
+        if self.per_arm_critics and self.algorithm != "td3":
+            raise ValueError(f"per_arm_critics=True needs algorithm='td3', not {self.algorithm!r}")
         self._check_ranges()
 
     def _check_ranges(self) -> None:

@@ -5,7 +5,7 @@ plain names and numbers, which RL Zoo reads from YAML and writes back readably::
 
     advisor: {strategy: mc-q, teacher: jaco-push, budget: 100000}
 
-A goal learner's may say `start_as_teacher: true` as well.
+A goal learner's may say `warm_start: true` as well.
 """
 
 from __future__ import annotations

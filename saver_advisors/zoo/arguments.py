@@ -180,7 +180,7 @@ def ready_advice(
 ) -> dict[str, Any]:
     """Advice with what strategies ask about the run, refused where it does not fit.
 
-    :param advice: arguments of `make_advisor`, and `start_as_teacher`
+    :param advice: arguments of `make_advisor`, and `warm_start`
     :param env_id: the student's environment
     :param env_kwargs: its arguments
     :param total_steps: of the run
@@ -196,7 +196,7 @@ def ready_advice(
     episodes = make_episodes(env_id, **env_kwargs)
     run = {"total_steps": total_steps, "horizon": episodes.settings.horizon, "seed": seed}
     ready = {**run, **advice}
-    arguments = {name: value for name, value in ready.items() if name != "start_as_teacher"}
+    arguments = {name: value for name, value in ready.items() if name != "warm_start"}
     make_advisor(
         **arguments,
         observation_space=observation_space(episodes),

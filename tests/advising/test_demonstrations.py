@@ -98,7 +98,7 @@ def test_demonstrations_are_the_teachers_and_what_was_executed(tmp_path: Path) -
 def test_batches_are_drawn_from_both(tmp_path: Path, share: float, expected: int) -> None:
     model = demonstrated_model(tmp_path)
     buffer = model.replay_buffer
-    buffer.demonstration_share = share
+    buffer.demonstration_fraction = share
     model.learn(2 * BLOCK)
     drawn = buffer.sample_transitions(64)
     assert drawn.advised.sum() == (drawn.slot >= buffer.n_slots).sum() == expected
@@ -127,14 +127,14 @@ def test_an_empty_buffer_gives_way_to_the_other() -> None:
     buffer.add(*step)
     assert (buffer.sample_transitions(8).slot >= buffer.n_slots).sum() == 4
     assert (buffer.size(), buffer.demonstrations.size()) == (N_ENVS, N_ENVS)
-    with pytest.raises(ValueError, match=r"demonstration_share=1.0 must lie in \[0, 1\)"):
+    with pytest.raises(ValueError, match=r"demonstration_fraction=1.0 must lie in \[0, 1\)"):
         DemonstrationReplayBuffer(
             100,
             env.observation_space,
             env.action_space,
             "cpu",
             demonstration_size=80,
-            demonstration_share=1.0,
+            demonstration_fraction=1.0,
             **named,
         )
 
@@ -213,7 +213,7 @@ def test_a_cloned_run_evaluates_the_clone(tmp_path: Path) -> None:
             r"but total_steps=240: raise it, or ask for at most 240",
         ),
         ({"arms": [0]}, r"with advice.arms=\[0\]: in a demonstration every arm has a teacher"),
-        ({"demonstration_share": 1.0}, r"advice.demonstration_share=1.0 must be in \[0, 1\)"),
+        ({"demonstration_fraction": 1.0}, r"advice.demonstration_fraction=1.0 must be in \[0, 1\)"),
         ({"demonstration_steps": 0, "cloning_updates": 5}, "nothing to clone"),
         ({"demonstration_steps": -1}, "advice.demonstration_steps=-1 must be 0 or more"),
         ({"cloning_updates": -1}, "advice.cloning_updates=-1 must be 0 or more"),

@@ -19,7 +19,7 @@ ROWS = re.findall(r"^\| ([^|`]+) \| `(\{strategy.*\})` \|$", PAGE, re.MULTILINE)
 
 
 def build(advice: dict[str, Any]) -> Any:
-    values = {"env_id": "DualJacoPush-v0", "arms_apart": True, "advice": advice}
+    values = {"env_id": "DualJacoPush-v0", "per_arm_critics": True, "advice": advice}
     return build_model(RunConfig.from_mapping(values), SaverVecEnv("DualJacoPush-v0", n_envs=16))
 
 

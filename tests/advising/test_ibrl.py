@@ -86,8 +86,8 @@ def test_every_learner_can(tmp_path: Path, algorithm: str, arms: list[int] | Non
         assert state["advised_per_arm"][0] == 0
 
 
-def test_arms_apart_ask_their_own_value(tmp_path: Path) -> None:
-    config = settings(advice(tmp_path), arms_apart=True, n_envs=8)
+def test_per_arm_critics_ask_their_own_value(tmp_path: Path) -> None:
+    config = settings(advice(tmp_path), per_arm_critics=True, n_envs=8)
     model: Any = build_model(config, make_vec_env(8))
     model._last_obs = model.env.reset()
     executed, _ = model._sample_action(0, None, 8)
@@ -124,12 +124,12 @@ def test_it_has_to_be_told_the_students_values() -> None:
 # The target --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("arms_apart", [False, True])
+@pytest.mark.parametrize("per_arm_critics", [False, True])
 @pytest.mark.parametrize("arms", [None, [1]])
 def test_the_target_takes_the_better_next_action(
-    tmp_path: Path, arms_apart: bool, arms: list[int] | None
+    tmp_path: Path, per_arm_critics: bool, arms: list[int] | None
 ) -> None:
-    config = settings(advice(tmp_path, bootstrap=True, arms=arms), arms_apart=arms_apart)
+    config = settings(advice(tmp_path, bootstrap=True, arms=arms), per_arm_critics=per_arm_critics)
     model: Any = build_model(config, make_vec_env(4))
     model.critic_target.value_bounds = None  # untrained values lie on both sides of 0
     model.learn(BLOCK)
@@ -149,7 +149,7 @@ def test_the_target_takes_the_better_next_action(
         with th.no_grad():
             return th.stack(model.critic_target(batch.next_observations, actions)).amin(dim=0)
 
-    if not arms_apart:
+    if not per_arm_critics:
         assert (least(chosen) >= least(own)).all()
         assert (least(chosen) > least(own)).any()
         if arms is None:
@@ -186,7 +186,7 @@ def test_bootstrapping_changes_the_learning_and_resumes(tmp_path: Path) -> None:
 
 
 def test_ibrl_as_a_whole_resumes(tmp_path: Path) -> None:
-    config = settings(advice(tmp_path, bootstrap=True, budget=2 * BLOCK), arms_apart=True)
+    config = settings(advice(tmp_path, bootstrap=True, budget=2 * BLOCK), per_arm_critics=True)
     assert_resumes_exactly(config, tmp_path)
 
 

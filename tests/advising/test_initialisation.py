@@ -80,8 +80,8 @@ def rows(n_arms: int = 2, n: int = 50, scale: float = 3.0) -> dict[str, Any]:
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_the_shipped_teacher_on_two_real_arms(apart: bool) -> None:
-    advice = {"strategy": "none", "teacher": "jaco-push", "budget": 0, "start_as_teacher": True}
-    values = {"env_id": "DualJacoPush-v0", "n_envs": 8, "arms_apart": apart, "advice": advice}
+    advice = {"strategy": "none", "teacher": "jaco-push", "budget": 0, "warm_start": True}
+    values = {"env_id": "DualJacoPush-v0", "n_envs": 8, "per_arm_critics": apart, "advice": advice}
     env = SaverVecEnv("DualJacoPush-v0", n_envs=8, seed=0)
     model = build_model(RunConfig.from_mapping(values), env)
     pair = side_by_side(load_teacher("jaco-push"), 2)
@@ -155,7 +155,7 @@ def test_critics_with_layer_norm_start_near() -> None:
     seen: Any = env.reset()
     teacher = load_teacher("jaco-push")
     mapping, group = ArmMapping(2, action_size=3), TeacherGroup(teacher, 2)
-    config = {"env_id": "DualJacoPush-v0", "arms_apart": True, "n_envs": 32}
+    config = {"env_id": "DualJacoPush-v0", "per_arm_critics": True, "n_envs": 32}
     model: Any = build_model(RunConfig.from_mapping(config), env)
     assert start_as_teachers(model, group, mapping) == "approximate"
     actions = np.random.default_rng(0).uniform(-1, 1, (32, 6)).astype(np.float32)
@@ -225,7 +225,7 @@ def test_a_run_that_starts_as_its_teachers_resumes(tmp_path: Path) -> None:
         "strategy": "none",
         "teacher": save_teacher(tmp_path),
         "budget": 0,
-        "start_as_teacher": True,
+        "warm_start": True,
     }
     assert_resumes_exactly(settings(advice), tmp_path)
 
@@ -235,7 +235,7 @@ def test_a_run_that_cannot_is_refused_before_a_step(tmp_path: Path) -> None:
         "strategy": "early",
         "teacher": save_teacher(tmp_path),
         "budget": BLOCK,
-        "start_as_teacher": True,
+        "warm_start": True,
     }
     with pytest.raises(ValueError, match=r"net_arch=\[16\] cannot hold"):
         start(settings(advice, net_arch=[16]), tmp_path / "run")

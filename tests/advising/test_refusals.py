@@ -134,7 +134,7 @@ def test_configurations_come_back_from_files(tmp_path: Path) -> None:
     for name in ("run.yaml", "run.json"):
         config.to_file(tmp_path / name)
         assert RunConfig.from_file(tmp_path / name) == config
-    assert np.isclose(config.advice.demonstration_share, 0.5)  # type: ignore[union-attr]
+    assert np.isclose(config.advice.demonstration_fraction, 0.5)  # type: ignore[union-attr]
 
 
 def test_a_checkpoint_from_before_a_setting_goes_on(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def test_the_shipped_grid_has_the_rows_of_the_table() -> None:
     strategies = {
         (run.row, None if run.config.advice is None else run.config.advice.strategy)
         for run in grid.runs
-        if run.config.env_id == "DualJacoPush-v0" and run.config.arms_apart
+        if run.config.env_id == "DualJacoPush-v0" and run.config.per_arm_critics
     }
     for strategy in ("mc-q", "mc-act", "mc-actabs"):
         for threshold in ("0.01", "0.05", "0.1"):
@@ -135,5 +135,5 @@ def test_the_shipped_grid_of_stages_has_method_ablations_and_baselines() -> None
     assert by_row["hindsight alone"].advice is None
     assert by_row["min"].constraint_relabelling == "next"
     assert by_row["own value"].constraint_relabelling == "keep"
-    assert by_row["own value"].arms_apart
+    assert by_row["own value"].per_arm_critics
     assert by_row["min, eight layers"].net_arch == (512, 512, *(256,) * 6)

@@ -51,5 +51,5 @@ def test_algorithms_with_one_value_refuse_parts() -> None:
         make_policy(GoalTQCPolicy, n_values=2)
     with pytest.raises(ValueError, match="n_values=0"):
         make_policy(n_values=0)
-    with pytest.raises(ValueError, match="arms_apart=True needs algorithm='td3', not 'sac'"):
-        RunConfig("DualJacoPush-v0", algorithm="sac", arms_apart=True)
+    with pytest.raises(ValueError, match="per_arm_critics=True needs algorithm='td3', not 'sac'"):
+        RunConfig("DualJacoPush-v0", algorithm="sac", per_arm_critics=True)

@@ -51,7 +51,7 @@ def learner(weight: float | None, algorithm: Any = GoalTD3, filter_from: int = 0
         **(
             {}
             if weight is None
-            else {"imitation_weight": weight, "imitation_filter_from": filter_from}
+            else {"imitation_weight": weight, "imitation_filter_start": filter_from}
         ),
     )
 

@@ -205,14 +205,20 @@ def test_other_settings_of_a_row_are_told_apart(tmp_path: Path) -> None:
     def write(
         group: str, row: str, seed: int = 0, advice: object = None, **settings: object
     ) -> None:
-        config = {"env_id": PUSH, "seed": seed, "advice": advice, "arms_apart": True, **settings}
+        config = {
+            "env_id": PUSH,
+            "seed": seed,
+            "advice": advice,
+            "per_arm_critics": True,
+            **settings,
+        }
         path = write_run(tmp_path, PUSH, row, seed, curve(9), group=group, config=config)
         path.rename(tmp_path / f"{group}-{path.name}")
 
     early, loose = {"strategy": "early"}, {"strategy": "mc-q", "threshold": 0.01}
-    for group, arms_apart in (("push", True), ("push-joint-value", False)):
-        write(group, "none", arms_apart=arms_apart)
-        write(group, "early", advice=early, arms_apart=arms_apart)
+    for group, per_arm_critics in (("push", True), ("push-joint-value", False)):
+        write(group, "none", per_arm_critics=per_arm_critics)
+        write(group, "early", advice=early, per_arm_critics=per_arm_critics)
     # A setting that an older file does not have has its default.
     write("push-thresholds", "mc-q 0.01", advice=loose, relabel_probability=0.8)
     write("push-baselines", "cloned", imitation_weight=1.0)

@@ -78,7 +78,7 @@ def without_clock(folder: Path) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("apart", [False, True])
 def test_stopped_in_each_stage_a_run_goes_on_as_if_it_had_not(tmp_path: Path, apart: bool) -> None:
-    config = settings(arms_apart=apart)
+    config = settings(per_arm_critics=apart)
     train(config, tmp_path / "whole", progress=False)
     for stop in (2 * BLOCK, 5 * BLOCK, 8 * BLOCK, 9 * BLOCK):
         train(config, tmp_path / "parts", resume=True, progress=False, stop_after_steps=stop)
@@ -124,7 +124,7 @@ def test_advice_ends_with_teaching_even_where_budget_is_left(tmp_path: Path) -> 
 
 
 def test_the_actor_minds_the_constraints_value_in_exploring_alone(env: VecEnv) -> None:
-    config = settings(arms_apart=True, constraint_value_weight=2.0)
+    config = settings(per_arm_critics=True, constraint_value_weight=2.0)
     model: Any = build_model(config, env)
     control = build_stages(config, model)
     assert control is not None
@@ -139,7 +139,7 @@ def test_the_actor_minds_the_constraints_value_in_exploring_alone(env: VecEnv) -
 
 def test_weights_decide_what_the_actor_climbs(env: VecEnv) -> None:
     """With all the weight on one part, a step of the actor raises that part's value."""
-    model: Any = build_model(settings(arms_apart=True, advice=None, stages=None), env)
+    model: Any = build_model(settings(per_arm_critics=True, advice=None, stages=None), env)
     model.learn(3 * BLOCK)
     model.policy.critic.action_penalty = 0.0
     batch, advised = model._draw(64)

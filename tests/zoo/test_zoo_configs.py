@@ -128,7 +128,7 @@ def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunCon
     )
     replay = entry["replay_buffer_kwargs"]
     assert replay["relabel_probability"] == config.relabel_probability
-    assert ("goal_parts" in replay) == config.arms_apart
+    assert ("goal_parts" in replay) == config.per_arm_critics
     assert policy.get("n_values", 1) == len(replay.get("goal_parts", [1]))
     assert sum(replay.get("goal_parts", [])) in (0, make_episodes(config.env_id).goal_size)
     contested = {"contested_share": 0.4}  # the default, which saver.yml says once more
@@ -141,10 +141,8 @@ def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunCon
         assert advice is None
         return
     assert advice is not None
-    own = ("strategy", "teacher", "budget", "start_as_teacher")
-    assert {"start_as_teacher": False, **advice} == {
-        name: getattr(config.advice, name) for name in own
-    }
+    own = ("strategy", "teacher", "budget", "warm_start")
+    assert {"warm_start": False, **advice} == {name: getattr(config.advice, name) for name in own}
 
 
 def compare_constraint(entry: dict[str, Any], config: RunConfig) -> None:

@@ -324,15 +324,15 @@ def test_easier_starts_are_kept_from_evaluations(
     with monkeypatch.context() as patch:
         words = tiny("sac", env, tmp_path, "--", "--eval-freq", "20")
         found = kwargs_by_purpose(patch, lambda: main(words))
-    assert found[False] == {"horizon": 10, "in_hand_share": 0.4}
-    assert found[True] == {"horizon": 10, "in_hand_share": 0.0}
+    assert found[False] == {"horizon": 10, "in_hand_probability": 0.4}
+    assert found[True] == {"horizon": 10, "in_hand_probability": 0.0}
     words = [
         *("--conf-file", str(CONFIGS / "sac.yml"), "--algo", "sac", "--env", env),
         *("-f", str(tmp_path), "--seed", "1"),
     ]
     monkeypatch.setattr(sys, "argv", ["rl_zoo3", *words])
     found = kwargs_by_purpose(monkeypatch, rl_zoo3.train.train)
-    assert found[False] == {"in_hand_share": 0.4}
+    assert found[False] == {"in_hand_probability": 0.4}
     assert found[True] == {}
 
 
