@@ -7,6 +7,7 @@ for that environment. Ctrl-C lets the current block finish and writes a checkpoi
 from __future__ import annotations
 
 import argparse
+import contextlib
 import shlex
 import signal
 import time
@@ -116,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
 
         print(yaml.safe_dump(config.to_mapping(), sort_keys=False), end="")
         return 0
-    _check_before_start(args, config)
+    _check_output(args, config)
     result = _train(args, config)
     _report(args, config, result)
     write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
@@ -124,12 +125,8 @@ def run(args: argparse.Namespace) -> int:
     return 0 if result.finished or args.time_limit is not None else 130
 
 
-def _check_before_start(args: argparse.Namespace, config: Any) -> None:
-    """Find the user's mistakes before a long run, each under its argument."""
-    from saver_advisors.cli.arguments import env_id as known_env
-    from saver_advisors.training.launch import check_run
-    from saver_envs.registration import make_episodes
-
+def _check_output(args: argparse.Namespace, config: Any) -> None:
+    """Check the folder and the environment's id before anything is built."""
     if args.output is None:
         raise UsageError("argument --output: say which folder the run goes to")
     if args.output.exists() and not args.output.is_dir():
@@ -140,35 +137,25 @@ def _check_before_start(args: argparse.Namespace, config: Any) -> None:
             "--resume, or choose another folder"
         )
     try:
-        known_env(config.env_id)
+        env_id(config.env_id)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"argument --config: {error}") from error
-    for name in ("env_kwargs", "train_env_kwargs"):
-        with user_mistakes(name):
-            make_episodes(config.env_id, **getattr(config, name))
-    if config.advice is not None:
-        with user_mistakes("advice"):
-            check_run(config)
 
 
 def _train(args: argparse.Namespace, config: Any) -> Any:
-    from saver_advisors.training.launch import train
+    from saver_advisors.training.launch import open_run
 
     callback = None if args.time_limit is None else _time_limit(args.time_limit)
-    try:
-        # What is left is mostly wrong with the folder: a damaged or a foreign checkpoint.
-        with user_mistakes("argument --output"):
-            return train(
-                config,
-                args.output,
-                resume=args.resume,
-                progress=not args.no_progress,
-                threads=args.threads,
-                callback=callback,
-            )
-    except KeyboardInterrupt:
-        print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
-        raise
+    with contextlib.ExitStack() as stack:
+        with user_mistakes():
+            run = stack.enter_context(open_run(config, args.output, threads=args.threads))
+        try:
+            # The settings fit: what fails now is mostly the folder, such as a damaged checkpoint.
+            with user_mistakes("argument --output"):
+                return run.train(args.resume, not args.no_progress, callback=callback)
+        except KeyboardInterrupt:
+            print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
+            raise
 
 
 def _time_limit(seconds: float) -> Any:

@@ -1,7 +1,7 @@
 """Training runs: settings, start, checkpoint, resume, release."""
 
-from saver_advisors.training.building import ALGORITHMS, build_advisor, build_model
-from saver_advisors.training.launch import check_run, load_trained, train
+from saver_advisors.training.building import ALGORITHMS, build_advisor, build_env, build_model
+from saver_advisors.training.launch import load_trained, open_run, train
 from saver_advisors.training.run import EvaluationResult, RunResult
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 
@@ -12,8 +12,9 @@ __all__ = [
     "RunConfig",
     "RunResult",
     "build_advisor",
+    "build_env",
     "build_model",
-    "check_run",
     "load_trained",
+    "open_run",
     "train",
 ]

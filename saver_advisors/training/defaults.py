@@ -61,7 +61,6 @@ def environment_entry(
     """
     entry = None if env_id is None else content.get(env_id, content.get(ANY_ENVIRONMENT))
     if entry is None:
-        raise ValueError(
-            f"{path} has no entry for {env_id or 'no environment'}; it has {', '.join(map(str, content))}"
-        )
+        names = ", ".join(map(str, content))
+        raise ValueError(f"{path} has no entry for {env_id or 'no environment'}; it has {names}")
     return entry

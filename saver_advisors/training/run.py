@@ -1,9 +1,9 @@
-"""A run in progress: blocks of training, evaluations and checkpoints between them.
+"""A run in progress: blocks of training, with evaluations and checkpoints between them.
 
-Every environment does one episode, then come some gradient steps; in the first blocks the teachers
-demonstrate, where that is asked for. At a checkpoint the environments are reset with a seed made
-from the run's seed and its step count, on resuming likewise, so that a run that was stopped at a
-checkpoint and resumed does exactly what an uninterrupted one does.
+In a block every environment plays one episode, then the gradient steps follow; in the first blocks
+the teachers demonstrate, where configured. At a checkpoint the environments are reset with a seed
+derived from the run's seed and its step count, and likewise on resuming, so that a run that was
+stopped at a checkpoint and resumed equals an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -18,51 +18,51 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
 from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
+from saver_advisors.advising import Advisor
 from saver_advisors.learner.algorithms import GoalLearnerMixin, episode_horizon
 from saver_advisors.learner.cloning import clone
 from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
-from saver_advisors.training.building import (
-    build_model,
-    build_stages,
-    demonstration_steps,
-)
+from saver_advisors.training.building import build_model, build_stages, demonstration_steps
 from saver_advisors.training.checkpoint import (
     POLICY_FILE,
+    find_checkpoint,
     load_checkpoint,
+    read_state,
     save_checkpoint,
     save_policy,
 )
-from saver_advisors.training.curve_file import append_point, read_curve, write_curve
+from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.training.settings import RunConfig
 
-if TYPE_CHECKING:
-    from saver_advisors.advising import Advisor
+#: Settings that may change when a run is resumed: its length, and how closely it is observed.
+MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
+#: Of an evaluation, what only tasks with a constraint have.
+RATES = ("goal_success_rate", "constraint_met_rate")
 
 Observation = dict[str, npt.NDArray[Any]]
 
 
 class EvaluationResult(Protocol):
-    """What ``evaluate_policy`` returns, as far as it is used here."""
+    """What a run uses of the result of ``evaluate_policy``."""
 
     @property
     def success(self) -> npt.NDArray[np.bool_]:
-        """(episodes,)"""
+        """Success of each episode, (episodes,)."""
 
     @property
     def cost_sums(self) -> Mapping[str, npt.NDArray[np.float64]]:
-        """Sums over each episode, (episodes,) for each kind of cost."""
+        """Sum over each episode, (episodes,), of each kind of cost."""
 
 
 Evaluate = Callable[..., EvaluationResult]
@@ -70,15 +70,15 @@ Evaluate = Callable[..., EvaluationResult]
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run, or a part of it, ended.
+    """The state in which a run ended or stopped.
 
-    :param output_dir: its folder
-    :param finished: whether it did all its steps; otherwise ``resume=True`` goes on
-    :param steps: environment steps done
-    :param updates: gradient steps done
-    :param wall_clock_s: seconds of training, evaluations and checkpoints not counted
-    :param success_rate: of the last evaluation, None before the first
-    :param best_success_rate: of the best one
+    :param output_dir: the run's folder.
+    :param finished: whether all steps are done; otherwise ``resume=True`` continues.
+    :param steps: environment steps done.
+    :param updates: gradient steps done.
+    :param wall_clock_s: seconds of training, without evaluations and checkpoints.
+    :param success_rate: success rate of the last evaluation, None before the first.
+    :param best_success_rate: success rate of the best evaluation.
     """
 
     output_dir: Path
@@ -91,7 +91,14 @@ class RunResult:
 
 
 class Run:
-    """A run in progress."""
+    """A run in progress. Creating it builds the learner and writes nothing.
+
+    :param config: settings of the run.
+    :param output_dir: the run's folder.
+    :param env: the vector env to train in.
+    :param evaluate: called as ``evaluate_policy``.
+    :raises ValueError: for settings that do not fit together.
+    """
 
     def __init__(
         self, config: RunConfig, output_dir: Path, env: VecEnv, evaluate: Evaluate
@@ -101,6 +108,7 @@ class Run:
         self.env = env
         self.evaluate = evaluate
         self.model = build_model(config, env)
+        self.advisor: Advisor | None = getattr(self.model, "advisor", None)
         self.stages = build_stages(config, self.model)
         horizon = episode_horizon(env)
         self.block = horizon * config.n_envs
@@ -115,36 +123,35 @@ class Run:
 
     @property
     def best_success_rate(self) -> float | None:
-        """The highest of the curve."""
-        return max((line["success_rate"] for line in self.curve), default=None)
+        """The highest success rate of the curve, None before the first evaluation."""
+        return max((point["success_rate"] for point in self.curve), default=None)
 
-    def begin(self, checkpoint: Path | None) -> None:
-        """Take over a checkpoint, or start afresh; write down who runs this where."""
-        if checkpoint is not None:
-            extra = load_checkpoint(checkpoint, self.model)
-            self.wall_clock_s = extra["wall_clock_s"]
-            self._learner.training_cost = extra.get("training_cost", 0.0)
-            if extra["advisor"] is not None:
-                self._advisor().load_state_dict(extra["advisor"])
-            if self.stages is not None:
-                self.stages.load_state_dict(extra["stages"], self.model)
-            self.curve = [
-                line for line in read_curve(self.output_dir) if line["steps"] <= self.steps
-            ]
-        # Lines written after the checkpoint would come a second time.
-        write_curve(self.output_dir, self.curve)
-        self._write_record()
-        self._restart_environments()
-
-    def loop(
-        self, callback: MaybeCallback, progress: bool, stop_after_steps: int | None
+    def train(
+        self,
+        resume: bool = False,
+        progress: bool = True,
+        stop_after_steps: int | None = None,
+        callback: MaybeCallback = None,
     ) -> RunResult:
-        """Train in blocks until the steps are done or somebody asks to stop."""
+        """Train in blocks until the steps are done or the process is asked to stop.
+
+        :param resume: see ``saver_advisors.training.train``, as for the others.
+        :param progress: show a progress bar.
+        :param stop_after_steps: stop with a checkpoint after this many steps of the whole run.
+        :param callback: SB3 callbacks.
+        :return: the state of the run.
+        :raises FileExistsError: if the folder holds a run and ``resume`` is false.
+        :raises ValueError: for a checkpoint that is damaged or has another configuration.
+        :raises OSError: if a checkpoint cannot be written.
+        """
+        self._begin(resume)
         total = self.config.total_steps
         limit = total if stop_after_steps is None else min(total, stop_after_steps)
-        bar = tqdm(total=total, initial=self.steps, unit="step", disable=not progress)
         saved_at = self.steps
-        with bar, _stop_requests() as stop:
+        with (
+            tqdm(total=total, initial=self.steps, unit="step", disable=not progress) as bar,
+            _stop_requests() as stop,
+        ):
             while self.steps < limit and not stop.is_set():
                 before = self.steps
                 if self.steps < self.demonstration_steps:
@@ -153,29 +160,61 @@ class Run:
                     self._train_block(callback)
                 bar.update(self.steps - before)
                 done = self.steps >= total
-                evaluated = done or self._is_due(self.config.eval_every, before)
-                if evaluated:
-                    self._evaluate()
-                    bar.set_postfix(success=f"{self.curve[-1]['success_rate']:.2f}")
+                rate = None
+                if done or self._is_due(self.config.eval_every, before):
+                    rate = self._evaluate()
+                    bar.set_postfix(success=f"{rate:.2f}")
                 if self.stages is not None:
-                    rate = self.curve[-1]["success_rate"] if evaluated else None
                     self.stages.update(self.model, success_rate=rate)
                 if done or self._is_due(self.config.checkpoint_every, before):
                     self._checkpoint()
                     saved_at = self.steps
             if saved_at != self.steps:
                 self._checkpoint()
-        return self._result()
+        return RunResult(
+            output_dir=self.output_dir,
+            finished=self.steps >= total,
+            steps=self.steps,
+            updates=self.model._n_updates,
+            wall_clock_s=self.wall_clock_s,
+            success_rate=self.curve[-1]["success_rate"] if self.curve else None,
+            best_success_rate=self.best_success_rate,
+        )
+
+    def _begin(self, resume: bool) -> None:
+        """Create the folder or load its checkpoint; append this session to ``run.json``."""
+        checkpoint = find_own_checkpoint(self.output_dir, self.config, resume)
+        self.output_dir.mkdir(parents=True, exist_ok=True)
+        if checkpoint is not None:
+            extra = load_checkpoint(checkpoint, self.model)
+            self.wall_clock_s = extra["wall_clock_s"]
+            self.model.training_cost = extra.get("training_cost", 0.0)
+            if self.advisor is not None:
+                self.advisor.load_state_dict(extra["advisor"])
+            if self.stages is not None:
+                self.stages.load_state_dict(extra["stages"], self.model)
+            curve = read_curve(self.output_dir)
+            self.curve = [point for point in curve if point["steps"] <= self.steps]
+        # Points written after the checkpoint would appear twice.
+        write_curve(self.output_dir, self.curve)
+        path = self.output_dir / "run.json"
+        sessions: list[Any] = []
+        if self.steps > 0 and path.exists():
+            sessions = json.loads(path.read_text(encoding="utf-8"))["sessions"]
+        sessions.append({"from_steps": self.steps, **provenance()})
+        config = self.config.to_mapping()
+        write_json_atomic(path, {"seed": config["seed"], "config": config, "sessions": sessions})
+        self._restart_environments()
 
     def _is_due(self, every: int, before: int) -> bool:
-        """Whether a multiple of ``every`` lies in the steps done since ``before``."""
+        """Return whether the steps done since ``before`` include a multiple of ``every``."""
         return self.steps // every > before // every
 
     def _demonstrate_block(self) -> None:
-        """One episode of the teachers in each environment; after the last, behaviour cloning."""
+        """Let the teachers play an episode in each environment; after the last, clone them."""
         start = time.perf_counter()
         model: Any = self.model
-        replay = _replay(model)
+        replay = model.replay_buffer
         assert isinstance(replay, DemonstrationReplayBuffer)
         model.demonstrate(self.block, replay.demonstrations)
         if self.steps >= self.demonstration_steps:
@@ -190,20 +229,23 @@ class Run:
         self.wall_clock_s += time.perf_counter() - start
 
     def _train_block(self, callback: MaybeCallback) -> None:
-        """One episode in each environment, then the gradient steps."""
+        """Play an episode in each environment, then do the gradient steps."""
         start = time.perf_counter()
-        # SB3 asks the schedule for the progress of one `learn`, which here is a block.
+        # SB3 passes the schedule the progress of one `learn`, which here is a block.
         self.model.lr_schedule = ConstantSchedule(self.config.learning_rate_at(self.steps))
         self.model.learn(
             self.block,
             callback=callback,
-            log_interval=None,  # type: ignore[arg-type]  # None means no log; the hint forgets it
+            log_interval=None,  # type: ignore[arg-type]  # None means no log; the hint omits it
             reset_num_timesteps=False,
         )
         self.wall_clock_s += time.perf_counter() - start
 
-    def _evaluate(self) -> None:
-        """Measure the student alone, add a line to the curve, keep the best policy."""
+    def _evaluate(self) -> float:
+        """Evaluate the student alone, add a point to the curve, keep the best policy.
+
+        :return: the success rate.
+        """
         student = Student(self.model)
         result = self.evaluate(
             student.predict,
@@ -215,102 +257,75 @@ class Run:
         best_before = self.best_success_rate
         success_rate = float(np.mean(result.success))
         logged = self.model.logger.name_to_value
-        line: dict[str, Any] = {
+        averages = load_averages()
+        point: dict[str, Any] = {
             "steps": self.steps,
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
             "success_rate": success_rate,
             "mean_q": student.mean_q,
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
-            "training_cost": self._learner.training_cost,
-            # What the seconds are worth: more than the cores means that others had a share.
-            "load_average": None if (averages := load_averages()) is None else averages[0],
-            "advice_spent": 0 if self.config.advice is None else int(self._advisor().spent),
+            "training_cost": self.model.training_cost,
+            # More than the number of cores means that the seconds include waiting for others.
+            "load_average": None if averages is None else averages[0],
+            "advice_spent": 0 if self.advisor is None else int(self.advisor.spent),
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
-            **_rates(result),
         }
+        if getattr(result, "constraint_met_rate", None) is not None:
+            rates = {name: getattr(result, name, None) for name in RATES}
+            point |= {name: float(rate) for name, rate in rates.items() if rate is not None}
         if self.stages is not None:
-            line["stage"] = self.stages.stage.name
-        append_point(self.output_dir, line)
-        self.curve.append(line)
-        if self.config.advice is not None:
-            self._advisor().student_evaluated(success_rate)
-        # Of equals the later: longer trained, it does better on other episodes.
+            point["stage"] = self.stages.stage.name
+        append_point(self.output_dir, point)
+        self.curve.append(point)
+        if self.advisor is not None:
+            self.advisor.student_evaluated(success_rate)
+        # The later of equals: after more training it does better on other episodes.
         if best_before is None or success_rate >= best_before:
             folder = self.output_dir / "best"
             folder.mkdir(exist_ok=True)
             save_policy(folder / POLICY_FILE, self.model.policy)
-            write_json_atomic(folder / "evaluation.json", line)
+            write_json_atomic(folder / "evaluation.json", point)
+        return success_rate
 
     def _checkpoint(self) -> None:
-        """Save everything, then go on as a resumed run would."""
-        _replay(self.model).end_running_episodes()
+        """Save everything, then continue as a resumed run would."""
+        assert isinstance(self.model.replay_buffer, GoalReplayBuffer)
+        self.model.replay_buffer.end_running_episodes()
         extra = {
             "config": self.config.to_mapping(),
             "wall_clock_s": self.wall_clock_s,
-            "training_cost": self._learner.training_cost,
-            "advisor": None if self.config.advice is None else self._advisor().state_dict(),
+            "training_cost": self.model.training_cost,
+            "advisor": None if self.advisor is None else self.advisor.state_dict(),
             "stages": None if self.stages is None else self.stages.state_dict(),
         }
         save_checkpoint(self.output_dir / "latest", self.model, extra)
         self._restart_environments()
 
     def _restart_environments(self) -> None:
-        """Reset with a seed that only the run's seed and its step count decide."""
+        """Reset with a seed that depends only on the run's seed and its step count."""
         seed = np.random.SeedSequence([self.config.seed, self.steps]).generate_state(1)[0]
-        # SB3 adds an environment's number to the seed: leave room below 2**31.
+        # SB3 adds an environment's index to the seed, which must stay below 2**31.
         self.env.seed(int(seed % 2**30))
         self.model._last_obs = self.env.reset()  # type: ignore[assignment]
         self.model._last_episode_starts = np.ones(self.config.n_envs, bool)
 
-    @property
-    def _learner(self) -> GoalLearnerMixin:
-        assert isinstance(self.model, GoalLearnerMixin), "build_model makes no other"
-        return self.model
-
-    def _advisor(self) -> Advisor:
-        advisor: Advisor = self.model.advisor  # type: ignore[attr-defined]  # the advised class's
-        return advisor
-
-    def _write_record(self) -> None:
-        """Append this session to ``run.json``."""
-        path = self.output_dir / "run.json"
-        sessions: list[Any] = []
-        if self.steps > 0 and path.exists():
-            sessions = json.loads(path.read_text(encoding="utf-8"))["sessions"]
-        sessions.append({"from_steps": self.steps, **provenance()})
-        record = {
-            "seed": self.config.seed,
-            "config": self.config.to_mapping(),
-            "sessions": sessions,
-        }
-        write_json_atomic(path, record)
-
-    def _result(self) -> RunResult:
-        return RunResult(
-            output_dir=self.output_dir,
-            finished=self.steps >= self.config.total_steps,
-            steps=self.steps,
-            updates=self.model._n_updates,
-            wall_clock_s=self.wall_clock_s,
-            success_rate=self.curve[-1]["success_rate"] if self.curve else None,
-            best_success_rate=self.best_success_rate,
-        )
-
 
 class Student:
-    """The learner as a plain function of observations, with the mean of its own Q on the way."""
+    """The learner as a function of observations, which averages its own Q values.
 
-    def __init__(self, model: OffPolicyAlgorithm) -> None:
+    :param model: the learner.
+    """
+
+    def __init__(self, model: GoalLearnerMixin) -> None:
         self.model = model
         self._sum = 0.0
         self._count = 0
 
     def predict(self, observation: Observation) -> npt.NDArray[Any]:
-        """Deterministic actions (n, action_dim) for observations with entries (n, dim)."""
+        """Return deterministic actions (n, action_dim) for observations with entries (n, dim)."""
         action, _ = self.model.predict(observation, deterministic=True)
-        assert isinstance(self.model, GoalLearnerMixin)
         values = self.model.student_value(observation, action)
         self._sum += float(values.sum())
         self._count += values.size
@@ -318,21 +333,50 @@ class Student:
 
     @property
     def mean_q(self) -> float | None:
-        """Q(s, pi(s)) over the states seen, as the dissertation's figures 5.4 to 5.8 plot it."""
+        """Mean Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8."""
         return self._sum / self._count if self._count else None
 
 
-def _replay(model: OffPolicyAlgorithm) -> GoalReplayBuffer:
-    assert isinstance(model.replay_buffer, GoalReplayBuffer)
-    return model.replay_buffer
+def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Path | None:
+    """Find the checkpoint to resume from, and check that it belongs to the same run.
+
+    :param output_dir: the run's folder, which may be missing.
+    :param config: settings of the run.
+    :param resume: whether the run may continue from a checkpoint.
+    :return: the checkpoint's folder; None for a new run.
+    :raises FileExistsError: if the folder holds a run and ``resume`` is false.
+    :raises ValueError: for a checkpoint that is damaged or has another configuration.
+    """
+    checkpoint = find_checkpoint(output_dir / "latest")
+    if not resume and (checkpoint is not None or (output_dir / CURVE_FILE).exists()):
+        raise FileExistsError(
+            f"output_dir={output_dir} holds a run already: go on with it by resume=True, or "
+            "choose another folder"
+        )
+    if checkpoint is None:
+        return None
+    # By way of the class: settings that are newer than the checkpoint get their defaults.
+    recorded = RunConfig.from_mapping(read_state(checkpoint)["extra"]["config"])
+    saved, wanted = recorded.to_mapping(), config.to_mapping()
+    changes = [
+        f"{name}: {saved[name]!r} -> {wanted[name]!r}"
+        for name in sorted(wanted.keys() - MAY_CHANGE)
+        if saved[name] != wanted[name]
+    ]
+    if changes:
+        raise ValueError(
+            f"the checkpoint in {output_dir} is of another configuration ({', '.join(changes)}); "
+            f"only {sorted(MAY_CHANGE)} may change when a run is resumed"
+        )
+    return checkpoint
 
 
 @contextmanager
 def _stop_requests() -> Iterator[threading.Event]:
-    """Turn Ctrl-C and SIGTERM into an event, so that a block is never torn apart."""
+    """Turn Ctrl-C and SIGTERM into an event, so that blocks are never interrupted."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        # Python delivers signals to the main thread only: whoever runs it decides.
+        # Python delivers signals to the main thread only, which then decides.
         yield stop
         return
 
@@ -351,15 +395,6 @@ def _stop_requests() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _rates(result: EvaluationResult) -> dict[str, float]:
-    """GSR and CMR, where the environment tells them apart from success."""
-    names = ("goal_success_rate", "constraint_met_rate")
-    rates = {name: getattr(result, name, None) for name in names}
-    if rates["constraint_met_rate"] is None:
-        return {}  # an unconstrained task: the goal's rate is the success rate
-    return {name: float(rate) for name, rate in rates.items() if rate is not None}
-
-
 def _number(value: Any) -> float | None:
-    """A logged value as JSON has it; None before the first update."""
+    """Return a logged value as JSON accepts it; None before the first update."""
     return None if value is None or not np.isfinite(value) else float(value)

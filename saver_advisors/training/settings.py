@@ -332,18 +332,18 @@ def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
     missing = [prefix + name for name in required if name not in values]
     if missing:
         raise ValueError(f"{', '.join(missing)} must be given")
-    return cls(
-        **{
-            name: tuple(value) if isinstance(value, list) and "tuple" in types[name] else value
-            for name, value in values.items()
-        }
-    )
+    given: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) and "tuple" in types[name] else value
+        for name, value in values.items()
+    }
+    return cls(**given)
 
 
 def _check_fields(config: RunConfig | AdviceConfig | StageConfig, prefix: str) -> None:
     """Check each value against the type and the range that its field declares."""
     for f in fields(config):
-        name, value, optional = prefix + f.name, getattr(config, f.name), " | None" in str(f.type)
+        name, value = prefix + f.name, getattr(config, f.name)
+        optional = str(f.type).endswith(" | None")
         if optional and value is None:
             continue
         kind = str(f.type).removesuffix(" | None")
@@ -371,7 +371,7 @@ _TYPES: Final[dict[str, tuple[tuple[type, ...], str]]] = {
     "tuple[StageConfig, ...]": ((tuple,), "a list of stages"),
     "AdviceConfig": ((AdviceConfig,), "a mapping of advice settings"),
 }
-_RANGES: Final[dict[str, tuple[str, str, Callable[[float], bool] | None]]] = {
+_RANGES: Final[dict[str, tuple[str, str, Callable[[Any], bool] | None]]] = {
     "PositiveInt": ("int", "positive", lambda value: value > 0),
     "NonNegativeInt": ("int", "0 or more", lambda value: value >= 0),
     "PositiveFloat": ("float", "positive", lambda value: value > 0),

@@ -21,12 +21,14 @@ import torch as th
 from safetensors.torch import load_file
 from stable_baselines3.common.callbacks import BaseCallback
 
+from saver_advisors.cli import main as saver
 from saver_advisors.learner import GoalTD3
 from saver_advisors.policies.teacher import Teacher
 from saver_advisors.training.curve_file import OF_THE_MACHINE
 from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.run import RunResult
 from saver_advisors.training.settings import AdviceConfig, RunConfig
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 BLOCK = 40  # 4 environments, 10 steps
 CONFIG = RunConfig(
@@ -476,3 +478,54 @@ def test_threads_are_torchs_for_the_time_of_the_run(start: Start, tmp_path: Path
     with pytest.raises(ValueError, match="threads=0"):
         start(CONFIG, tmp_path / "none", threads=0)
     assert not (tmp_path / "none").exists()
+
+
+# Command -----------------------------------------------------------------------------------------
+
+
+def test_the_command_builds_one_environment_and_one_learner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Evaluations have environments of their own, of another number."""
+    built: list[str] = []
+
+    def counted(kind: type[Any]) -> None:
+        init = kind.__init__
+
+        def count(self: Any, *arguments: Any, **named: Any) -> None:
+            if named.get("n_envs") != 3:
+                built.append(kind.__name__)
+            init(self, *arguments, **named)
+
+        monkeypatch.setattr(kind, "__init__", count)
+
+    counted(SaverVecEnv)
+    counted(GoalTD3)
+    words = ["train", "--env", "DualJacoPush-v0", "--output", str(tmp_path / "run")]
+    words += ["--steps", "20", "--no-progress", "--env-kwargs", "horizon=10", "--set"]
+    words += ["n_envs=2", "batch_size=16", "gradient_steps=1", "buffer_size=200", "eval_episodes=3"]
+    assert saver(words) == 0
+    assert sorted(built) == ["GoalTD3", "SaverVecEnv"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["env_kwargs.horizon=-1"], "error: env_kwargs: "),
+        (["train_env_kwargs.horizon=-1"], "error: train_env_kwargs: "),
+        (["train_env_kwargs.horizen=10"], "error: train_env_kwargs: "),
+        (["advice.teacher=jaco-pick-and-place"], "error: advice: "),
+        (["stages=[{stage: exploring}]"], "error: "),
+        (["constraint_relabelling=keep"], "error: "),
+    ],
+)
+def test_wrong_settings_are_reported_before_a_file_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    folder = tmp_path / "run"
+    more = ["--no-progress", "--set", "n_envs=2", "buffer_size=200", *words]
+    assert saver(["train", "--env", "DualJacoPush-v0", "--output", str(folder), *more]) == 2
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    assert message in text
+    assert not folder.exists()
