@@ -11,21 +11,13 @@ from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 
 def run_zoo(args: argparse.Namespace) -> int:
-    """Train under RL Zoo, from the same arguments as far as they mean something there.
+    """Train under RL Zoo, from those arguments of ``saver train`` that have a meaning there.
 
-    :param args: the command line of ``saver train``
-    :return: exit status
+    :param args: the command line of ``saver train``.
+    :return: exit status.
+    :raises UsageError: for arguments that do not fit.
     """
-    from saver_advisors.zoo.arguments import (
-        ZooRun,
-        algorithm_name,
-        check_arguments,
-        latest_model,
-        read_settings,
-        ready_advice,
-        settings_path,
-        start,
-    )
+    from saver_advisors.zoo import arguments as zoo
 
     for name in ("algorithm", "time_limit", "json", "print_config"):
         if getattr(args, name):
@@ -35,34 +27,36 @@ def run_zoo(args: argparse.Namespace) -> int:
     for name in ("env", "output"):
         if getattr(args, name) is None:
             raise UsageError(f"argument --{name}: --zoo needs it")
-    algorithm_name(args.zoo, advised=False)  # is there one of that name?
-    check_arguments(args.zoo_arguments)
-    config = args.config or settings_path(args.zoo)
-    entry, advice = read_settings(config, args.env)
+    zoo.algorithm_name(args.zoo, advised=False)  # rejects an unknown name before the file is read
+    zoo.check_arguments(args.zoo_arguments)
+    config = args.config or zoo.settings_path(args.zoo)
+    entry, advice = zoo.read_settings(config, args.env)
     values: dict[str, Any] = {"advice": advice}
     apply_advice(values, args)
     chosen = dict(entry)
     apply_set(chosen, args)
+    hyperparameters = {k: v for k, v in chosen.items() if k not in entry or v != entry[k]}
     env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
+    seed = args.seed or 0
+    algorithm = zoo.algorithm_name(args.zoo, advised=values["advice"] is not None)
     if values["advice"] is not None:
         with user_mistakes("advice"):
-            steps, seed = args.steps or int(chosen["n_timesteps"]), args.seed or 0
-            values["advice"] = ready_advice(values["advice"], args.env, env_kwargs, steps, seed)
-    algorithm = algorithm_name(args.zoo, advised=values["advice"] is not None)
-    trained = latest_model(args.output, algorithm, args.env) if args.resume else None
-    start(
-        ZooRun(
-            algorithm,
-            args.env,
-            config,
-            args.output,
-            advice=values["advice"],
-            steps=args.steps,
-            seed=args.seed or 0,
-            overrides={k: v for k, v in chosen.items() if k not in entry or v != entry[k]},
-            env_kwargs=env_kwargs,
-            trained=trained,
-            more=args.zoo_arguments,
-        )
+            steps = args.steps or int(chosen["n_timesteps"])
+            hyperparameters["advisor"] = zoo.ready_advice(
+                values["advice"], args.env, env_kwargs, steps, seed
+            )
+    words = zoo.zoo_arguments(
+        algorithm,
+        args.env,
+        config,
+        args.output,
+        hyperparameters=hyperparameters,
+        env_kwargs=env_kwargs,
+        seed=seed,
+        steps=args.steps,
+        trained=zoo.latest_model(args.output, algorithm, args.env) if args.resume else None,
     )
+    from saver_advisors.zoo.manager import train
+
+    train([*words, *args.zoo_arguments])
     return 0

@@ -2,13 +2,12 @@
 
 from saver_advisors.training.building import ALGORITHMS, build_advisor, build_env, build_model
 from saver_advisors.training.launch import load_trained, open_run, train
-from saver_advisors.training.run import EvaluationResult, RunResult
+from saver_advisors.training.run import RunResult
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 
 __all__ = [
     "ALGORITHMS",
     "AdviceConfig",
-    "EvaluationResult",
     "RunConfig",
     "RunResult",
     "build_advisor",

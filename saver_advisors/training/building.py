@@ -27,7 +27,8 @@ from saver_advisors.learner.algorithms import (
     episode_horizon,
 )
 from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
-from saver_advisors.training.settings import AdviceConfig, RunConfig, naming
+from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, StageControl
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
@@ -80,36 +81,18 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
     :raises TypeError: for a teacher without the networks that a setting needs.
     """
     build: Any = ALGORITHMS[config.algorithm]
-    horizon = episode_horizon(env)
+    advice, horizon = config.advice, episode_horizon(env)
     goal_parts = _goal_parts(env) if config.per_arm_critics else None
-    replay_arguments: dict[str, Any] = {
-        "horizon": horizon,
-        "relabel_probability": config.relabel_probability,
-        "goal_parts": goal_parts,
-    }
-    arguments: dict[str, Any] = {}
+    arguments = _replay_arguments(config, horizon, goal_parts)
     if config.algorithm == "td3":
-        arguments = {name: getattr(config, name) for name in TD3_ARGUMENTS}
-    advice = config.advice
+        arguments |= {name: getattr(config, name) for name in TD3_ARGUMENTS}
     if advice is not None:
         build = build_advised(build)
         with naming("advice"):
             arguments["advisor"] = build_advisor(
                 config, env.observation_space, env.action_space, horizon
             )
-        if advice.demonstration_steps > 0:
-            arguments["replay_buffer_class"] = DemonstrationReplayBuffer
-            replay_arguments["demonstration_size"] = demonstration_steps(config, horizon)
-            replay_arguments["demonstration_fraction"] = advice.demonstration_fraction
-    if config.constraint_relabelling is not None:
-        if "replay_buffer_class" in arguments:
-            raise ValueError(
-                f"constraint_relabelling={config.constraint_relabelling!r} with "
-                "advice.demonstration_steps above 0: no replay buffer supports both"
-            )
-        arguments["replay_buffer_class"] = ConstraintReplayBuffer
-        replay_arguments["constraint_relabelling"] = config.constraint_relabelling
-    model: GoalLearnerMixin = build(
+    model: Any = build(
         "MultiInputPolicy",
         env,
         learning_rate=config.learning_rate,
@@ -120,7 +103,6 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         gamma=config.gamma,
         train_freq=(horizon, "step"),
         gradient_steps=config.gradient_steps,
-        replay_buffer_kwargs=replay_arguments,
         policy_kwargs=_policy_arguments(config, goal_parts),
         exploration_noise=config.exploration_noise,
         random_action_probability=config.random_action_probability,
@@ -129,9 +111,12 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         **arguments,
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    if advice is not None:
+    if advice is not None and advice.warm_start:
         with naming("advice"):
-            _use_teachers(advice, model, arguments["advisor"])
+            start_as_teachers(model, model.advisor.teachers, model.advisor.mapping)
+    if advice is not None and advice.bootstrap:
+        model.proposals = TeacherProposals(model.advisor, model.policy.scale_action)
+    assert isinstance(model, GoalLearnerMixin)
     return model
 
 
@@ -211,6 +196,30 @@ def build_advisor(
     return advisor
 
 
+def _replay_arguments(
+    config: RunConfig, horizon: int, goal_parts: tuple[int, ...] | None
+) -> dict[str, Any]:
+    kind: type[GoalReplayBuffer] | None = None
+    arguments: dict[str, Any] = {
+        "horizon": horizon,
+        "relabel_probability": config.relabel_probability,
+        "goal_parts": goal_parts,
+    }
+    if config.advice is not None and config.advice.demonstration_steps > 0:
+        kind = DemonstrationReplayBuffer
+        arguments["demonstration_size"] = demonstration_steps(config, horizon)
+        arguments["demonstration_fraction"] = config.advice.demonstration_fraction
+    if config.constraint_relabelling is not None:
+        if kind is not None:
+            raise ValueError(
+                f"constraint_relabelling={config.constraint_relabelling!r} with "
+                "advice.demonstration_steps above 0: no replay buffer supports both"
+            )
+        kind = ConstraintReplayBuffer
+        arguments["constraint_relabelling"] = config.constraint_relabelling
+    return {"replay_buffer_class": kind, "replay_buffer_kwargs": arguments}
+
+
 def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> dict[str, Any]:
     arguments: dict[str, Any] = {
         "net_arch": list(config.net_arch),
@@ -225,14 +234,6 @@ def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> 
     if config.algorithm == "td3":
         arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
     return arguments
-
-
-def _use_teachers(advice: AdviceConfig, model: Any, advisor: Advisor) -> None:
-    """Use the teachers' weights, and their actions in the learner's target, where configured."""
-    if advice.warm_start:
-        start_as_teachers(model, advisor.teachers, advisor.mapping)
-    if advice.bootstrap:
-        model.proposals = TeacherProposals(advisor, model.policy.scale_action)
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:

@@ -14,11 +14,11 @@ import sys
 import threading
 import time
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor
-from saver_advisors.learner.algorithms import GoalLearnerMixin, episode_horizon
+from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.cloning import clone
 from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
 from saver_advisors.learner.replay import GoalReplayBuffer
@@ -53,19 +54,7 @@ RATES = ("goal_success_rate", "constraint_met_rate")
 Observation = dict[str, npt.NDArray[Any]]
 
 
-class EvaluationResult(Protocol):
-    """What a run uses of the result of ``evaluate_policy``."""
-
-    @property
-    def success(self) -> npt.NDArray[np.bool_]:
-        """Success of each episode, (episodes,)."""
-
-    @property
-    def cost_sums(self) -> Mapping[str, npt.NDArray[np.float64]]:
-        """Sum over each episode, (episodes,), of each kind of cost."""
-
-
-Evaluate = Callable[..., EvaluationResult]
+Evaluate = Callable[..., EpisodeOutcomes]
 
 
 @dataclass(frozen=True)
@@ -246,9 +235,15 @@ class Run:
 
         :return: the success rate.
         """
-        student = Student(self.model)
+        values: list[npt.NDArray[Any]] = []
+
+        def predict(observation: Observation) -> npt.NDArray[Any]:
+            action, _ = self.model.predict(observation, deterministic=True)
+            values.append(self.model.student_value(observation, action))
+            return action
+
         result = self.evaluate(
-            student.predict,
+            predict,
             self.config.env_id,
             episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
@@ -263,7 +258,8 @@ class Run:
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
             "success_rate": success_rate,
-            "mean_q": student.mean_q,
+            # Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8.
+            "mean_q": _mean(values),
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
             "training_cost": self.model.training_cost,
             # More than the number of cores means that the seconds include waiting for others.
@@ -310,31 +306,6 @@ class Run:
         self.env.seed(int(seed % 2**30))
         self.model._last_obs = self.env.reset()  # type: ignore[assignment]
         self.model._last_episode_starts = np.ones(self.config.n_envs, bool)
-
-
-class Student:
-    """The learner as a function of observations, which averages its own Q values.
-
-    :param model: the learner.
-    """
-
-    def __init__(self, model: GoalLearnerMixin) -> None:
-        self.model = model
-        self._sum = 0.0
-        self._count = 0
-
-    def predict(self, observation: Observation) -> npt.NDArray[Any]:
-        """Return deterministic actions (n, action_dim) for observations with entries (n, dim)."""
-        action, _ = self.model.predict(observation, deterministic=True)
-        values = self.model.student_value(observation, action)
-        self._sum += float(values.sum())
-        self._count += values.size
-        return action
-
-    @property
-    def mean_q(self) -> float | None:
-        """Mean Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8."""
-        return self._sum / self._count if self._count else None
 
 
 def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Path | None:
@@ -393,6 +364,11 @@ def _stop_requests() -> Iterator[threading.Event]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def _mean(parts: list[npt.NDArray[Any]]) -> float | None:
+    """Return the mean of all entries; None if there are none."""
+    return sum(float(part.sum()) for part in parts) / sum(map(np.size, parts)) if parts else None
 
 
 def _number(value: Any) -> float | None:

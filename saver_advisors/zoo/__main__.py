@@ -1,4 +1,4 @@
-"""`python -m saver_advisors.zoo train|enjoy ...`: RL Zoo's own programs, which then know ours."""
+"""`python -m saver_advisors.zoo train|enjoy ...`: RL Zoo's programs, with our algorithms."""
 
 from __future__ import annotations
 
@@ -6,21 +6,17 @@ import sys
 
 from saver_advisors.zoo.manager import enjoy, train
 
-USAGE = "usage: python -m saver_advisors.zoo {train,enjoy} [RL Zoo's arguments]"
+PROGRAMS = {"train": train, "enjoy": enjoy}
 
 
 def main(words: list[str]) -> None:
-    """Hand the arguments over.
+    """Run one of RL Zoo's programs.
 
-    :param words: ``train`` or ``enjoy``, then RL Zoo's arguments
+    :param words: ``train`` or ``enjoy``, then RL Zoo's arguments.
     """
-    if words[:1] == ["train"]:
-        vec_env = any(word.split("=")[0] == "--vec-env" for word in words)
-        train(words[1:], **({"vec_env_class": None} if vec_env else {}))
-    elif words[:1] == ["enjoy"]:
-        enjoy(words[1:])
-    else:
-        sys.exit(USAGE)
+    if not words or words[0] not in PROGRAMS:
+        sys.exit("usage: python -m saver_advisors.zoo {train,enjoy} [RL Zoo's arguments]")
+    PROGRAMS[words[0]](words[1:])
 
 
 if __name__ == "__main__":

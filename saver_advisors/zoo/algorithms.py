@@ -1,52 +1,47 @@
-"""Our algorithms in RL Zoo's table: the stock four with advice, and the goal learners.
+"""Our algorithms in RL Zoo's table: SB3's four with advice, and the goal learners.
 
-Each takes the constructor's arguments of its kin, and `advisor`: the arguments of `make_advisor` as
-plain names and numbers, which RL Zoo reads from YAML and writes back readably::
+Each accepts its base class's arguments and `advisor`: the arguments of `make_advisor` as plain
+names and numbers, which RL Zoo reads from YAML and writes back readably::
 
     advisor: {strategy: mc-q, teacher: jaco-push, budget: 100000}
 
-A goal learner's may say `warm_start: true` as well.
+A goal learner also accepts `warm_start: true` there.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
+from sb3_contrib import TQC
+from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from saver_advisors.advising import (
-    AdvisedDDPG,
-    AdvisedSAC,
-    AdvisedTD3,
-    AdvisedTQC,
-    build_advised,
-)
-from saver_advisors.learner import GoalDDPG, GoalSAC, GoalTD3, GoalTQC
+from saver_advisors.advising import build_advised
+from saver_advisors.training.building import ALGORITHMS as GOAL_LEARNERS
 
 ADVISED: Final = "advised_"
-"""What comes before a stock algorithm's name in that of its advised twin."""
+"""Prefix of the advised variants of RL Zoo's own algorithms."""
+
+STOCK: Final[dict[str, type[OffPolicyAlgorithm]]] = {
+    "ddpg": DDPG,
+    "td3": TD3,
+    "sac": SAC,
+    "tqc": TQC,
+}
+"""RL Zoo's own algorithms that can be advised, by its names."""
 
 ALGORITHMS: Final[dict[str, type[OffPolicyAlgorithm]]] = {
-    f"{ADVISED}ddpg": AdvisedDDPG,
-    f"{ADVISED}td3": AdvisedTD3,
-    f"{ADVISED}sac": AdvisedSAC,
-    f"{ADVISED}tqc": AdvisedTQC,
-    "goal_ddpg": build_advised(GoalDDPG),
-    "goal_td3": build_advised(GoalTD3),
-    "goal_sac": build_advised(GoalSAC),
-    "goal_tqc": build_advised(GoalTQC),
+    **{f"{ADVISED}{name}": build_advised(algorithm) for name, algorithm in STOCK.items()},
+    **{f"goal_{name}": build_advised(algorithm) for name, algorithm in GOAL_LEARNERS.items()},
 }
-"""Classes by the name that RL Zoo's `--algo` takes; without `advisor` they give no advice."""
-
-STOCK: Final = ("ddpg", "td3", "sac", "tqc")
-"""RL Zoo's own names of the algorithms that can be advised."""
+"""Classes by their names for RL Zoo's `--algo`; without `advisor` they give no advice."""
 
 
 def register_algorithms() -> None:
-    """Add our algorithms to RL Zoo's table, and to those of its hyper-parameter search.
+    """Add our algorithms to RL Zoo's table and to its hyper-parameter search.
 
-    RL Zoo reads `--algo` before it imports any package, so this has to happen before its `train`
-    or `enjoy` is called, in the same process.
+    RL Zoo reads `--algo` before it imports any package, so call this in the same process before
+    its `train` or `enjoy`.
     """
     from rl_zoo3 import ALGOS
     from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER

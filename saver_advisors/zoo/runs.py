@@ -1,7 +1,7 @@
-"""The policy of a run that RL Zoo left behind, read without unpickling anything.
+"""Load the policy of a run under RL Zoo, without unpickling anything.
 
-RL Zoo and Stable-Baselines3 unpickle parts of these files when they load a model. A policy alone
-needs none of those: its settings are YAML, its weights are tensors that torch reads as such.
+RL Zoo and Stable-Baselines3 unpickle parts of these files when they load a model. The policy needs
+none of those: its settings are YAML, and torch reads its weights as plain tensors.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from stable_baselines3.common.utils import ConstantSchedule
 
 @dataclass(frozen=True)
 class ZooFolder:
-    """Where a run's files are.
+    """The files of a run.
 
-    :param model: the zip file with the weights
-    :param settings: the folder of ``config.yml`` and ``args.yml``
+    :param model: the zip file with the weights.
+    :param settings: the folder of ``config.yml`` and ``args.yml``.
     """
 
     model: Path
@@ -29,28 +29,25 @@ class ZooFolder:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain values, and the ordered mapping in which RL Zoo wraps them."""
+    """Plain values, tuples, and the ordered mapping in which RL Zoo wraps them."""
 
 
-def _ordered(loader: _Loader, node: yaml.nodes.SequenceNode) -> dict[str, Any]:
-    (pairs,) = loader.construct_sequence(node, deep=True)
-    return dict(pairs)
-
-
-def _tuple(loader: _Loader, node: yaml.nodes.SequenceNode) -> tuple[Any, ...]:
-    return tuple(loader.construct_sequence(node, deep=True))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:python/object/apply:collections.OrderedDict", _ordered)
-_Loader.add_constructor("tag:yaml.org,2002:python/tuple", _tuple)
+_PYTHON = "tag:yaml.org,2002:python/"
+_Loader.add_constructor(
+    f"{_PYTHON}object/apply:collections.OrderedDict",
+    lambda loader, node: dict(*loader.construct_sequence(node, deep=True)),
+)
+_Loader.add_constructor(
+    f"{_PYTHON}tuple", lambda loader, node: tuple(loader.construct_sequence(node, deep=True))
+)
 
 
 def find_run(path: Path) -> ZooFolder | None:
-    """The files of a run.
+    """Find the files of a run.
 
-    :param path: RL Zoo's folder of the run, whose best model is meant, or the last where none was
-        kept; or one of the zip files in it
-    :return: None where it is no such thing
+    :param path: RL Zoo's folder of the run, for its best model, or its last if there is no best;
+        or one of the zip files in it.
+    :return: None if it is neither.
     """
     folder = path.parent if path.suffix == ".zip" else path
     settings = [one.parent for one in folder.glob("*/config.yml")]
@@ -62,11 +59,12 @@ def find_run(path: Path) -> ZooFolder | None:
 
 
 def load_run(files: ZooFolder) -> BasePolicy:
-    """The policy of a run, for prediction.
+    """Load the policy of a run, for prediction.
 
-    :param files: from `find_run`
-    :raises ValueError: for files that are damaged, of an unknown algorithm, with settings that are
-        code, or of a run whose observations were normalised outside the policy
+    :param files: from `find_run`.
+    :return: the policy, in evaluation mode.
+    :raises ValueError: for damaged files, an unknown algorithm, settings that are code, or a run
+        whose observations were normalised outside the policy.
     """
     from rl_zoo3 import ALGOS
 
@@ -115,7 +113,7 @@ def load_run(files: ZooFolder) -> BasePolicy:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Names and values of one of RL Zoo's files."""
+    """Read the names and values in one of RL Zoo's files."""
     try:
         values = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except (OSError, yaml.YAMLError) as error:

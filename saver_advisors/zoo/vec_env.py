@@ -1,4 +1,4 @@
-"""Our batched environments where RL Zoo would make a vector of single ones."""
+"""Batched environments in place of RL Zoo's vector of single ones."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from saver_envs.envs.goal_env import SaverGoalEnv
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 ALLOWED = (Monitor, OrderEnforcing, PassiveEnvChecker)
-"""Wrappers that change nothing which the batch would have to do as well."""
+"""Wrappers that the batch does not need."""
 _DRAWING = ("env_id", "render_mode", "width", "height", "camera_name")
 
 
 class BatchedVecEnv(VecMonitor):
     """n episodes stepped as one batch, with the monitor file that n single ones would write.
 
-    For RL Zoo's seam `ExperimentManager.default_vec_env_cls`. Episodes are those of a
+    RL Zoo uses it by way of `ExperimentManager.default_vec_env_cls`. Episodes equal those of a
     `DummyVecEnv` of the same functions: environment i is seeded with `seed + i`.
 
-    :param env_fns: as for `DummyVecEnv`; all make the same environment of ours, under SB3's
-        `Monitor`. The first is called, to see which it is
-    :raises ValueError: for another environment, or one in a wrapper that a batch cannot be put into
+    :param env_fns: as for `DummyVecEnv`. All make the same environment of `saver_envs`, under
+        SB3's `Monitor`; the first is called to find out which.
+    :raises ValueError: for another environment, or a wrapper that a batch does not support.
     """
 
     def __init__(self, env_fns: Sequence[Callable[[], gymnasium.Env[Any, Any]]]) -> None:
@@ -39,15 +39,15 @@ class BatchedVecEnv(VecMonitor):
         if monitor is not None:
             keywords = monitor.info_keywords
             if monitor.results_writer is not None:
-                # The sample wrote a heading; the batch begins the same file anew.
+                # The sample wrote a heading; the batch overwrites the file.
                 filename = monitor.results_writer.file_handler.name
         super().__init__(SaverVecEnv(env_id, len(env_fns), **options), filename, keywords)
 
 
 def _monitor_of(env: gymnasium.Env[Any, Any]) -> Monitor | None:
-    """The monitor among an environment's wrappers, which must be ones that a batch can do without.
+    """Return the monitor among an environment's wrappers, if any.
 
-    :raises ValueError: for another wrapper
+    :raises ValueError: for a wrapper that is not `ALLOWED`.
     """
     found = None
     while isinstance(env, gymnasium.Wrapper):
@@ -63,9 +63,9 @@ def _monitor_of(env: gymnasium.Env[Any, Any]) -> Monitor | None:
 
 
 def _recipe(env: gymnasium.Env[Any, Any]) -> tuple[str, dict[str, Any]]:
-    """The id and the options of an environment of ours.
+    """Return the id and the options of an environment.
 
-    :raises ValueError: for a foreign one
+    :raises ValueError: for one that is not of `saver_envs`.
     """
     spec = env.unwrapped.spec
     if not isinstance(env.unwrapped, SaverGoalEnv) or spec is None:

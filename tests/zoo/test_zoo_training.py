@@ -374,7 +374,10 @@ def _make(env_id: str) -> Any:
         (["--zoo", "sac", "--", "--algo", "td3"], "--algo: before the -- it is --zoo"),
         (["--zoo", "sac", "--", "-n=3"], "-n: before the -- it is --steps"),
         (["--zoo", "sac", "--teacher", "jaco-pick-and-place"], "does not fit|do not divide"),
-        (["--zoo", "sac", "--config", "README.md"], "one entry an environment|no YAML"),
+        (
+            ["--zoo", "sac", "--config", "README.md"],
+            "hold names and values|neither YAML",
+        ),
         (["--", "--save-freq", "3"], "--save-freq: only --zoo takes further arguments"),
     ],
 )
