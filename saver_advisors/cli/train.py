@@ -1,7 +1,7 @@
-"""Train a policy, alone or with the advice of a teacher of one arm.
+"""Train a policy, alone or with the advice of a single-arm teacher.
 
-Without further arguments the settings are those of the shipped weights, as far as there are any
-for that environment. Ctrl-C lets the current block finish and writes a checkpoint.
+The default settings are those of the shipped weights, for environments that have some. Ctrl-C lets
+the current block finish and writes a checkpoint.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
 examples:
-  saver train --env JacoPush-v0 --output runs/push                   as the shipped teacher was
-  saver train --output runs/push --resume                            go on after Ctrl-C
-  saver train --env DualJacoPush-v0 --output runs/dual               as the shipped student was
+  saver train --env JacoPush-v0 --output runs/push                   like the shipped teacher
+  saver train --output runs/push --resume                            continue after Ctrl-C
+  saver train --env DualJacoPush-v0 --output runs/dual               like the shipped student
   saver train --env DualJacoPush-v0 --output runs/alone --advice none
   saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
       --budget 100000 --threshold 0.1
@@ -45,18 +45,16 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="the run's folder, made if need be"
-    )
-    parser.add_argument("--resume", action="store_true", help="go on from the folder's checkpoint")
-    parser.add_argument("--steps", type=at_least(1), metavar="N", help="environment steps in all")
-    parser.add_argument("--seed", type=at_least(0), metavar="S", help="of everything random")
+    parser.add_argument("--output", type=Path, metavar="DIR", help="the run's folder")
+    parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
+    parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
+    parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
     parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
     parser.add_argument(
         "--config",
         type=Path,
         metavar="FILE",
-        help="settings in YAML or JSON, in place of the environment's own",
+        help="settings in YAML or JSON that replace the environment's defaults",
     )
     parser.add_argument(
         "--set",
@@ -70,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=positive_seconds,
         metavar="SECONDS",
-        help="stop after that long, with a checkpoint",
+        help="stop with a checkpoint after this time",
     )
     add_threads(parser)
     parser.add_argument(
@@ -80,13 +78,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     advice.add_argument(
         "--advice",
         metavar="STRATEGY",
-        help="early, mc-q, MODULE:CLASS, none; instead of how the settings use the teacher",
+        help="early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher",
     )
-    advice.add_argument("--teacher", type=teacher, metavar="NAME", help="shipped, or a weight file")
+    advice.add_argument("--teacher", type=teacher, metavar="NAME", help="a shipped policy or file")
     advice.add_argument(
         "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
     )
-    advice.add_argument("--threshold", type=float, metavar="T", help="of a correcting strategy")
+    advice.add_argument("--threshold", type=float, metavar="T", help="for correcting strategies")
     zoo = parser.add_argument_group("RL Zoo")
     zoo.add_argument(
         "--zoo",
@@ -102,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train until the steps are done, the time is over, or somebody presses Ctrl-C."""
+    """Train until the steps are done, the time is over, or Ctrl-C is pressed."""
     from saver_advisors.training.settings import RunConfig
 
     if args.zoo is not None:
@@ -121,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     result = _train(args, config)
     _report(args, config, result)
     write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
-    # A time limit that was asked for is an end like any other; Ctrl-C is not.
+    # A requested time limit is a normal end, Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
 
 
@@ -150,7 +148,7 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
         with user_mistakes():
             run = stack.enter_context(open_run(config, args.output, threads=args.threads))
         try:
-            # The settings fit: what fails now is mostly the folder, such as a damaged checkpoint.
+            # The settings fit. What fails now is the folder, such as a damaged checkpoint.
             with user_mistakes("argument --output"):
                 return run.train(args.resume, not args.no_progress, callback=callback)
         except KeyboardInterrupt:
@@ -159,13 +157,13 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
 
 
 def _time_limit(seconds: float) -> Any:
-    """A callback that asks the run to stop, as Ctrl-C does, when the time is over."""
+    """Return a callback that stops the run as Ctrl-C does when the time is over."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     deadline = time.monotonic() + seconds
 
     class TimeLimit(BaseCallback):
-        """Looks at the clock at every step."""
+        """Checks the clock at every step."""
 
         asked = False
 

@@ -1,4 +1,4 @@
-"""The settings of `saver train`: an environment's or a file's, and what the command line says."""
+"""Settings of `saver train`: an environment's or a file's, changed by the command line."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 
 def configuration(args: argparse.Namespace) -> dict[str, Any]:
-    """The settings: the file's or the environment's, then what the command line says otherwise.
+    """Read the settings of a file or an environment, and apply the command line to them.
 
-    :param args: the command line
-    :return: fields of ``RunConfig``
+    :param args: the command line.
+    :return: fields of ``RunConfig``.
+    :raises UsageError: for a file that cannot be read, or arguments that do not fit together.
     """
     values = _starting_point(args)
     for name, given in (
@@ -32,10 +33,11 @@ def configuration(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def apply_set(values: dict[str, Any], args: argparse.Namespace) -> None:
-    """Change settings as ``--set`` says; ``outer.inner=value`` sets a part of one.
+    """Apply ``--set``; ``outer.inner=value`` sets an entry of a nested setting.
 
-    :param values: the settings
-    :param args: the command line
+    :param values: the settings, changed in place.
+    :param args: the command line.
+    :raises UsageError: for an entry of a setting that has none.
     """
     for name, value in settings(args.set, "--set").items():
         outer, _, inner = name.partition(".")
@@ -64,10 +66,11 @@ def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
-    """Change settings as the command line says about advice.
+    """Apply the arguments about advice.
 
-    :param values: the settings; ``advice`` is changed
-    :param args: the command line
+    :param values: the settings, whose ``advice`` is changed in place.
+    :param args: the command line.
+    :raises UsageError: for an unknown strategy, or arguments that do not fit together.
     """
     from saver_advisors.advising import STRATEGIES
 
@@ -88,7 +91,7 @@ def apply_advice(values: dict[str, Any], args: argparse.Namespace) -> None:
         return
     kept = values.get("advice") or {}
     if args.advice is not None:
-        # Another use of the teacher: nothing that belonged to the settings' own belongs to it.
+        # Another strategy: the other settings of advice belonged to the previous one.
         kept = {name: kept[name] for name in ("teacher", "arms") if name in kept}
     elif kept.get("strategy") == "none" and not given.keys() <= {"teacher"}:
         argument = "budget" if args.budget is not None else "threshold"

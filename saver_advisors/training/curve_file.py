@@ -1,4 +1,4 @@
-"""A run's learning curve on disk: one line of JSON an evaluation."""
+"""A run's learning curve as a file: one line of JSON per evaluation."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any, Final
 from saver_envs.files import written_whole
 
 CURVE_FILE: Final = "curve.jsonl"
-#: Of a point, what two equal runs do not share.
+#: Entries of a point that differ between two equal runs.
 OF_THE_MACHINE: Final = frozenset({"wall_clock_s", "load_average"})
 
 
 def read_curve(folder: str | Path) -> list[dict[str, Any]]:
-    """The points of a run's curve; a line that a crash left unfinished ends it.
+    """Read the points of a run's curve, up to a line that a crash left incomplete.
 
-    :param folder: of the run
-    :return: one mapping an evaluation, none where there is no curve
+    :param folder: the run's folder.
+    :return: one mapping per evaluation; empty if there is no curve.
     """
     path = Path(folder) / CURVE_FILE
     points: list[dict[str, Any]] = []
@@ -31,22 +31,21 @@ def read_curve(folder: str | Path) -> list[dict[str, Any]]:
 
 
 def write_curve(folder: str | Path, points: list[dict[str, Any]]) -> None:
-    """Replace a run's curve as a whole.
+    """Replace a run's curve, atomically.
 
-    :param folder: of the run
-    :param points: one mapping an evaluation
+    :param folder: the run's folder.
+    :param points: one mapping per evaluation.
     """
-    path = Path(folder) / CURVE_FILE
-    with written_whole(path) as file:
-        file.write("".join(_line(point) for point in points).encode("utf-8"))
+    with written_whole(Path(folder) / CURVE_FILE) as file:
+        file.writelines(_line(point).encode("utf-8") for point in points)
 
 
 def append_point(folder: str | Path, point: dict[str, Any]) -> None:
-    """Add a point to a run's curve.
+    """Append a point to a run's curve.
 
-    :param folder: of the run
-    :param point: of an evaluation
-    :raises ValueError: for NaN or infinity, which JSON does not know
+    :param folder: the run's folder.
+    :param point: figures of an evaluation.
+    :raises ValueError: for NaN or infinity, which JSON does not support.
     """
     with open(Path(folder) / CURVE_FILE, "a", encoding="utf-8") as file:
         file.write(_line(point))

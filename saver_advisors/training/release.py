@@ -1,4 +1,4 @@
-"""From a run's folder to weights that ship: pick, evaluate, write with a card."""
+"""Release a run's policy as weights: select it, evaluate it, and write it with a card."""
 
 from __future__ import annotations
 
@@ -18,23 +18,19 @@ from saver_advisors.training.settings import RunConfig
 def evaluate_trained(
     run_dir: str | Path, which: str, *, episodes: int, seed: int, threads: int = 1
 ) -> EpisodeOutcomes:
-    """Evaluate a run's student alone, deterministic, on its own task without training's helps.
+    """Evaluate a run's student alone and without noise, without the easier starts of training.
 
-    :param run_dir: the run's folder
-    :param which: ``best`` or ``latest``
-    :param episodes: how many
-    :param seed: of the first, the others count up
-    :param threads: of the simulation
-    :return: what happened
+    :param run_dir: the run's folder.
+    :param which: ``best`` or ``latest``.
+    :param episodes: number of episodes.
+    :param seed: seed of the first; the others follow consecutively.
+    :param threads: threads of the simulation.
+    :return: the outcome of each episode.
     """
-    config = _config(run_dir)
+    config = RunConfig.from_mapping(_read(run_dir, "run.json")["config"])
     model = load_trained(run_dir, which)
-
-    def predict(observation: dict[str, Any]) -> Any:
-        return model.predict(observation, deterministic=True)[0]
-
     return evaluate_policy(
-        predict,
+        lambda observation: model.predict(observation, deterministic=True)[0],
         config.env_id,
         episodes=episodes,
         seed=seed,
@@ -46,15 +42,15 @@ def evaluate_trained(
 def release_run(
     run_dir: str | Path, path: str | Path, *, task: str = "", episodes: int = 200
 ) -> dict[str, Any]:
-    """Write the better of a run's best and latest policies as shipped weights.
+    """Write the better of a run's best and latest policies as a weight file.
 
-    The choice is made on seeds from 10,000 up; the card's success is measured on seeds from 0.
+    Selection and report use different episodes: those of ``SELECTION_SEED`` and ``REPORT_SEED``.
 
-    :param run_dir: the run's folder
-    :param path: where to, ending in ``.safetensors``
-    :param task: the task in words, for the card
-    :param episodes: of each evaluation
-    :return: the selection's success rates, the choice, and the reported summary
+    :param run_dir: the run's folder.
+    :param path: the file to write, ending in ``.safetensors``.
+    :param task: the task in words, for the card.
+    :param episodes: episodes per evaluation.
+    :return: the success rates of the selection, the choice, and the reported summary.
     """
     selection = {
         which: evaluate_trained(run_dir, which, episodes=episodes, seed=SELECTION_SEED).success_rate
@@ -63,9 +59,10 @@ def release_run(
     }
     chosen = max(selection, key=lambda which: selection[which])
     summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=REPORT_SEED).summary()
-    record = _record(run_dir)
-    progress = _progress(run_dir, chosen)
-    config = _config(run_dir)
+    record = _read(run_dir, "run.json")
+    config = RunConfig.from_mapping(record["config"])
+    best = chosen == "best"
+    progress = _read(run_dir, "best/evaluation.json") if best else read_curve(run_dir)[-1]
     card = {
         "env_id": config.env_id,
         "algorithm": config.algorithm,
@@ -84,19 +81,5 @@ def release_run(
     return {"selection": selection, "chosen": chosen, "summary": summary}
 
 
-def _record(run_dir: str | Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((Path(run_dir) / "run.json").read_text(encoding="utf-8"))
-    return record
-
-
-def _config(run_dir: str | Path) -> RunConfig:
-    return RunConfig.from_mapping(_record(run_dir)["config"])
-
-
-def _progress(run_dir: str | Path, which: str) -> dict[str, Any]:
-    """Steps and seconds at which the chosen policy was taken."""
-    if which == "best":
-        path = Path(run_dir) / "best" / "evaluation.json"
-        best: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return best
-    return read_curve(run_dir)[-1]
+def _read(run_dir: str | Path, name: str) -> dict[str, Any]:
+    return dict(json.loads((Path(run_dir) / name).read_text(encoding="utf-8")))

@@ -23,6 +23,9 @@ NonNegativeFloat: TypeAlias = float
 UnitFloat: TypeAlias = float
 FloatBelowOne: TypeAlias = float
 
+#: What the names of settings begin with in messages, as in `--set advice.budget=0`.
+_PREFIXES = {"RunConfig": "", "AdviceConfig": "advice.", "StageConfig": "stages."}
+
 Config = TypeVar("Config", "RunConfig", "AdviceConfig", "StageConfig")
 
 
@@ -71,22 +74,16 @@ class AdviceConfig:
     warm_start: bool = False
 
     def __post_init__(self) -> None:
-        _check_fields(self, "advice.")
-        _require(
-            self.demonstration_steps <= self.budget,
-            "advice.demonstration_steps",
-            self.demonstration_steps,
-            f"at most advice.budget={self.budget}, which pays for them",
-        )
-        _require(
-            self.cloning_updates == 0 or self.demonstration_steps > 0,
-            "advice.cloning_updates",
-            self.cloning_updates,
-            "0 where advice.demonstration_steps is 0: there is nothing to clone",
-        )
+        _check_fields(self)
+        paid = self.demonstration_steps <= self.budget
+        wanted = f"at most advice.budget={self.budget}, which pays for them"
+        _require(paid, self, "demonstration_steps", wanted)
+        possible = self.cloning_updates == 0 or self.demonstration_steps > 0
+        wanted = "0 where advice.demonstration_steps is 0: there is nothing to clone"
+        _require(possible, self, "cloning_updates", wanted)
         teachers = (self.teacher,) if isinstance(self.teacher, str) else self.teacher
         named = bool(teachers) and all(isinstance(one, str) and one for one in teachers)
-        _require(named, "advice.teacher", self.teacher, "a name, or a list of one name an arm")
+        _require(named, self, "teacher", "a name, or a list of one name an arm")
 
 
 @dataclass(frozen=True)
@@ -102,7 +99,7 @@ class StageConfig:
     until: str | None = None
 
     def __post_init__(self) -> None:
-        _check_fields(self, "stages.")
+        _check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -196,7 +193,7 @@ class RunConfig:
     checkpoint_every: PositiveInt = 50_000
 
     def __post_init__(self) -> None:
-        _check_fields(self, "")
+        _check_fields(self)
         if self.algorithm not in ALGORITHM_NAMES:
             raise ValueError(
                 f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: goals in "
@@ -209,18 +206,17 @@ class RunConfig:
         ):
             if used and self.algorithm != "td3":
                 raise ValueError(f"{name}=True needs algorithm='td3', not {self.algorithm!r}")
-        if self.constraint_relabelling is not None:
-            known = self.constraint_relabelling in RELABELLINGS
-            wanted = f"one of {', '.join(RELABELLINGS)}, or null"
-            _require(known, "constraint_relabelling", self.constraint_relabelling, wanted)
-        if self.final_learning_rate is not None:
-            within = 0 < self.final_learning_rate <= self.learning_rate
-            wanted = f"positive and at most learning_rate={self.learning_rate}"
-            _require(within, "final_learning_rate", self.final_learning_rate, wanted)
+        known = self.constraint_relabelling in (None, *RELABELLINGS)
+        wanted = f"one of {', '.join(RELABELLINGS)}, or null"
+        _require(known, self, "constraint_relabelling", wanted)
+        last = self.final_learning_rate
+        falls = last is None or 0 < last <= self.learning_rate
+        wanted = f"positive and at most learning_rate={self.learning_rate}"
+        _require(falls, self, "final_learning_rate", wanted)
         if any(type(width) is not int for width in self.net_arch):
             raise TypeError(f"net_arch={self.net_arch} must be a list of whole numbers")
         positive = len(self.net_arch) > 0 and min(self.net_arch) > 0
-        _require(positive, "net_arch", self.net_arch, "widths of one or more layers")
+        _require(positive, self, "net_arch", "widths of one or more layers")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> RunConfig:
@@ -233,13 +229,13 @@ class RunConfig:
         """
         values = dict(values)
         if isinstance(values.get("advice"), Mapping):
-            values["advice"] = _build(AdviceConfig, values["advice"], "advice.")
+            values["advice"] = _build(AdviceConfig, values["advice"])
         if isinstance(values.get("stages"), (list, tuple)):
             values["stages"] = [
-                one if isinstance(one, StageConfig) else _build(StageConfig, one, "stages.")
+                one if isinstance(one, StageConfig) else _build(StageConfig, one)
                 for one in values["stages"]
             ]
-        return _build(cls, values, "")
+        return _build(cls, values)
 
     @classmethod
     def from_file(cls, path: str | Path) -> RunConfig:
@@ -319,8 +315,9 @@ def naming(subject: str) -> Iterator[None]:
         raise kind(f"{subject}: {error}") from error
 
 
-def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
+def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
     """Create a configuration from names and values, with errors that name what is wrong."""
+    prefix = _PREFIXES[cls.__name__]
     types = {f.name: str(f.type) for f in fields(cls)}
     unknown = sorted(str(name) for name in set(values) - set(types))
     if unknown:
@@ -339,10 +336,10 @@ def _build(cls: type[Config], values: Mapping[str, Any], prefix: str) -> Config:
     return cls(**given)
 
 
-def _check_fields(config: RunConfig | AdviceConfig | StageConfig, prefix: str) -> None:
+def _check_fields(config: RunConfig | AdviceConfig | StageConfig) -> None:
     """Check each value against the type and the range that its field declares."""
     for f in fields(config):
-        name, value = prefix + f.name, getattr(config, f.name)
+        value = getattr(config, f.name)
         optional = str(f.type).endswith(" | None")
         if optional and value is None:
             continue
@@ -353,11 +350,11 @@ def _check_fields(config: RunConfig | AdviceConfig | StageConfig, prefix: str) -
             words += " or null" if optional else ""
             if isinstance(value, str) and float in types:
                 words += "; YAML reads 1e-3 as text, write 1.0e-3"
-            raise TypeError(f"{name}={value!r} must be {words}")
+            raise TypeError(f"{_PREFIXES[type(config).__name__]}{f.name}={value!r} must be {words}")
         if isinstance(value, float):
-            _require(math.isfinite(value), name, value, "finite")
+            _require(math.isfinite(value), config, f.name, "finite")
         if within is not None:
-            _require(within(value), name, value, wanted)
+            _require(within(value), config, f.name, wanted)
 
 
 _TYPES: Final[dict[str, tuple[tuple[type, ...], str]]] = {
@@ -381,6 +378,9 @@ _RANGES: Final[dict[str, tuple[str, str, Callable[[Any], bool] | None]]] = {
 }
 
 
-def _require(condition: bool, name: str, value: Any, wanted: str) -> None:
+def _require(
+    condition: bool, config: RunConfig | AdviceConfig | StageConfig, name: str, wanted: str
+) -> None:
     if not condition:
-        raise ValueError(f"{name}={value} must be {wanted}")
+        prefix, value = _PREFIXES[type(config).__name__], getattr(config, name)
+        raise ValueError(f"{prefix}{name}={value} must be {wanted}")

@@ -1,4 +1,4 @@
-"""How many threads linear algebra takes."""
+"""Limit the number of threads that linear algebra uses."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def threads_of_algebra(threads: int) -> Iterator[None]:
-    """So many threads for torch, and one for NumPy's BLAS, whose matrices are small.
+    """Let torch use this many threads, and NumPy's BLAS, whose matrices are small, one.
 
-    :param threads: for torch
-    :raises ValueError: for less than one
+    :param threads: threads of torch.
+    :raises ValueError: for less than one.
     """
     if threads < 1:
         raise ValueError(f"threads={threads!r} must be at least 1")
@@ -29,10 +29,10 @@ def threads_of_algebra(threads: int) -> Iterator[None]:
 
 @contextmanager
 def one_thread_of_algebra() -> Iterator[None]:
-    """One thread for torch and for NumPy's BLAS; a context, or with ``@`` a whole function.
+    """Let torch and NumPy's BLAS use one thread, in a context or, with ``@``, in a function.
 
-    For networks as small as these a second thread gains little, and waiting for it takes a core
-    from the simulator or from the run beside this one.
+    Networks as small as these gain little from a second thread, and waiting for it takes a core
+    from the simulator or from another run.
     """
     with threads_of_algebra(1):
         yield
