@@ -89,9 +89,7 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
     if advice is not None:
         build = build_advised(build)
         with naming("advice"):
-            arguments["advisor"] = build_advisor(
-                config, env.observation_space, env.action_space, horizon
-            )
+            arguments["advisor"] = build_advisor(config, env)
     model: Any = build(
         "MultiInputPolicy",
         env,
@@ -159,35 +157,27 @@ def demonstration_steps(config: RunConfig, horizon: int) -> int:
     return steps
 
 
-def build_advisor(
-    config: RunConfig,
-    observation_space: spaces.Space[Any],
-    action_space: spaces.Space[Any],
-    horizon: int,
-) -> Advisor:
+def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     """Build the advisor of a run and check it against the run's environment.
 
     :param config: settings of the run, with advice.
-    :param observation_space: observation space of the environment.
-    :param action_space: action space of the environment.
-    :param horizon: steps of an episode.
+    :param env: the run's vector env.
     :return: the advisor, with its whole budget.
     :raises ValueError: if teachers, arms, strategy or budget do not fit.
     """
-    advice = config.advice
+    advice, horizon = config.advice, episode_horizon(env)
     assert advice is not None
-    steps = demonstration_steps(config, horizon)
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
     advisor = make_advisor(
         **named,
-        observation_space=observation_space,
-        action_space=action_space,
+        observation_space=env.observation_space,
+        action_space=env.action_space,
         total_steps=config.total_steps,
         horizon=horizon,
         seed=config.seed,
     )
-    if steps > 0 and not advisor.advisable.all():
+    if demonstration_steps(config, horizon) > 0 and not advisor.advisable.all():
         raise ValueError(
             f"advice.demonstration_steps={advice.demonstration_steps} with "
             f"advice.arms={list(advice.arms or ())}: in a demonstration every arm has a "
