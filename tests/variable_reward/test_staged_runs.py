@@ -175,8 +175,8 @@ def test_what_cannot_be_is_refused_before_a_step(
     tmp_path: Path, changes: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        train(settings(**changes), tmp_path, progress=False)
-    assert not read_curve(tmp_path)
+        train(settings(**changes), tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
