@@ -1,8 +1,22 @@
-"""Budgeted action advising: single-arm teachers help an n-arm student (dissertation, chapter 5)."""
+"""Budgeted action advising: single-arm teachers help an n-arm student (dissertation, chapter 5).
 
-from saver_advisors.advising.advisor import Advice, Advisor, Compare
-from saver_advisors.advising.budget import AdviceBudget
+In the order of a step: `advised_algorithms` calls the `advisor`, which passes a `context` to one of
+the `strategies`. `factory` builds an advisor from names, and `warm_start` copies the teachers'
+weights into the student.
+"""
+
+from saver_advisors.advising.advised_algorithms import (
+    AdvisedDDPG,
+    AdvisedMixin,
+    AdvisedSAC,
+    AdvisedTD3,
+    AdvisedTQC,
+    AdvisingCallback,
+    build_advised,
+)
+from saver_advisors.advising.advisor import Advice, Advisor, Compare, TeacherProposals
 from saver_advisors.advising.context import (
+    AdviceBudget,
     AdviceContext,
     AdvisingStrategy,
     PlansAhead,
@@ -12,28 +26,21 @@ from saver_advisors.advising.context import (
     WatchesStudent,
 )
 from saver_advisors.advising.factory import make_advisor
-from saver_advisors.advising.ibrl import BetterOfBoth, TeacherProposals
-from saver_advisors.advising.initialisation import start_as_teachers
-from saver_advisors.advising.jump_start import JumpStart
-from saver_advisors.advising.random_advising import RandomAdvising
-from saver_advisors.advising.registry import STRATEGIES, make_strategy, register_strategy
-from saver_advisors.advising.sb3_seam import (
-    AdvisedDDPG,
-    AdvisedMixin,
-    AdvisedSAC,
-    AdvisedTD3,
-    AdvisedTQC,
-    AdvisingCallback,
-    build_advised,
-)
 from saver_advisors.advising.strategies import (
+    STRATEGIES,
+    BetterOfBoth,
     EarlyAdvising,
     EarlyThenCorrecting,
+    JumpStart,
     MistakeCorrectingAction,
     MistakeCorrectingQ,
     MistakeCorrectingRelativeAction,
     NoAdvice,
+    RandomAdvising,
+    make_strategy,
+    register_strategy,
 )
+from saver_advisors.advising.warm_start import warm_start_from_teachers
 
 __all__ = [
     "STRATEGIES",
@@ -68,5 +75,5 @@ __all__ = [
     "make_advisor",
     "make_strategy",
     "register_strategy",
-    "start_as_teachers",
+    "warm_start_from_teachers",
 ]

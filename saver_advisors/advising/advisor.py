@@ -1,17 +1,18 @@
-"""The advisor: asks teacher and strategy, pays from the budget, replaces actions, and counts."""
+"""The advisor: asks teacher and strategy, spends the budget, replaces actions, and counts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
+import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_advisors.advising.budget import AdviceBudget
 from saver_advisors.advising.context import (
+    AdviceBudget,
     AdviceContext,
     AdvisingStrategy,
     Mask,
@@ -26,67 +27,39 @@ from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 Compare = Literal["noisy", "noise-free"]
-"""Which student action a correcting strategy judges: the one about to be executed, with exploration
-noise and in warm-up at random, or the policy's deterministic one.
+"""The student action that a correcting strategy compares: the one about to be executed, with
+exploration noise and uniform during warm-up, or the policy's deterministic one.
 """
 
 Observation = Mapping[str, NDArray[Any]]
 
 
 class Advice(NamedTuple):
-    """One step's outcome.
+    """The outcome of one step.
 
-    actions: (n_envs, n_arms * action_size), the student's with the advised arms' blocks replaced
-    mask: (n_envs, n_arms), which arms were advised
+    :param actions: (n_envs, n_arms * action_size), the student's with the advised arms' blocks
+        replaced.
+    :param mask: (n_envs, n_arms), which arms were advised.
     """
 
     actions: NDArray[Any]
     mask: Mask
 
 
-@dataclass
-class _Figures:
-    """Sums since the last log line. Means over nothing are left out of the log."""
-
-    arms: int
-    transitions: int = 0
-    advised_transitions: int = 0
-    compared_arms: int = 0
-    disagreement_sum: float = 0.0
-    q_gap_arms: int = 0
-    q_gap_sum: float = 0.0
-    advised_arms: NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.advised_arms = np.zeros(self.arms, dtype=np.int64)
-
-    def add_mask(self, mask: Mask) -> None:
-        self.transitions += len(mask)
-        self.advised_transitions += int(mask.any(axis=1).sum())
-        self.advised_arms += mask.sum(axis=0)
-
-    def add_context(self, context: AdviceContext) -> None:
-        self.compared_arms += context.disagreement.size
-        self.disagreement_sum += float(context.disagreement.sum())
-        # The gap is a cached property: read it only where the strategy paid for it already.
-        if "q_gap" in vars(context):
-            self.q_gap_arms += context.q_gap.size
-            self.q_gap_sum += float(context.q_gap.sum())
-
-
 class Advisor:
-    """Advises a student of n arms with single-arm teachers.
+    """Advise a student of n arms with single-arm teachers.
 
-    :param strategy: when an arm is advised
-    :param teachers: one teacher for every arm, or one per arm
-    :param mapping: where each arm's block lies
-    :param budget: how many environment steps may be advised
-    :param compare: which student action correcting strategies judge
-    :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
-    :param arms: which arms may be advised, by their numbers from 0; every arm where None
-    :param run: what is known of the run that begins
-    :raises ValueError: where teacher, strategy and mapping do not fit one another; the message
-        names the sizes
+    ``enabled`` is False in the stages of a run that have no teacher.
+
+    :param strategy: decides when an arm is advised.
+    :param teachers: one teacher for every arm, or one per arm.
+    :param mapping: where each arm's block lies.
+    :param budget: how many environment steps may be advised.
+    :param compare: the student action that correcting strategies compare.
+    :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
+    :param arms: indices of the arms that may be advised; every arm if None.
+    :param run: what is known of the run that begins.
+    :raises ValueError: if teacher, strategy and mapping do not match; the message names the sizes.
     """
 
     def __init__(
@@ -114,9 +87,9 @@ class Advisor:
         self._check_teachers()
         if isinstance(strategy, PlansAhead):
             strategy.begin(run or RunPlan(), budget)
-        self._window = _Figures(mapping.n_arms)
         self._advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
         self._transitions = 0
+        self.start_window()
 
     def _check_teachers(self) -> None:
         mapping = self.mapping
@@ -145,9 +118,7 @@ class Advisor:
 
     @property
     def active(self) -> bool:
-        """Whether any advice can still be given; never while ``enabled`` is false, as it is in
-        stages of a run that have no teacher.
-        """
+        """Whether any advice can still be given."""
         return self.enabled and self.budget.remaining > 0 and self.strategy.name != "none"
 
     @property
@@ -157,22 +128,22 @@ class Advisor:
 
     @property
     def needs_noise_free(self) -> bool:
-        """Whether `advise` wants the student's deterministic actions in its next call."""
+        """Whether the next call of `advise` needs the student's deterministic actions."""
         return self.active and self.compare == "noise-free"
 
     @property
     def advised_per_arm(self) -> NDArray[np.int64]:
-        """(n_arms,) how often each arm was advised so far."""
+        """(n_arms,) transitions in which each arm was advised."""
         return self._advised_per_arm.copy()
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
     ) -> None:
-        """Refuse a student that this advisor was not made for; called before training starts.
+        """Check that this advisor fits a student, before training starts.
 
-        :param observation_space: the student's
-        :param action_space: the student's
-        :raises ValueError: where sizes differ; the message names them
+        :param observation_space: the student's.
+        :param action_space: the student's.
+        :raises ValueError: if sizes differ; the message names them.
         """
         try:
             self.mapping.check_spaces(observation_space, action_space)
@@ -193,16 +164,16 @@ class Advisor:
         """Replace the actions of the arms that should be advised.
 
         :param observation: `observation`, `achieved_goal` and `desired_goal`, each (n_envs, size),
-            not normalised
+            not normalised.
         :param student_actions: (n_envs, n_arms * action_size), in the environment's units; not
-            modified
-        :param compared_actions: the same shape, what a correcting strategy judges with
-            compare="noise-free"
-        :param episode_steps: (n_envs,) steps since each environment's episode began, where the
-            strategy reads them
-        :param student_values: the student's own critics, where the strategy asks them
+            modified.
+        :param compared_actions: the same shape, what a correcting strategy compares with
+            compare="noise-free".
+        :param episode_steps: (n_envs,) steps since the start of each environment's episode, for
+            strategies that read them.
+        :param student_values: the student's own critics, for strategies that ask them.
         :return: actions and mask; the student's own array and an all-False mask where nothing is
-            advised
+            advised.
         """
         mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
         actions = student_actions
@@ -216,7 +187,7 @@ class Advisor:
             wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
-            self._window.add_context(context)
+            self._log_comparison(context)
             if mask.any():
                 by_arm = self.mapping.split_action(student_actions)
                 advised = np.where(mask[..., np.newaxis], context.teacher_actions, by_arm)
@@ -227,10 +198,10 @@ class Advisor:
         return Advice(actions, mask)
 
     def _decide(self, context: AdviceContext) -> Mask:
-        """The strategy's mask, held to the arms that may be advised.
+        """Return the strategy's mask, restricted to the arms that may be advised.
 
-        :raises ValueError: for anything but a mask of environments and arms, which would be
-            stretched to one unseen
+        :raises ValueError: if it is not a mask of environments and arms: NumPy would broadcast it
+            silently.
         """
         wanted = np.asarray(self.strategy.decide(context))
         if wanted.shape != context.shape or wanted.dtype != np.bool_:
@@ -267,20 +238,20 @@ class Advisor:
         )
 
     def teacher_actions(self, observation: Observation) -> FloatArray:
-        """What the teachers would do, whatever strategy and budget say; nothing is counted.
+        """Compute the teachers' actions, regardless of strategy and budget; nothing is counted.
 
-        :param observation: as for `advise`
-        :return: (n_envs, n_arms, action_size), in the environment's units
+        :param observation: as for `advise`.
+        :return: (n_envs, n_arms, action_size), in the environment's units.
         """
         return self.teachers.act(*self._by_arm(observation))
 
     def demonstrate(self, observation: Observation) -> Advice:
-        """All teachers act, at one step of the budget for each environment.
+        """Let the teachers control every arm, for one step of the budget per environment.
 
-        :param observation: as for `advise`
-        :return: the teachers' actions, and an all-True mask
-        :raises ValueError: where the budget does not last for all environments, or some arm must
-            not be advised
+        :param observation: as for `advise`.
+        :return: the teachers' actions, and an all-True mask.
+        :raises ValueError: if the budget does not suffice for all environments, or some arm must
+            not be advised.
         """
         n_envs = len(observation["observation"])
         if self.budget.remaining < n_envs:
@@ -299,46 +270,58 @@ class Advisor:
         return Advice(self.mapping.join_actions(self.teacher_actions(observation)), mask)
 
     def student_evaluated(self, success_rate: float) -> None:
-        """Tell a strategy that follows the student's progress how an evaluation went.
+        """Pass the result of an evaluation to a strategy that follows the student's progress.
 
-        :param success_rate: of the student alone
+        :param success_rate: of the student alone.
         """
         if isinstance(self.strategy, WatchesStudent):
             self.strategy.student_evaluated(success_rate)
 
     def _count(self, mask: Mask) -> None:
-        self._window.add_mask(mask)
-        self._advised_per_arm += mask.sum(axis=0)
+        advised = mask.sum(axis=0)
+        self._advised_per_arm += advised
+        self._window_per_arm += advised
         self._transitions += len(mask)
+        self._window["transitions"] += len(mask)
+        self._window["advised"] += int(mask.any(axis=1).sum())
+
+    def _log_comparison(self, context: AdviceContext) -> None:
+        compared = {"disagreement": context.disagreement}
+        # The gap is a cached property: read it only where the strategy has computed it.
+        if "q_gap" in vars(context):
+            compared["q_gap"] = context.q_gap
+        for name, values in compared.items():
+            self._window[name] += float(values.sum())
+            self._window[f"{name}_arms"] += values.size
 
     def log_values(self) -> dict[str, float]:
-        """Figures for SB3's logger: totals, and means over the time since `start_window`.
+        """Return values for SB3's logger: totals, and means over the time since `start_window`.
 
         :return: names such as `advice/share` (advised transitions / transitions),
-            `advice/disagreement` (mean norm2(a_tr - a_st), in action units) and, where the strategy
-            reads Q values, `advice/q_gap`
+            `advice/disagreement` (mean norm2(a_tr - a_st), in action units) and, if the strategy
+            reads Q values, `advice/q_gap`.
         """
         window = self._window
         values: dict[str, float] = {
             "advice/spent": self.budget.spent,
             "advice/remaining": self.budget.remaining,
         }
-        if window.transitions:
-            values["advice/share"] = window.advised_transitions / window.transitions
-            for arm, count in enumerate(window.advised_arms):
-                values[f"advice/share_arm_{arm}"] = float(count) / window.transitions
-        if window.compared_arms:
-            values["advice/disagreement"] = window.disagreement_sum / window.compared_arms
-        if window.q_gap_arms:
-            values["advice/q_gap"] = window.q_gap_sum / window.q_gap_arms
+        if window["transitions"]:
+            values["advice/share"] = window["advised"] / window["transitions"]
+            for arm, count in enumerate(self._window_per_arm):
+                values[f"advice/share_arm_{arm}"] = float(count) / window["transitions"]
+        for name in ("disagreement", "q_gap"):
+            if window[f"{name}_arms"]:
+                values[f"advice/{name}"] = window[name] / window[f"{name}_arms"]
         return values
 
     def start_window(self) -> None:
-        """Start the means of `log_values` afresh."""
-        self._window = _Figures(self.mapping.n_arms)
+        """Restart the means of `log_values`."""
+        self._window: defaultdict[str, float] = defaultdict(float)
+        self._window_per_arm = np.zeros(self.mapping.n_arms, dtype=np.int64)
 
     def state_dict(self) -> dict[str, Any]:
-        """:return: JSON-able state: what was given so far, and under which strategy and teachers"""
+        """:return: JSON-able state: the advice so far, its strategy and its teachers."""
         return {
             "strategy": self.strategy.name,
             "settings": dict(self.strategy.settings),
@@ -355,12 +338,12 @@ class Advisor:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on with the budget of an earlier run.
+        """Restore the state of an earlier run.
 
-        :param state: what `state_dict` returned, perhaps by way of JSON or a saved model's
-            `advice_state`
-        :raises ValueError: where strategy or number of arms differ, or more was spent than the
-            budget holds
+        :param state: the result of `state_dict`, possibly from JSON or a saved model's
+            `advice_state`.
+        :raises ValueError: if strategy or number of arms differ, or more was spent than the budget
+            holds.
         """
         if state["strategy"] != self.strategy.name:
             raise ValueError(
@@ -388,10 +371,43 @@ class Advisor:
         return f"Advisor({self.strategy}, {teachers=}, {self.mapping}, {self.budget})"
 
 
-def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:
-    """(n_arms,) from numbers of arms.
+class TeacherProposals:
+    """The teachers' actions in stored states, for the learner's target (IBRL's bootstrapping).
 
-    :raises ValueError: for a number that is no arm's, or none at all
+    Proposals end with the budget, as advice does. They do not cost budget, since nothing is
+    executed.
+
+    :param advisor: whose teachers and budget are used.
+    :param scale: from the environment's units to [-1, 1], an SB3 policy's `scale_action`.
+    """
+
+    def __init__(self, advisor: Advisor, scale: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
+        self._advisor = advisor
+        self._scale = scale
+
+    @property
+    def arms(self) -> Mask:
+        """(n_arms,) which arms may follow a teacher."""
+        return self._advisor.advisable
+
+    def __call__(self, observations: Mapping[str, th.Tensor]) -> FloatArray | None:
+        """Return the teachers' actions, or None once the budget is spent.
+
+        :param observations: entries (batch, dim), not normalised.
+        :return: (batch, n_arms, action_size), scaled to [-1, 1].
+        """
+        advisor = self._advisor
+        if not advisor.enabled or advisor.budget.remaining == 0:
+            return None
+        arrays = {key: value.cpu().numpy() for key, value in observations.items()}
+        scaled = self._scale(advisor.mapping.join_actions(advisor.teacher_actions(arrays)))
+        return advisor.mapping.split_action(np.clip(scaled, -1.0, 1.0).astype(np.float32))
+
+
+def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:
+    """Turn indices of arms into a mask (n_arms,).
+
+    :raises ValueError: for an index out of range, or none at all.
     """
     if arms is None:
         return np.ones(n_arms, dtype=bool)
@@ -402,6 +418,4 @@ def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:
             f"arms={given} must be one or more of {list(range(n_arms))}: which of the "
             f"{n_arms} arms may be advised"
         )
-    mask = np.zeros(n_arms, dtype=bool)
-    mask[given] = True
-    return mask
+    return np.isin(np.arange(n_arms), given)

@@ -1,13 +1,14 @@
-"""What a strategy of advising is shown, and what it has to be.
+"""What a strategy sees, what it has to provide, and the advice budget.
 
-A strategy looks at an `AdviceContext` and returns a mask; the budget is applied afterwards, by the
-advisor. Four members make a strategy (`AdvisingStrategy`). One that needs more, such as the run's
-length, a memory, or the student's progress, says so by having the methods of `PlansAhead`,
-`Remembers` or `WatchesStudent` too.
+A strategy reads an `AdviceContext` and returns a mask; the advisor applies the budget afterwards.
+Every strategy has the four members of `AdvisingStrategy`. A strategy that needs the run's length, a
+state of its own or the student's progress also has the methods of `PlansAhead`, `Remembers` or
+`WatchesStudent`.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,25 +17,90 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.advising.budget import AdviceBudget
 from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.teacher import TeacherGroup
 
 Mask = NDArray[np.bool_]
 
 StudentValues = Callable[[NDArray[Any]], NDArray[np.float32]]
-"""The student's own critics in the states at hand: actions of all arms, (k, n_envs, n_arms *
-action_size) in the environment's units -> (k, n_envs, values), one value in all or one for each
-part of the goal."""
+"""The student's own critics in the current states: actions of all arms, (k, n_envs, n_arms *
+action_size) in the environment's units -> (k, n_envs, values), one joint value or one for each part
+of the goal."""
+
+
+class AdviceBudget:
+    """Count the environment steps that may still be advised.
+
+    A step counts once, however many of its arms are advised. The count is exact inside a vector
+    environment: if 5 steps remain and 8 environments request advice, the first 5 receive it.
+
+    :param total: the budget n_b in environment steps.
+    :raises TypeError: if it is not a whole number.
+    :raises ValueError: if it is negative.
+    """
+
+    def __init__(self, total: int) -> None:
+        self.total = _count("total", total)
+        self.spent = 0
+
+    @property
+    def remaining(self) -> int:
+        """Environment steps that may still be advised."""
+        return self.total - self.spent
+
+    def spend(self, wanted: Mask) -> Mask:
+        """Pay for one step of a vector environment.
+
+        :param wanted: (n_envs,) whether any arm of an environment should be advised.
+        :return: (n_envs,) which environments receive advice: the first `remaining` of them.
+        """
+        wanted = np.asarray(wanted, dtype=bool)
+        granted = wanted & (np.cumsum(wanted) <= self.remaining)
+        self.spent += int(granted.sum())
+        return granted
+
+    def state_dict(self) -> dict[str, int]:
+        """:return: JSON-able total and spent."""
+        return {"total": self.total, "spent": self.spent}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Restore the steps spent; the total stays this budget's, so a resumed run may raise it.
+
+        :param state: the result of `state_dict`.
+        :raises ValueError: if more was spent than this budget holds.
+        """
+        spent = _count("spent", state["spent"])
+        if spent > self.total:
+            raise ValueError(
+                f"spent={spent} exceeds this budget's total of {self.total}: give a larger total"
+            )
+        self.spent = spent
+
+    def __repr__(self) -> str:
+        return f"AdviceBudget(total={self.total}, spent={self.spent})"
+
+
+def _count(name: str, value: Any) -> int:
+    try:
+        if isinstance(value, (bool, np.bool_)):
+            raise TypeError("a truth value")
+        number = operator.index(value)
+    except TypeError as error:
+        raise TypeError(f"{name}={value!r} must be a whole number of environment steps") from error
+    if number < 0:
+        raise ValueError(
+            f"{name}={number} must not be negative: give the number of environment steps to advise"
+        )
+    return number
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What is known of a run before it begins; None where nobody said.
+    """What is known of a run before it begins; None where it is unknown.
 
-    :param total_steps: environment steps, all environments together
-    :param horizon: steps of an episode
-    :param seed: of the run
+    :param total_steps: environment steps, summed over all environments.
+    :param horizon: steps of an episode.
+    :param seed: of the run.
     """
 
     total_steps: int | None = None
@@ -44,22 +110,22 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class AdviceContext:
-    """What a strategy may look at, for one step of a vector of environments.
+    """What a strategy may read, for one step of a vector environment.
 
-    :param teachers: one teacher for every arm
-    :param observations: (n_envs, n_arms, observation_size)
-    :param goals: (n_envs, n_arms, goal_size) desired goals
-    :param achieved_goals: (n_envs, n_arms, goal_size)
-    :param teacher_actions: (n_envs, n_arms, action_size) a_i_tr, in the environment's units
-    :param student_actions: (n_envs, n_arms, action_size) a_i_st = h_i(pi_st(s))
-    :param budget: what is left; strategies read it and never spend
-    :param twin_minimum: whether Q_tr is the smallest of the teacher's critics, else the first
-    :param arms: (n_arms,) which arms may be advised at all, None for every arm; the advisor holds
-        a strategy to it, whatever the strategy returns
-    :param episode_steps: (n_envs,) steps since each environment's episode began, from 0; None where
-        the caller keeps no count
-    :param student_values: the student's own critics, None where the caller has none
-    :param steps: environment steps of the run before this one
+    :param teachers: one teacher for every arm.
+    :param observations: (n_envs, n_arms, observation_size).
+    :param goals: (n_envs, n_arms, goal_size) desired goals.
+    :param achieved_goals: (n_envs, n_arms, goal_size).
+    :param teacher_actions: (n_envs, n_arms, action_size) a_i_tr, in the environment's units.
+    :param student_actions: (n_envs, n_arms, action_size) a_i_st = h_i(pi_st(s)).
+    :param budget: what is left; strategies read it and do not spend it.
+    :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
+    :param arms: (n_arms,) which arms may be advised, None for all; the advisor enforces it whatever
+        the strategy returns.
+    :param episode_steps: (n_envs,) steps since the start of each environment's episode, from 0;
+        None if the caller does not count them.
+    :param student_values: the student's own critics, None if the caller has none.
+    :param steps: environment steps of the run before this one.
     """
 
     teachers: TeacherGroup
@@ -88,15 +154,13 @@ class AdviceContext:
     @cached_property
     def q_gap(self) -> FloatArray:
         """Q_tr(s_i, a_i_tr) - Q_tr(s_i, a_i_st) (left side of eq. 5.10), (n_envs, n_arms); computed
-        when first read.
+        on first access.
         """
-        candidates = np.stack(
-            [self.teacher_actions, self.student_actions.astype(np.float32, copy=False)]
-        )
+        own = self.student_actions.astype(np.float32, copy=False)
         of_teacher, of_student = self.teachers.q_value(
             self.observations,
             self.goals,
-            candidates,
+            np.stack([self.teacher_actions, own]),
             self.achieved_goals,
             twin_minimum=self.twin_minimum,
         )
@@ -111,48 +175,45 @@ class AdviceContext:
 
 
 class AdvisingStrategy(Protocol):
-    """Decides which arms should get the teacher's action."""
+    """Decides which arms should receive the teacher's action."""
 
     name: ClassVar[str]
-    """What configuration files and `make_strategy` call it."""
+    """The name in configuration files and in `make_strategy`."""
 
     @property
     def needs_critics(self) -> bool:
-        """Whether it reads the teacher's Q values, so that a teacher without critics has to be
-        refused.
-        """
+        """Whether it reads the teacher's Q values, and so rejects teachers without critics."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """JSON-able parameters."""
 
     def decide(self, context: AdviceContext) -> Mask:
-        """:return: (n_envs, n_arms) which arms should be advised, budget apart"""
+        """:return: (n_envs, n_arms) which arms should be advised, regardless of the budget."""
 
 
 @runtime_checkable
 class PlansAhead(Protocol):
-    """A strategy that wants to know the run and the budget before the first step."""
+    """A strategy that needs the run's plan and the budget before the first step."""
 
     def begin(self, run: RunPlan, budget: AdviceBudget) -> None:
-        """Called once, by the advisor's constructor.
+        """Prepare for a run; the advisor's constructor calls this once.
 
-        :param run: what is known of the run
-        :param budget: what may be spent in it
-        :raises ValueError: where the strategy needs what nobody said; the message tells how to say
-            it
+        :param run: what is known of the run.
+        :param budget: of the run.
+        :raises ValueError: if the strategy needs a value that is unknown; the message names it.
         """
 
 
 @runtime_checkable
 class Remembers(Protocol):
-    """A strategy with a memory, such as a random generator, that a resumed run has to get back."""
+    """A strategy with a state, such as a random generator, that a resumed run restores."""
 
     def state_dict(self) -> Mapping[str, Any]:
-        """:return: JSON-able state"""
+        """:return: JSON-able state."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """:param state: what `state_dict` returned, perhaps by way of JSON"""
+        """:param state: the result of `state_dict`, possibly read back from JSON."""
 
 
 @runtime_checkable
@@ -160,7 +221,7 @@ class WatchesStudent(Protocol):
     """A strategy that follows the student's progress."""
 
     def student_evaluated(self, success_rate: float) -> None:
-        """Called after each evaluation, between two steps of the run.
+        """Receive the result of an evaluation, between two steps of the run.
 
-        :param success_rate: of the student alone
+        :param success_rate: of the student alone.
         """

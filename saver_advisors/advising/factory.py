@@ -1,4 +1,4 @@
-"""An advisor from names and numbers, as configurations hold them."""
+"""Build an advisor from the names and numbers of a configuration."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from typing import Any
 from gymnasium import spaces
 
 from saver_advisors.advising.advisor import Advisor, Compare
-from saver_advisors.advising.budget import AdviceBudget
-from saver_advisors.advising.context import AdvisingStrategy, RunPlan
-from saver_advisors.advising.registry import make_strategy
+from saver_advisors.advising.context import AdviceBudget, AdvisingStrategy, RunPlan
+from saver_advisors.advising.strategies import make_strategy
 from saver_advisors.policies.files import load_teacher
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.scripted import PREFIX, scripted_teachers
@@ -38,25 +37,26 @@ def make_advisor(
     horizon: int | None = None,
     seed: int = 0,
 ) -> Advisor:
-    """An advisor from names, for either a number of arms or a student's spaces.
+    """Build an advisor from names, for either a number of arms or a student's spaces.
 
-    :param strategy: a strategy's name, "module:Class" of one that is not registered, or a strategy
+    :param strategy: a strategy's name, "module:Class" of an unregistered one, or a strategy.
     :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
-        arm; ``scripted:ID`` is the scripted expert of an environment, for each arm
-    :param budget: environment steps that may be advised
-    :param n_arms: arms of the student; may be left out where the spaces are given
-    :param observation_space: the student's, checked at once
-    :param action_space: the student's, checked at once
-    :param threshold: t_I or alpha of a correcting strategy
-    :param correcting: the second half of `early-mc`
-    :param settings: further arguments of a strategy given by name
-    :param compare: "noisy" or "noise-free": which student action a correcting strategy judges
-    :param twin_minimum: Q_tr is the smallest of the teacher's critics, else the first
-    :param arms: which arms may be advised, by their numbers from 0; every arm where None
-    :param total_steps: environment steps of the run, which `random` spreads its budget over
-    :param horizon: steps of an episode, which `jump-start` divides
-    :param seed: of the run, for strategies that draw
-    :raises ValueError: where something does not fit; the message names the sizes
+        arm; ``scripted:ID`` is the scripted expert of an environment, for each arm.
+    :param budget: environment steps that may be advised.
+    :param n_arms: arms of the student; may be omitted if the spaces are given.
+    :param observation_space: the student's, checked immediately.
+    :param action_space: the student's, checked immediately.
+    :param threshold: t_I or alpha of a correcting strategy.
+    :param correcting: the second half of `early-mc`.
+    :param settings: further arguments of a strategy given by name.
+    :param compare: "noisy" or "noise-free": the student action that a correcting strategy compares.
+    :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
+    :param arms: indices of the arms that may be advised; every arm if None.
+    :param total_steps: environment steps of the run, over which `random` spreads its budget.
+    :param horizon: steps of an episode, which `jump-start` divides.
+    :param seed: of the run, for strategies that draw random numbers.
+    :return: the advisor.
+    :raises ValueError: if parts do not match; the message names the sizes.
     """
     if isinstance(strategy, str):
         strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
@@ -88,7 +88,7 @@ def make_advisor(
 
 
 def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
-    """:return: teachers, loaded where a name or a path was given; equal names share one teacher"""
+    """Load the teachers given by name or path; equal names share one teacher."""
     given = [teacher] if isinstance(teacher, (str, PathLike, Teacher)) else list(teacher)
     if not given:
         raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")
@@ -112,7 +112,6 @@ def _count_arms(teacher: Teacher, action_space: spaces.Space[Any]) -> int:
     if rest or n_arms == 0:
         raise ValueError(
             f"teacher {teacher.name!r} has actions of size {teacher.action_size}, which do not "
-            f"divide the student's "
-            f"action of size {size}: choose a teacher of the same task"
+            f"divide the student's action of size {size}: choose a teacher of the same task"
         )
     return n_arms

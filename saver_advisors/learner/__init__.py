@@ -9,8 +9,7 @@ from saver_advisors.learner.algorithms import (
     episode_horizon,
     goal_learner,
 )
-from saver_advisors.learner.cloning import clone
-from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
+from saver_advisors.learner.imitation import clone
 from saver_advisors.learner.policies import (
     GoalPolicyMixin,
     GoalSACPolicy,
@@ -19,6 +18,7 @@ from saver_advisors.learner.policies import (
     NormalizedGoalFeatures,
 )
 from saver_advisors.learner.replay import (
+    DemonstrationReplayBuffer,
     GoalReplayBuffer,
     GoalTransitions,
     RewardFunction,

@@ -1,15 +1,15 @@
 """DDPG, TD3, SAC and TQC as goal-conditioned learners: one mixin over SB3's algorithms.
 
-The mixin adds to an algorithm, without a copy of its ``train``:
+The mixin keeps the algorithm's own ``train`` and adds
 
-- ``GoalReplayBuffer`` and the goal policies of this package as defaults, told the horizon, the
+- ``GoalReplayBuffer`` and the goal policies of this package as defaults, with the horizon, the
   reward function and the range of returns from the environment and the discount
-- exploration by Gaussian noise and now and then a wholly random action (OpenAI baselines' HER),
-  drawn from a generator of its own, so that a resumed run explores as an uninterrupted one would
-- statistics for the policies' normaliser, taken when an episode ends
+- exploration by Gaussian noise and occasional uniform actions (OpenAI baselines' HER), drawn from a
+  generator of its own, so that a resumed run explores as an uninterrupted one
+- statistics for the policies' normaliser, updated when an episode ends
 
-It is cooperative: ``type("AdvisedTD3", (AdvisedMixin, GoalTD3), {})`` composes, and whatever an
-outer mixin returns from ``_sample_action`` is what the environment gets and the buffer stores.
+It is cooperative: ``type("AdvisedTD3", (AdvisedMixin, GoalTD3), {})`` composes. The result of an
+outer mixin's ``_sample_action`` is what the environment receives and the buffer stores.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ POLICIES: dict[type[OffPolicyAlgorithm], type[GoalPolicyMixin]] = {
 
 
 def episode_horizon(env: VecEnv) -> int:
-    """The length of the environment's episodes in steps.
+    """Return the length of the environment's episodes in steps.
 
     :param env: a vector env whose environments have an attribute ``horizon``, or a ``spec`` with
-        ``max_episode_steps``
-    :return: steps
-    :raises ValueError: when none of them tells
+        ``max_episode_steps``.
+    :return: steps.
+    :raises ValueError: if the environment has neither.
     """
     horizon = _attribute(env, "horizon")
     if horizon is None:
@@ -67,22 +67,22 @@ def episode_horizon(env: VecEnv) -> int:
         horizon = getattr(_attribute(env, "spec"), "max_episode_steps", None)
     if horizon is None:
         raise ValueError(
-            "the environment does not tell its episode length (no attribute `horizon`, no "
+            "the environment does not report its episode length (no attribute `horizon`, no "
             "`spec.max_episode_steps`): pass replay_buffer_kwargs={'horizon': steps}"
         )
     return int(horizon)
 
 
 def _least_reward(env: VecEnv | None) -> float:
-    """Of a step: -1, unless the environment's task says that it is less."""
+    """Return the minimum reward of a step: the task's ``least_reward``, else -1."""
     task = None if env is None else getattr(_attribute(env, "episodes"), "task", None)
     return float(getattr(task, "least_reward", -1.0))
 
 
 def _attribute(env: VecEnv, name: str) -> Any:
-    """An attribute of the vector env's first environment, or None.
+    """Return an attribute of the vector env's first environment, or None.
 
-    Asked for first: a worker process would end with the error that a missing one raises.
+    ``has_attr`` first: a missing attribute would terminate a worker process.
     """
     return env.get_attr(name, indices=[0])[0] if env.has_attr(name) else None
 
@@ -92,20 +92,21 @@ class GoalLearnerMixin(_Algorithm):
 
     :param arguments: as for the algorithm. ``replay_buffer_class`` defaults to
         ``GoalReplayBuffer``; ``horizon`` and ``reward_function`` in ``replay_buffer_kwargs`` to the
-        environment's; ``q_min`` in ``policy_kwargs`` to the return of failing for ever,
-        at -1 a step or what the environment's task has as its least reward
+        environment's; ``q_min`` in ``policy_kwargs`` to the return of permanent failure, at the
+        task's least reward per step.
     :param exploration_noise: standard deviation of Gaussian noise on the scaled action, which spans
-        [-1, 1]; SB3's ``action_noise`` works too, with NumPy's global generator
-    :param random_action_probability: of a uniform action in place of the exploratory one, for
-        each environment and step anew
-    :raises ValueError: for a probability outside [0, 1], negative noise, or an unknown horizon
-    :raises TypeError: for another kind of replay buffer
+        [-1, 1]; SB3's ``action_noise`` works too, with NumPy's global generator.
+    :param random_action_probability: of a uniform action instead of the exploratory one, drawn for
+        each environment and step.
+    :raises ValueError: if the probability is outside [0, 1], the noise negative, or the horizon
+        unknown.
+    :raises TypeError: if the replay buffer is of another kind.
     """
 
     replay_buffer: ReplayBuffer | None
 
     training_cost: float
-    """Sum of ``cost`` over all transitions that were collected, where the environment tells one."""
+    """Sum of ``cost`` over all collected transitions, if the environment reports it."""
 
     def __init__(
         self,
@@ -127,8 +128,8 @@ class GoalLearnerMixin(_Algorithm):
         super().__init__(*arguments, **named)
 
     def _setup_model(self) -> None:
-        """Build buffer and networks with what environment and discount imply."""
-        # Streams of their own: what one part draws must not shift what another will draw.
+        """Build buffer and networks with defaults from the environment and the discount."""
+        # Separate streams: the draws of one part must not shift another's.
         seeds = np.random.SeedSequence(self.seed).generate_state(2)
         self._exploration_random = np.random.default_rng(int(seeds[0]))
         if self.replay_buffer_class is None:
@@ -154,7 +155,7 @@ class GoalLearnerMixin(_Algorithm):
             self.replay_buffer_kwargs = permanent
 
     def set_env(self, env: Any, force_reset: bool = True) -> None:
-        """As SB3's; a buffer still without a reward function takes the environment's."""
+        """Set the environment as SB3 does; a buffer without a reward function takes its own."""
         super().set_env(env, force_reset)
         buffer = self.replay_buffer
         if isinstance(buffer, GoalReplayBuffer) and buffer.reward_function is None:
@@ -170,9 +171,9 @@ class GoalLearnerMixin(_Algorithm):
         action_noise: ActionNoise | None = None,
         n_envs: int = 1,
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """The algorithm's actions with noise, some of them replaced by uniform ones.
+        """Return the algorithm's actions with noise, some of them replaced by uniform ones.
 
-        :return: actions for the environment and the same, scaled to [-1, 1], for the buffer
+        :return: actions for the environment, and the same scaled to [-1, 1] for the buffer.
         """
         _, stored = super()._sample_action(learning_starts, action_noise, n_envs)
         random = self._exploration_random
@@ -181,7 +182,7 @@ class GoalLearnerMixin(_Algorithm):
             stored = np.clip(stored + noise, -1.0, 1.0)
         replaced = random.random(n_envs) < self.random_action_probability
         stored = np.where(replaced[:, None], random.uniform(-1.0, 1.0, stored.shape), stored)
-        # Rounded as the buffer will round it, so that executed and stored are the same action.
+        # Rounded as in the buffer, so that executed and stored actions are equal.
         stored = stored.astype(np.float32)
         return np.asarray(self.policy.unscale_action(stored)), stored
 
@@ -200,10 +201,10 @@ class GoalLearnerMixin(_Algorithm):
             self._update_normalizer(replay_buffer, np.flatnonzero(dones))
 
     def _update_normalizer(self, buffer: ReplayBuffer, environments: npt.NDArray[np.int64]) -> None:
-        """Take these environments' finished episodes into the policy's statistics.
+        """Add these environments' finished episodes to the policy's statistics.
 
-        Each step counts twice, with the episode's goal and with the goal achieved next, because
-        the networks are trained on both kinds.
+        Each step counts twice, with the episode's goal and with the goal achieved next, since the
+        networks are trained on both.
         """
         policy = self.policy
         if not isinstance(policy, GoalPolicyMixin) or not isinstance(buffer, GoalReplayBuffer):
@@ -218,45 +219,46 @@ class GoalLearnerMixin(_Algorithm):
         )
 
     def train(self, gradient_steps: int, batch_size: int) -> None:
-        """As the algorithm's, except that nothing happens while nothing is stored."""
+        """Train as the algorithm does, unless the buffer is empty."""
         buffer = self.replay_buffer
         if buffer is not None and buffer.size() > 0:
             super().train(gradient_steps, batch_size)
 
     def save_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase) -> None:
-        """Write the replay buffer as ``GoalReplayBuffer.save_npz`` does: SB3 would pickle it.
+        """Write the replay buffer by ``GoalReplayBuffer.save_npz``: SB3 would pickle it.
 
-        :param path: of the file
-        :raises TypeError: for an open file in place of a path
+        :param path: of the file.
+        :raises TypeError: if it is an open file.
         """
         self._goal_buffer().save_npz(_file_path(path))
 
     def load_replay_buffer(
         self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True
     ) -> None:
-        """Take over what ``save_replay_buffer`` wrote.
+        """Restore the replay buffer from ``save_replay_buffer``.
 
-        :param path: of the file
-        :param truncate_last_traj: cut running episodes short, since the environments are reset
-        :raises TypeError: for an open file in place of a path
-        :raises ValueError: for a file that is damaged, foreign or of another shape
+        :param path: of the file.
+        :param truncate_last_traj: whether to end running episodes, since the environments are
+            reset.
+        :raises TypeError: if it is an open file.
+        :raises ValueError: if the file is damaged, of another format or of another shape.
         """
         self._goal_buffer().load_npz(_file_path(path))
         if truncate_last_traj:
             self._goal_buffer().end_running_episodes()
 
     def _goal_buffer(self) -> GoalReplayBuffer:
-        assert isinstance(self.replay_buffer, GoalReplayBuffer), "_setup_model sees to it"
+        assert isinstance(self.replay_buffer, GoalReplayBuffer), "checked by _setup_model"
         return self.replay_buffer
 
     def student_value(
         self, observation: dict[str, npt.NDArray[Any]], action: npt.NDArray[Any]
     ) -> npt.NDArray[Any]:
-        """The critics' conservative estimate of Q, as a diagnostic.
+        """Compute the critics' conservative estimate of Q, as a diagnostic.
 
-        :param observation: entries (batch, dim)
-        :param action: (batch, action_dim), in the environment's units
-        :return: (batch,)
+        :param observation: entries (batch, dim).
+        :param action: (batch, action_dim), in the environment's units.
+        :return: (batch,).
         """
         assert isinstance(self.policy, GoalPolicyMixin)
         tensors, _ = self.policy.obs_to_tensor(observation)
@@ -274,12 +276,12 @@ def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Pa
 
 
 def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
-    """A goal-conditioned learner over an SB3 algorithm, with fitting policies.
+    """Create a goal-conditioned learner from an SB3 algorithm.
 
-    :param algorithm: DDPG, TD3, SAC or TQC, or a subclass of one of them
-    :return: class ``Goal<name>``, whose "MultiInputPolicy" is this package's; no static type can
-        say that it takes the arguments of both its parents
-    :raises TypeError: for another algorithm
+    :param algorithm: DDPG, TD3, SAC or TQC, or a subclass of one of them.
+    :return: class ``Goal<name>``, whose "MultiInputPolicy" is this package's; no static type
+        expresses that it accepts the arguments of both its parents.
+    :raises TypeError: for another algorithm.
     """
     for family, policy in POLICIES.items():
         if issubclass(algorithm, family):

@@ -1,8 +1,8 @@
-"""Whole episodes in slots, kept for replay: storing, drawing at random, files.
+"""A buffer of whole episodes: storing, uniform sampling, files.
 
-An episode of T transitions is stored once, as T + 1 observations in a slot of its own. The next
-observation of a transition is thus the row after it, and any goal that the episode reached later
-is a row of the same slot: nothing is stored twice and nothing has to be searched.
+An episode of T transitions is stored as T + 1 observations in one slot. The next observation of a
+transition is the following row, and every goal that the episode reached later is a row of the same
+slot, so nothing is stored twice or searched.
 """
 
 from __future__ import annotations
@@ -27,27 +27,29 @@ BoolArray = npt.NDArray[np.bool_]
 
 GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 FILE_FORMAT = "saver-goal-replay-1"
+_SLOT_ARRAYS = ("length", "observation", "achieved_goal", "desired_goal", "action", "advised")
 
 
 class EpisodeBuffer(ReplayBuffer):
-    """Episodes of goal-conditioned tasks; what a batch is made of them is a subclass's business.
+    """Store episodes of goal-conditioned tasks; subclasses build batches from them.
 
-    Episodes shorter than the horizon (a diverged simulation, a resumed training) and episodes
-    still running count as far as they are stored. A new episode begins after ``done``, or when the
-    observation handed in is not the one that followed the last action.
+    Episodes shorter than the horizon (a diverged simulation, a resumed training) and running
+    episodes count as far as they are stored. A new episode begins after ``done``, or if the
+    observation differs from the one that followed the last action.
 
-    :param buffer_size: transitions kept; rounded down to whole episodes, the oldest go first
-    :param observation_space: Dict with Boxes observation, achieved_goal and desired_goal, each 1-D
-    :param action_space: a 1-D Box
-    :param device: where sampled tensors live
-    :param n_envs: environments that step together
-    :param horizon: the longest episode in steps
-    :param seed: of the buffer's own random generator
-    :param store_advised: keep ``infos[i]["advised"]`` of each transition
-    :raises ValueError: for spaces or sizes that do not fit
+    :param buffer_size: capacity in transitions; rounded down to whole episodes, the oldest of which
+        are replaced first.
+    :param observation_space: Dict with Boxes observation, achieved_goal and desired_goal, each 1-D.
+    :param action_space: a 1-D Box.
+    :param device: of sampled tensors.
+    :param n_envs: environments that step together.
+    :param horizon: maximum length of an episode in steps.
+    :param seed: of the buffer's own random generator.
+    :param store_advised: whether to store ``infos[i]["advised"]`` of each transition.
+    :raises ValueError: if spaces or sizes do not fit.
     """
 
-    # The parent's arrays of single transitions do not exist here.
+    # This buffer does not have the parent's arrays of single transitions.
     observations: Any
     next_observations: Any
 
@@ -84,7 +86,7 @@ class EpisodeBuffer(ReplayBuffer):
         self.reset()
 
     def _allocate(self) -> None:
-        """Reserve the slots; the pages are touched only as episodes arrive."""
+        """Allocate the slots; memory pages are committed only as episodes arrive."""
         assert isinstance(self.observation_space, spaces.Dict)
         observation_dim = self.observation_space["observation"].shape[0]  # type: ignore[index]
         goal_dim = self.observation_space["achieved_goal"].shape[0]  # type: ignore[index]
@@ -97,7 +99,7 @@ class EpisodeBuffer(ReplayBuffer):
         self.length = np.zeros(self.n_slots, np.int64)
 
     def reset(self) -> None:
-        """Forget every episode; the random generator runs on."""
+        """Remove every episode; the random generator keeps its state."""
         self.pos = 0
         self.full = False
         self.length[:] = 0
@@ -107,9 +109,7 @@ class EpisodeBuffer(ReplayBuffer):
         self._ends: IntArray | None = None
 
     def size(self) -> int:
-        """
-        :return: transitions stored, of finished and running episodes
-        """
+        """:return: number of stored transitions, of finished and running episodes."""
         return int(self.length.sum())
 
     # Storing ---------------------------------------------------------------------------------
@@ -125,13 +125,13 @@ class EpisodeBuffer(ReplayBuffer):
     ) -> None:
         """Store one step of every environment.
 
-        :param obs: before the action, each entry (n_envs, dim)
-        :param next_obs: after it, with the last observation of the episode where ``done``
-        :param action: (n_envs, action_dim), scaled to [-1, 1]
-        :param reward: (n_envs,), ignored: rewards are computed when sampled
-        :param done: (n_envs,), whether the episode ends here
-        :param infos: one dict an environment; ``advised`` is read
-        :raises ValueError: for values that are not finite, or an episode beyond the horizon
+        :param obs: before the action, each entry (n_envs, dim).
+        :param next_obs: after it; the last observation of the episode if ``done``.
+        :param action: (n_envs, action_dim), scaled to [-1, 1].
+        :param reward: (n_envs,), ignored: rewards are computed when sampled.
+        :param done: (n_envs,), whether the episode ends here.
+        :param infos: one dict per environment; ``advised`` is read.
+        :raises ValueError: if a value is not finite, or an episode exceeds the horizon.
         """
         del reward
         continued = self._continued(obs)
@@ -158,10 +158,10 @@ class EpisodeBuffer(ReplayBuffer):
         self._ends = None
 
     def _continued(self, obs: Mapping[str, npt.NDArray[Any]]) -> BoolArray:
-        """Which environments' running episodes go on from ``obs``; shape (n_envs,).
+        """Return which environments' running episodes continue from ``obs``, (n_envs,).
 
-        A reset from outside (a second ``learn``, a resumed run) leaves an episode without its
-        ``done``. Comparing the observation with the stored one is cheap and cannot miss it.
+        An external reset (a second ``learn``, a resumed run) ends an episode without ``done``.
+        Comparing the observation with the stored one is cheap and detects it reliably.
         """
         if not self._running.any():
             return self._running
@@ -172,12 +172,12 @@ class EpisodeBuffer(ReplayBuffer):
         return np.asarray(same & self._running)
 
     def _open_slots(self, environments: IntArray, obs: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Give each of these environments a fresh slot, evicting the oldest episodes."""
+        """Assign a new slot to each of these environments, replacing the oldest episodes."""
         for key in GOAL_KEYS:
             _require_finite(key, obs[key])
         self._running[environments] = False
         for environment in environments:
-            # Only an environment whose episodes are far shorter than the others' can lap the ring.
+            # An environment with much shorter episodes than the others may reach their slots.
             while self._next_slot in self._slot[self._running]:
                 self._advance()
             slot = self._next_slot
@@ -190,23 +190,23 @@ class EpisodeBuffer(ReplayBuffer):
             self._advance()
 
     def _advance(self) -> None:
-        """Move on to the next slot of the ring."""
+        """Advance to the next slot of the ring."""
         self._next_slot = (self._next_slot + 1) % self.n_slots
         self.pos = self._next_slot
         self.full = self.full or self._next_slot == 0
 
     def end_running_episodes(self) -> None:
-        """Cut the running episodes short, because the environments are about to be reset."""
+        """End the running episodes, because the environments are about to be reset."""
         self._running[:] = False
 
     def episodes_of(
         self, environments: IntArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The steps stored of these environments' latest episodes, one after the other.
+        """Return the stored steps of these environments' latest episodes, concatenated.
 
-        :param environments: (n,), indices of environments
+        :param environments: (n,), indices of environments.
         :return: observations (m, observation_dim), desired goals (m, goal_dim), the goals achieved
-            with these observations and one step later (m, goal_dim)
+            with these observations and one step later (m, goal_dim).
         """
         slots = self._slot[environments]
         lengths = self.length[slots]
@@ -222,10 +222,10 @@ class EpisodeBuffer(ReplayBuffer):
     # Drawing ---------------------------------------------------------------------------------
 
     def _draw(self, batch_size: int) -> tuple[IntArray, IntArray]:
-        """Slots and steps of ``batch_size`` stored transitions, uniform over transitions.
+        """Sample slots and steps of ``batch_size`` stored transitions uniformly.
 
-        A running sum over the slots (some thousands, not the rows) finds a transition's slot
-        whatever the episodes' lengths; it stays valid until the next ``add``.
+        A cumulative sum over the slots' lengths maps a transition to its slot; it stays valid until
+        the next ``add``.
         """
         if self._ends is None:
             self._ends = np.cumsum(self.length)
@@ -239,10 +239,10 @@ class EpisodeBuffer(ReplayBuffer):
     # Files -----------------------------------------------------------------------------------
 
     def save_npz(self, path: str | Path) -> None:
-        """Write episodes and random state to a file, without pickle, all of it or nothing.
+        """Write episodes and random state to a file, atomically and without pickle.
 
-        :param path: of the file; an old one is replaced only once the new one is complete
-        :raises OSError: when it cannot be written; an old file is then intact
+        :param path: of the file; an old one is replaced once the new one is complete.
+        :raises OSError: if it cannot be written; an old file is then intact.
         """
         used = self.n_slots if self.full else self._next_slot
         with written_whole(path) as file:
@@ -251,16 +251,11 @@ class EpisodeBuffer(ReplayBuffer):
                 header=np.array(json.dumps(self._header(used))),
                 slot=self._slot,
                 running=self._running,
-                length=self.length[:used],
-                observation=self.observation[:used],
-                achieved_goal=self.achieved_goal[:used],
-                desired_goal=self.desired_goal[:used],
-                action=self.action[:used],
-                advised=self.advised[:used],
+                **{name: getattr(self, name)[:used] for name in _SLOT_ARRAYS},
             )
 
     def _header(self, used: int) -> dict[str, Any]:
-        """What must agree between a file and a buffer (``shape``), and the scalars of the state."""
+        """Return what must agree between file and buffer (``shape``), and the scalar state."""
         return {
             "format": FILE_FORMAT,
             "shape": {
@@ -279,11 +274,11 @@ class EpisodeBuffer(ReplayBuffer):
         }
 
     def load_npz(self, path: str | Path) -> None:
-        """Take over the state of a file written by ``save_npz``; on any error nothing changes.
+        """Restore the state from a file of ``save_npz``; on any error nothing changes.
 
-        :param path: of the file
-        :raises FileNotFoundError: when there is none
-        :raises ValueError: when the file is damaged, foreign, or of a buffer of another shape
+        :param path: of the file.
+        :raises FileNotFoundError: if there is none.
+        :raises ValueError: if the file is damaged, of another format, or of another shape.
         """
         header, arrays = _read_npz(Path(path))
         used = header["used"]
@@ -293,14 +288,7 @@ class EpisodeBuffer(ReplayBuffer):
                 raise ValueError(
                     f"{path}: {name} is {header['shape'].get(name)}, this buffer's is {value}"
                 )
-        targets = {
-            "length": self.length,
-            "observation": self.observation,
-            "achieved_goal": self.achieved_goal,
-            "desired_goal": self.desired_goal,
-            "action": self.action,
-            "advised": self.advised,
-        }
+        targets: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in _SLOT_ARRAYS}
         wanted = {name: (used, *target.shape[1:]) for name, target in targets.items()}
         wanted |= {"slot": (self.n_envs,), "running": (self.n_envs,)}
         for name, shape in wanted.items():
@@ -317,12 +305,11 @@ class EpisodeBuffer(ReplayBuffer):
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """The header and the arrays of a file, or a ValueError that names it."""
-    names = ("slot", "running", "length", "observation", "achieved_goal", "desired_goal")
+    """Read the header and the arrays of a file, or raise a ValueError that names it."""
     try:
         with np.load(path, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
-            arrays = {name: file[name] for name in (*names, "action", "advised")}
+            arrays = {name: file[name] for name in ("slot", "running", *_SLOT_ARRAYS)}
     except FileNotFoundError:
         raise
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
@@ -339,7 +326,7 @@ def _float32(array: npt.NDArray[Any]) -> FloatArray:
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:
-    """One value that is not a number would spread through the networks unseen: refuse it here."""
+    """Reject NaN and infinities here: they would spread through the networks unnoticed."""
     finite = np.isfinite(values)
     if not finite.all():
         environment = int(np.flatnonzero(~finite.reshape(len(finite), -1).all(axis=1))[0])
@@ -350,7 +337,7 @@ def _require_finite(name: str, values: npt.NDArray[Any]) -> None:
 
 
 def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
-    """Refuse spaces the slots cannot hold."""
+    """Check that the slots can hold these spaces."""
     if not isinstance(observation_space, spaces.Dict) or set(observation_space) != set(GOAL_KEYS):
         raise ValueError(
             f"observation_space={observation_space} must be a Dict of exactly {GOAL_KEYS}"

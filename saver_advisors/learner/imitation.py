@@ -1,49 +1,68 @@
-"""TD3 whose actor also imitates advised actions.
+"""Learning from a teacher's actions: imitation loss, bootstrapping (IBRL), behaviour cloning.
 
-Early advice fills the replay buffer with good actions long before the student's own are any good.
-A critic that has seen nothing else overrates actions that nobody took, and the actor runs after
-them; the extra loss below keeps it near what it was shown (Nair et al., 2018, "Overcoming
-Exploration in Reinforcement Learning with Demonstrations": behaviour cloning with a Q-filter). The
-filter, imitating only what the critic finds better, is open at first: such a critic finds nothing
-better than the actor's own action.
+Early advice fills the replay buffer with good actions long before the student's own are good. A
+critic trained on them alone overestimates out-of-distribution actions, which the actor then
+exploits. The imitation loss keeps the actor near the advised actions (Nair et al., 2018,
+"Overcoming Exploration in Reinforcement Learning with Demonstrations": behaviour cloning with a
+Q-filter). The filter imitates only actions that the critic rates higher than the actor's; it starts
+later, since such a critic rates none of them higher.
 
-With ``proposals`` the critics' target takes, arm by arm, the better of the target actor's action
-and the proposed one, in the eyes of the target critics (Hu et al., arXiv 2311.02198: IBRL's
-bootstrapping).
+With ``bootstrap_proposals`` the critics' target takes, arm by arm, the better of the target actor's
+action and the proposed one, by the target critics (Hu et al., arXiv 2311.02198: IBRL).
 """
 
 from __future__ import annotations
 
-from typing import Any
+import itertools
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import torch as th
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.td3 import TD3
 from torch.nn import functional
 
-from saver_advisors.learner.choice import Proposals, better_by_arm
 from saver_advisors.learner.replay import GoalReplayBuffer
+
+Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
+"""Actions of all arms, (k, batch, n_arms * action_size) -> values (k, batch, values)."""
+
+
+class ActionProposals(Protocol):
+    """A second policy's actions in given states."""
+
+    @property
+    def arms(self) -> npt.NDArray[np.bool_]:
+        """(n_arms,) which arms may take a proposed action."""
+
+    def __call__(self, observations: Mapping[str, th.Tensor]) -> npt.NDArray[np.float32] | None:
+        """Propose actions, or return None for no proposals.
+
+        :param observations: entries (batch, dim).
+        :return: (batch, n_arms, action_size), scaled to [-1, 1].
+        """
 
 
 class ImitatingTD3(TD3):
     """TD3 with an imitation loss on transitions whose action was a teacher's.
 
-    :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``
-    :param imitation_weight: of the mean squared difference, over advised transitions, between
-        the actor's action and the advised one; 0 for plain TD3
-    :param imitation_filter_start: environment steps from which on only those advised actions are
-        imitated that the critic finds better than the actor's
-    :raises ValueError: for a negative weight or step
+    :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``.
+    :param imitation_weight: of the mean squared difference, over advised transitions, between the
+        actor's action and the advised one; 0 for plain TD3.
+    :param imitation_filter_start: environment step from which on only those advised actions are
+        imitated that the critic rates higher than the actor's.
+    :raises ValueError: if the weight or the step is negative.
     """
 
-    proposals: Proposals | None
-    """Actions for the critics' target to choose from beside the actor's, or None; not saved."""
+    bootstrap_proposals: ActionProposals | None
+    """Alternatives to the target actor's actions in the critics' target, or None; not saved."""
 
     value_weights: tuple[float, ...] | None
-    """How much the actor minds each part's value, the mean of all where None."""
+    """Weight of each part's value in the actor's objective; None for their mean."""
 
     def __init__(
         self,
@@ -56,17 +75,17 @@ class ImitatingTD3(TD3):
             raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
         if not imitation_filter_start >= 0:
             raise ValueError(f"imitation_filter_start={imitation_filter_start} must be 0 or more")
-        self.proposals = None
+        self.bootstrap_proposals = None
         self.value_weights = None
         self.imitation_weight = imitation_weight
         self.imitation_filter_start = imitation_filter_start
         super().__init__(*arguments, **named)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
-        """Do gradient steps; as TD3's where the weight is 0 and the goal has one part.
+        """Perform gradient steps; TD3's if the weight is 0 and the goal has one part.
 
-        :param gradient_steps: critic updates
-        :param batch_size: transitions each
+        :param gradient_steps: critic updates.
+        :param batch_size: transitions per update.
         """
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
@@ -88,18 +107,18 @@ class ImitatingTD3(TD3):
             self.logger.record("train/imitation_loss", np.mean(imitation_losses))
 
     def _draw(self, batch_size: int) -> tuple[DictReplayBufferSamples, th.Tensor]:
-        """Transitions as tensors, and which of them were advised (batch,)."""
+        """Sample transitions as tensors, and which of them were advised (batch,)."""
         assert isinstance(self.replay_buffer, GoalReplayBuffer)
         drawn = self.replay_buffer.sample_transitions(batch_size)
         return self.replay_buffer.as_samples(drawn), th.as_tensor(drawn.advised)
 
     def _update_critic(self, batch: DictReplayBufferSamples) -> float:
-        """One step of the critics towards the smallest target value; the loss."""
+        """Take one step of the critics towards the minimum target value; return the loss."""
         with th.no_grad():
             noise = th.randn_like(batch.actions) * self.target_policy_noise
             noise = noise.clamp(-self.target_noise_clip, self.target_noise_clip)
             next_actions = (self.actor_target(batch.next_observations) + noise).clamp(-1, 1)
-            if self.proposals is not None:
+            if self.bootstrap_proposals is not None:
                 next_actions = self._better_actions(batch.next_observations, next_actions)
             values = th.stack(self.critic_target(batch.next_observations, next_actions))
             target = batch.rewards + self.gamma * values.amin(dim=0)
@@ -111,11 +130,9 @@ class ImitatingTD3(TD3):
         return float(loss.item())
 
     def _better_actions(self, observations: Any, own: th.Tensor) -> th.Tensor:
-        """Proposed actions in place of ``own`` (batch, action_dim) where the target critics prefer
-        them.
-        """
-        assert self.proposals is not None
-        proposed = self.proposals(observations)
+        """Replace ``own`` actions (batch, action_dim) where the target critics prefer proposals."""
+        assert self.bootstrap_proposals is not None
+        proposed = self.bootstrap_proposals(observations)
         if proposed is None:
             return own
 
@@ -126,36 +143,36 @@ class ImitatingTD3(TD3):
             return np.asarray(least.cpu().numpy().reshape(*actions.shape[:2], -1))
 
         by_arm = own.cpu().numpy().reshape(proposed.shape)
-        chosen = better_by_arm(by_arm, proposed, values, self.proposals.arms)
+        chosen = better_by_arm(by_arm, proposed, values, self.bootstrap_proposals.arms)
         mixed = np.where(chosen[..., np.newaxis], proposed, by_arm)
         return th.as_tensor(mixed.reshape(len(own), -1), device=self.device)
 
-    def _weighed(self, values: th.Tensor) -> th.Tensor:
-        """The parts' values (batch, parts) as one (batch,)."""
+    def _weighted(self, values: th.Tensor) -> th.Tensor:
+        """Combine the parts' values (batch, parts) into one (batch,)."""
         if self.value_weights is None:
             return values.mean(dim=1)
         weights = th.as_tensor(self.value_weights, dtype=values.dtype)
         return values @ weights / weights.sum()
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "proposals"]
+        return [*super()._excluded_save_params(), "bootstrap_proposals"]
 
     def _update_actor(
         self, batch: DictReplayBufferSamples, advised: th.Tensor
     ) -> tuple[float, float]:
-        """One step of the actor; its loss and the imitation loss within it."""
+        """Take one step of the actor; return its loss without imitation, and the imitation loss."""
         actions = self.actor(batch.observations)
-        # The goal critic takes a dict of observations, of which SB3's hint does not know.
+        # SB3's type hint does not cover the goal critic's dict observations.
         critic: Any = self.critic
         values = critic.q1_forward(batch.observations, actions)
-        loss = -self._weighed(values).mean()
+        loss = -self._weighted(values).mean()
         imitation = th.zeros(())
         if self.imitation_weight > 0 and advised.any():
             followed = advised
             if self.num_timesteps >= self.imitation_filter_start:
                 with th.no_grad():
                     shown = critic.q1_forward(batch.observations, batch.actions)
-                followed = advised & (self._weighed(shown) > self._weighed(values))
+                followed = advised & (self._weighted(shown) > self._weighted(values))
             difference = (actions - batch.actions).square().mean(dim=1)
             imitation = (difference * followed).sum() / advised.sum()
         total = loss + self.imitation_weight * imitation
@@ -163,3 +180,102 @@ class ImitatingTD3(TD3):
         total.backward()
         self.actor.optimizer.step()
         return float(loss.item()), float(imitation.item())
+
+
+def better_by_arm(
+    own: npt.NDArray[Any],
+    proposed: npt.NDArray[Any],
+    values: Values,
+    arms: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]:
+    """Decide which arms should take the proposed action instead of their own.
+
+    With a joint value the best of all combinations of own and proposed actions wins. With several
+    values, value i is arm i's, and those after the last arm's are shared: each arm compares the two
+    actions while all others keep their own. Ties go to the own action.
+
+    :param own: (batch, n_arms, action_size).
+    :param proposed: (batch, n_arms, action_size).
+    :param values: the critics, in the states of the actions.
+    :param arms: (n_arms,) which arms may take a proposed action.
+    :return: (batch, n_arms).
+    :raises ValueError: if there are several values, but fewer than arms.
+    """
+    n_arms = own.shape[1]
+    free = np.flatnonzero(arms)
+    # In the order of `combinations`: no arm, then each arm alone, then all larger sets.
+    sets = [
+        chosen for size in range(len(free) + 1) for chosen in itertools.combinations(free, size)
+    ]
+    single = sets[: 1 + len(free)]
+    masks = np.zeros((len(sets), n_arms), dtype=bool)
+    for mask, chosen in zip(masks, sets, strict=True):
+        mask[list(chosen)] = True
+    alone = _mixture_values(values, own, proposed, masks[: len(single)])
+    n_values = alone.shape[2]
+    if n_values == 1:
+        rest = masks[len(single) :]
+        both = [alone, _mixture_values(values, own, proposed, rest)] if len(rest) else [alone]
+        best: npt.NDArray[np.bool_] = masks[np.concatenate(both)[:, :, 0].argmax(axis=0)]
+        return best
+    if n_values < n_arms:
+        raise ValueError(f"the critic gives {n_values} values for {n_arms} arms: one each, or one")
+    better = np.zeros(own.shape[:2], dtype=bool)
+    for row, arm in enumerate(free, start=1):
+        gain = alone[row] - alone[0]
+        better[:, arm] = gain[:, arm] + gain[:, n_arms:].sum(axis=1) > 0
+    return better
+
+
+def _mixture_values(
+    values: Values,
+    own: npt.NDArray[Any],
+    proposed: npt.NDArray[Any],
+    masks: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.float32]:
+    """Evaluate the k mixtures of own and proposed actions; (k, batch, values)."""
+    mixed = np.where(masks[:, np.newaxis, :, np.newaxis], proposed, own)
+    return values(mixed.reshape(len(masks), len(own), -1))
+
+
+def clone(
+    model: OffPolicyAlgorithm,
+    demonstrations: GoalReplayBuffer,
+    *,
+    updates: int,
+    batch_size: int,
+    learning_rate: float,
+) -> float:
+    """Clone the behaviour: fit the actor's deterministic action to the demonstrated one (MSE).
+
+    Goals are the demonstrations' own: for a relabelled goal the teacher would have acted
+    differently. The optimizer is separate, so that the learner's own optimizer and the critics
+    start as they would without cloning.
+
+    :param model: a goal learner.
+    :param demonstrations: the teachers' transitions.
+    :param updates: gradient steps.
+    :param batch_size: transitions per step.
+    :param learning_rate: of Adam.
+    :return: the last batch's loss, 0 without updates.
+    :raises ValueError: if there are no demonstrations.
+    """
+    policy: Any = model.policy
+    actor = policy.actor
+    parameters = [one for one in actor.parameters() if one.requires_grad]
+    optimizer = th.optim.Adam(parameters, lr=learning_rate)
+    # SAC's actor samples unless it is asked for the deterministic action; TD3's does not sample.
+    mode = {"deterministic": True} if hasattr(actor, "latent_pi") else {}
+    policy.set_training_mode(True)
+    loss = th.zeros(())
+    for _ in range(updates):
+        drawn = demonstrations.sample_transitions(batch_size, relabel_probability=0.0)
+        batch = demonstrations.as_samples(drawn)
+        loss = functional.mse_loss(actor(batch.observations, **mode), batch.actions)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    actor.zero_grad()
+    if getattr(policy, "actor_target", None) is not None:
+        policy.actor_target.load_state_dict(actor.state_dict())
+    return float(loss.item())

@@ -1,13 +1,11 @@
 """SB3 policies for goal-conditioned tasks: normalised input, LayerNorm critics, bounded targets.
 
-What each addition is for, and where it comes from:
+- running normalisation of observation and goal, clipped: from OpenAI baselines' HER
+- target values clamped to the range of returns: from the same code; arXiv 2312.05787 finds it, with
+  LayerNorm in the critics, the largest gain on sparse tasks
+- a penalty on the actions in the actor's loss: from the same code; avoids saturation of tanh
 
-- running normalisation of observation and goal, clipped: OpenAI baselines' HER, which SB3 lacks
-- target values clamped to the range a return can have: the same code; arXiv 2312.05787 finds it,
-  with LayerNorm in the critics, the largest gain on sparse tasks
-- a penalty on the actions in the actor's loss: the same code; keeps tanh out of saturation
-
-All are arguments in ``policy_kwargs``, so that SB3's own ``save`` and ``load`` carry them.
+All are arguments in ``policy_kwargs``, so that SB3's own ``save`` and ``load`` keep them.
 """
 
 from __future__ import annotations
@@ -31,21 +29,22 @@ from torch import nn
 
 
 class NormalizedGoalFeatures(BaseFeaturesExtractor):
-    """Observation and desired goal side by side, centred and scaled by running statistics.
+    """Concatenate observation and desired goal, normalised by running statistics.
 
-    The achieved goal is left out unless it is asked for: the observation already tells where the
-    objects are, and a network that can subtract the two goals learns nothing about the rest. A
-    task whose achieved goal holds more than positions, such as the distance that a constraint is
-    about, is another matter: a network would have to compute it to the millimetre.
+    The achieved goal is omitted by default: the observation contains the objects' positions, and a
+    network that can subtract the two goals ignores the rest. Include it if it holds more than
+    positions, such as the distance of a constraint, which a network would have to compute to the
+    millimetre.
 
-    The statistics change only in ``update``, never in ``forward``. The buffers' names avoid
-    "running_": SB3 blends buffers of that name between networks and their targets, and here all
-    networks share one module, which that blending would set to zero.
+    Only ``update`` changes the statistics. The buffers' names avoid "running_": SB3 averages
+    buffers of that name between networks and their targets, but here all networks share one module,
+    which that averaging would set to zero.
 
-    :param observation_space: Dict with Boxes observation and desired_goal, 1-D
-    :param clip: bound on the normalised values
-    :param minimum_standard_deviation: floor for coordinates that hardly vary
-    :param achieved_goal: whether the achieved goal follows behind the desired one
+    :param observation_space: Dict with Boxes observation and desired_goal, 1-D.
+    :param clip: bound on the normalised values.
+    :param minimum_standard_deviation: lower bound, for coordinates that hardly vary.
+    :param achieved_goal: whether the achieved goal follows the desired one.
+    :raises ValueError: if a bound is not positive.
     """
 
     count: th.Tensor
@@ -72,28 +71,28 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         super().__init__(observation_space, features_dim)
         self.clip = clip
         self.minimum_standard_deviation = minimum_standard_deviation
-        # One count a feature: some may go on from a teacher's statistics while others are new.
-        self.register_buffer("count", th.zeros(features_dim, dtype=th.float64))
-        self.register_buffer("mean", th.zeros(features_dim, dtype=th.float64))
-        self.register_buffer("squared_deviation", th.zeros(features_dim, dtype=th.float64))
+        # One count per feature: some may start from a teacher's statistics.
+        for name in ("count", "mean", "squared_deviation"):
+            self.register_buffer(name, th.zeros(features_dim, dtype=th.float64))
         self.register_buffer("shift", th.zeros(features_dim))
         self.register_buffer("scale", th.ones(features_dim))
 
     def forward(self, observations: Mapping[str, th.Tensor]) -> th.Tensor:
-        """
-        :param observations: entries (batch, dim)
-        :return: (batch, features_dim), within +- ``clip``
+        """Normalise a batch.
+
+        :param observations: entries (batch, dim).
+        :return: (batch, features_dim), within +- ``clip``.
         """
         features = th.cat([observations[key] for key in self.keys], dim=1)
         return features.sub_(self.shift).mul_(self.scale).clamp_(-self.clip, self.clip)
 
     @th.no_grad()
     def update(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take more samples into the statistics (merge of Chan et al. 1979, in float64).
+        """Add samples to the statistics (merge of Chan et al. 1979, in float64).
 
-        :param observations: "observation" (n, observation_dim), "desired_goal" and, where it is
-            read, "achieved_goal" (n, goal_dim)
-        :raises ValueError: for values that are not finite: one would spoil the statistics for good
+        :param observations: "observation" (n, observation_dim), "desired_goal" and, if it is an
+            input, "achieved_goal" (n, goal_dim).
+        :raises ValueError: if a value is not finite: it would corrupt the statistics permanently.
         """
         samples = th.as_tensor(
             np.concatenate([observations[key] for key in self.keys], axis=1),
@@ -118,7 +117,7 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
 
 @contextmanager
 def _frozen(module: nn.Module) -> Iterator[None]:
-    """Record no gradients for a module's own parameters in here; its input's are recorded."""
+    """Record no gradients for a module's parameters; those for its input are still recorded."""
     parameters = [parameter for parameter in module.parameters() if parameter.requires_grad]
     for parameter in parameters:
         parameter.requires_grad_(False)
@@ -129,31 +128,37 @@ def _frozen(module: nn.Module) -> Iterator[None]:
             parameter.requires_grad_(True)
 
 
-def _value_network(
-    input_dim: int,
-    output_dim: int,
-    net_arch: list[int],
-    activation_fn: type[nn.Module],
-    layer_norm: bool,
-) -> nn.Sequential:
-    """A multi-layer perceptron, with LayerNorm between each hidden layer and its activation."""
-    normalisation: list[type[nn.Module]] = [nn.LayerNorm] if layer_norm else []
-    return nn.Sequential(
-        *create_mlp(
-            input_dim, output_dim, net_arch, activation_fn, post_linear_modules=normalisation
+def _add_networks(
+    critic: Any, n_critics: int, output_dim: int, layer_norm: bool, arguments: Mapping[str, Any]
+) -> None:
+    """Add unbounded value networks to a critic, with LayerNorm before each hidden activation."""
+    critic.value_bounds = None
+    critic.n_critics = n_critics
+    input_dim = arguments["features_dim"] + int(np.prod(critic.action_space.shape or ()))
+    for index in range(n_critics):
+        layers = create_mlp(
+            input_dim,
+            output_dim,
+            arguments["net_arch"],
+            arguments.get("activation_fn", nn.ReLU),
+            post_linear_modules=[nn.LayerNorm] if layer_norm else [],
         )
-    )
+        network = nn.Sequential(*layers)
+        critic.add_module(f"qf{index}", network)
+        critic.q_networks.append(network)
 
 
 class GoalCritic(ContinuousCritic):
     """Q-values of one or more networks, optionally bounded, for DDPG, TD3 and SAC.
 
-    :param layer_norm: LayerNorm after each hidden linear layer
-    :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG and TD3)
-    :param n_values: values that each network gives, one for each part of the goal
-    :param n_critics: networks
-    :param arguments: as for ``ContinuousCritic``
+    :param layer_norm: whether each hidden linear layer is followed by LayerNorm.
+    :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG and TD3).
+    :param n_values: outputs of each network, one for each part of the goal.
+    :param n_critics: number of networks.
+    :param arguments: as for ``ContinuousCritic``.
     """
+
+    value_bounds: tuple[float, float] | None
 
     def __init__(
         self,
@@ -166,25 +171,14 @@ class GoalCritic(ContinuousCritic):
     ) -> None:
         super().__init__(**arguments, n_critics=0)
         self.action_penalty = action_penalty
-        self.value_bounds: tuple[float, float] | None = None
-        self.n_critics = n_critics
-        input_dim = arguments["features_dim"] + int(np.prod(self.action_space.shape or ()))
-        for index in range(n_critics):
-            network = _value_network(
-                input_dim,
-                n_values,
-                arguments["net_arch"],
-                arguments.get("activation_fn", nn.ReLU),
-                layer_norm,
-            )
-            self.add_module(f"qf{index}", network)
-            self.q_networks.append(network)
+        _add_networks(self, n_critics, n_values, layer_norm, arguments)
 
     def forward(self, obs: PyTorchObs, actions: th.Tensor) -> tuple[th.Tensor, ...]:
-        """
-        :param obs: entries (batch, dim)
-        :param actions: (batch, action_dim), scaled to [-1, 1]
-        :return: one (batch, n_values) a network, within ``value_bounds`` if there are any
+        """Evaluate every network.
+
+        :param obs: entries (batch, dim).
+        :param actions: (batch, action_dim), scaled to [-1, 1].
+        :return: (batch, n_values) for each network, within ``value_bounds`` if there are any.
         """
         values = super().forward(obs, actions)  # type: ignore[arg-type]
         if self.value_bounds is None:
@@ -192,14 +186,14 @@ class GoalCritic(ContinuousCritic):
         return tuple(value.clamp(*self.value_bounds) for value in values)
 
     def q1_forward(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
-        """What the actor maximises: the first network's value less the action penalty.
+        """Compute the actor's objective: the first network's value minus the action penalty.
 
-        SB3 calls this in the actor's loss and nowhere else. The critic takes no step there, so
-        its own gradients, which SB3 computes and throws away, are not recorded.
+        SB3 calls this only in the actor's loss. The critic takes no step there, so its gradients,
+        which SB3 would compute and discard, are not recorded.
 
-        :param obs: entries (batch, dim)
-        :param actions: (batch, action_dim), scaled to [-1, 1]
-        :return: (batch, n_values)
+        :param obs: entries (batch, dim).
+        :param actions: (batch, action_dim), scaled to [-1, 1].
+        :return: (batch, n_values).
         """
         with _frozen(self.q_networks[0]):
             value = super().q1_forward(obs, actions)  # type: ignore[arg-type]
@@ -209,52 +203,44 @@ class GoalCritic(ContinuousCritic):
 class GoalQuantileCritic(QuantileCritic):
     """Quantiles of the return, optionally bounded, for TQC.
 
-    :param layer_norm: LayerNorm after each hidden linear layer
-    :param n_critics: networks
-    :param arguments: as for ``sb3_contrib.tqc.policies.Critic``
+    :param layer_norm: whether each hidden linear layer is followed by LayerNorm.
+    :param n_critics: number of networks.
+    :param arguments: as for ``sb3_contrib.tqc.policies.Critic``.
     """
+
+    value_bounds: tuple[float, float] | None
 
     def __init__(self, *, layer_norm: bool = True, n_critics: int = 2, **arguments: Any) -> None:
         super().__init__(**arguments, n_critics=0)
-        self.value_bounds: tuple[float, float] | None = None
-        self.n_critics = n_critics
         self.quantiles_total = self.n_quantiles * n_critics
-        input_dim = arguments["features_dim"] + int(np.prod(self.action_space.shape or ()))
-        for index in range(n_critics):
-            network = _value_network(
-                input_dim,
-                self.n_quantiles,
-                arguments["net_arch"],
-                arguments.get("activation_fn", nn.ReLU),
-                layer_norm,
-            )
-            self.add_module(f"qf{index}", network)
-            self.q_networks.append(network)
+        _add_networks(self, n_critics, self.n_quantiles, layer_norm, arguments)
 
     def forward(self, obs: PyTorchObs, action: th.Tensor) -> th.Tensor:
-        """
-        :param obs: entries (batch, dim)
-        :param action: (batch, action_dim), scaled to [-1, 1]
-        :return: (batch, n_critics, n_quantiles), within ``value_bounds`` if there are any
+        """Evaluate every network.
+
+        :param obs: entries (batch, dim).
+        :param action: (batch, action_dim), scaled to [-1, 1].
+        :return: (batch, n_critics, n_quantiles), within ``value_bounds`` if there are any.
         """
         quantiles = super().forward(obs, action)
         return quantiles if self.value_bounds is None else quantiles.clamp(*self.value_bounds)
 
 
 class GoalPolicyMixin(BasePolicy):
-    """What the goal policies have in common, over an SB3 actor-critic policy.
+    """Common part of the goal policies, over an SB3 actor-critic policy.
 
-    :param observation_space: Dict of observation, achieved_goal, desired_goal
-    :param action_space: a 1-D Box
-    :param lr_schedule: SB3's learning-rate schedule
-    :param layer_norm: LayerNorm in the critics
-    :param q_min: least value a target critic may give; None for no bounds
-    :param q_max: greatest value a target critic may give
-    :param action_penalty: weight of the actions' mean square in the actor's loss
-    :param n_values: values that a critic gives, one for each part of the goal; for algorithms
-        that know of it, as ``ImitatingTD3`` does
-    :param arguments: as for the SB3 policy; without ``optimizer_kwargs`` Adam is fused
-    :raises ValueError: when the bounds are the wrong way round or the penalty is negative
+    :param observation_space: Dict of observation, achieved_goal, desired_goal.
+    :param action_space: a 1-D Box.
+    :param lr_schedule: SB3's learning-rate schedule.
+    :param layer_norm: whether the critics have LayerNorm.
+    :param q_min: lower bound of the target critics' values; None for no bounds.
+    :param q_max: upper bound of the target critics' values.
+    :param action_penalty: weight of the actions' mean square in the actor's loss.
+    :param n_values: outputs of a critic, one for each part of the goal; for algorithms that support
+        several, such as ``ImitatingTD3``.
+    :param arguments: as for the SB3 policy; without ``optimizer_kwargs`` Adam is fused.
+    :raises ValueError: if the bounds are reversed, the penalty is negative, or the critics do not
+        support ``n_values``.
     """
 
     critic_class: type[GoalCritic] | type[GoalQuantileCritic] = GoalCritic
@@ -282,7 +268,7 @@ class GoalPolicyMixin(BasePolicy):
             raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
         if action_penalty < 0:
             raise ValueError(f"action_penalty={action_penalty} must not be negative")
-        # SB3's constructor builds the networks at its end, so these must be there before it.
+        # Set first: SB3's constructor builds the networks.
         self._value_bounds = None if q_min is None else (q_min, q_max)
         self._critic_options: dict[str, Any] = {"layer_norm": layer_norm}
         self._action_penalty = action_penalty
@@ -301,32 +287,32 @@ class GoalPolicyMixin(BasePolicy):
         self.critic_target.value_bounds = self._value_bounds
 
     def make_features_extractor(self) -> BaseFeaturesExtractor:
-        """One module for the actor, the critics and their targets: they see the same numbers."""
+        """Return one shared module for the actor, the critics and their targets."""
         if "shared_features" not in self._modules:
             self.shared_features = super().make_features_extractor()
         return self.shared_features
 
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
-        """A critic of ``critic_class``, on the shared features unless others are given."""
+        """Build a critic of ``critic_class``, on the shared features unless others are given."""
         arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
         return self.critic_class(**arguments, **self._critic_options).to(self.device)
 
     def update_normalizer(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Take samples into the running statistics, if the features extractor keeps any.
+        """Add samples to the running statistics, if the features extractor has any.
 
-        :param observations: as for ``NormalizedGoalFeatures.update``
+        :param observations: as for ``NormalizedGoalFeatures.update``.
         """
         if isinstance(self.shared_features, NormalizedGoalFeatures):
             self.shared_features.update(observations)
 
     def student_value(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
-        """The critics' conservative estimate of Q: the least network, or the mean quantile.
+        """Compute the critics' conservative estimate of Q: the minimum, or the mean quantile.
 
-        Where a network gives several values, it is their mean.
+        Several values of a network are averaged.
 
-        :param obs: entries (batch, dim)
-        :param actions: (batch, action_dim), scaled to [-1, 1]
-        :return: (batch,)
+        :param obs: entries (batch, dim).
+        :param actions: (batch, action_dim), scaled to [-1, 1].
+        :return: (batch,).
         """
         values = self.critic(obs, actions)
         if isinstance(values, tuple):
@@ -351,10 +337,10 @@ class GoalTD3Policy(GoalPolicyMixin, TD3Policy):
 
 
 class GoalSACPolicy(GoalPolicyMixin, SACPolicy):
-    """Actor and critics of SAC. The bound also cuts the entropy bonus in its values."""
+    """Actor and critics of SAC. The bounds include the entropy bonus in the values."""
 
 
 class GoalTQCPolicy(GoalPolicyMixin, TQCPolicy):
-    """Actor and quantile critics of TQC. The bound also cuts the entropy bonus in its values."""
+    """Actor and quantile critics of TQC. The bounds include the entropy bonus in the values."""
 
     critic_class = GoalQuantileCritic

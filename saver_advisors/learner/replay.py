@@ -1,16 +1,17 @@
-"""A replay buffer for goal-conditioned tasks: "future" relabelling, rewards at the draw.
+"""Replay buffers for goal-conditioned tasks: "future" relabelling, rewards computed when sampled.
 
 Relabelling follows Andrychowicz et al., Hindsight Experience Replay (arXiv 1707.01495), strategy
-"future". Stock ``HerReplayBuffer`` recomputes the reward of relabelled transitions only, so that
-a change of reward leaves stale rewards in the other fifth of each batch; here every reward is
-computed when its transition is drawn.
+"future". The stock ``HerReplayBuffer`` recomputes rewards of relabelled transitions only, so after
+a change of reward the remaining fifth of each batch keeps old rewards; here every reward is
+computed when its transition is sampled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,24 +23,27 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from saver_advisors.learner.episodes import BoolArray, EpisodeBuffer, FloatArray, IntArray
 
 RewardFunction = Callable[[FloatArray, FloatArray], npt.NDArray[Any]]
+"""Achieved and desired goals, (batch, goal_dim) each -> rewards (batch,)."""
+
+DEMONSTRATIONS_FILE: Final = "demonstrations.npz"
 
 
 @dataclass(frozen=True)
 class GoalTransitions:
-    """A batch of transitions and where each came from.
+    """A batch of transitions and their origins.
 
-    :param observation: (batch, observation_dim)
-    :param achieved_goal: (batch, goal_dim), reached before the action
-    :param desired_goal: (batch, goal_dim), the episode's own or a relabelled one
-    :param action: (batch, action_dim), scaled to [-1, 1]
-    :param reward: (batch, rewards), computed now from ``next_achieved_goal`` and ``desired_goal``
-    :param next_observation: (batch, observation_dim)
-    :param next_achieved_goal: (batch, goal_dim), reached after the action
-    :param advised: (batch,), whether a teacher chose the action
-    :param slot: (batch,), the episode's slot
-    :param step: (batch,), the transition's place in its episode, from 0
+    :param observation: (batch, observation_dim).
+    :param achieved_goal: (batch, goal_dim), before the action.
+    :param desired_goal: (batch, goal_dim), the episode's own or a relabelled one.
+    :param action: (batch, action_dim), scaled to [-1, 1].
+    :param reward: (batch, rewards), computed from ``next_achieved_goal`` and ``desired_goal``.
+    :param next_observation: (batch, observation_dim).
+    :param next_achieved_goal: (batch, goal_dim), after the action.
+    :param advised: (batch,), whether a teacher chose the action.
+    :param slot: (batch,), the episode's slot.
+    :param step: (batch,), the transition's index in its episode, from 0.
     :param goal_step: (batch, parts), the row of the slot whose achieved goal became the desired one
-        (``step + 1`` is the one just after the action), or -1 where the goal is the episode's own
+        (``step + 1`` is the row after the action), or -1 if the goal is the episode's own.
     """
 
     observation: FloatArray
@@ -56,12 +60,12 @@ class GoalTransitions:
 
 
 def reward_function_of(env: VecEnv) -> RewardFunction:
-    """The environment's ``compute_reward`` as a function of goals alone.
+    """Return the environment's ``compute_reward`` as a function of goals alone.
 
-    :param env: a vector env whose envs (or itself) have gymnasium-robotics' method
-        ``compute_reward(achieved_goal, desired_goal, info)``, batched and free of side effects
-    :return: a function of (batch, goal_dim), (batch, goal_dim)
-    :raises AttributeError: when the environment has no such method
+    :param env: a vector env that has, or whose envs have, gymnasium-robotics' method
+        ``compute_reward(achieved_goal, desired_goal, info)``, batched and without side effects.
+    :return: the reward function.
+    :raises AttributeError: if the environment has no such method.
     """
     compute_reward = env.get_attr("compute_reward", indices=[0])[0]
 
@@ -74,25 +78,20 @@ def reward_function_of(env: VecEnv) -> RewardFunction:
 class GoalReplayBuffer(EpisodeBuffer):
     """Replay of whole episodes with hindsight goals, for any off-policy SB3 algorithm.
 
-    The sampled ``dones`` are all 0: these episodes end by the clock, and the value of a state does
-    not depend on the clock.
+    The sampled ``dones`` are all 0: episodes end by a time limit, which the value of a state does
+    not depend on.
 
-    :param buffer_size: transitions kept; rounded down to whole episodes, the oldest go first
-    :param observation_space: Dict with Boxes observation, achieved_goal and desired_goal, each 1-D
-    :param action_space: a 1-D Box
-    :param device: where sampled tensors live
-    :param n_envs: environments that step together
-    :param optimize_memory_usage: SB3's argument; always on here, the value is ignored
-    :param horizon: the longest episode in steps
-    :param relabel_probability: share of transitions whose goal is replaced by a later achieved one
-    :param goal_parts: sizes of the goal's parts, such as three coordinates an arm, which are then
-        taken apart: each is relabelled with a chance and a later step of its own, and gets the
-        reward that there would be if all other parts were met; where None the goal is one part
-    :param reward_function: (batch, goal_dim) achieved after the action, (batch, goal_dim) desired
-        -> (batch,); may be set or replaced later through the attribute of the same name
-    :param seed: of the buffer's own random generator
-    :param store_advised: keep ``infos[i]["advised"]`` of each transition
-    :raises ValueError: for spaces or sizes that do not fit
+    :param buffer_size: capacity in transitions; rounded down to whole episodes.
+    :param observation_space: Dict with Boxes observation, achieved_goal and desired_goal, each 1-D.
+    :param action_space: a 1-D Box.
+    :param optimize_memory_usage: SB3's argument, ignored: memory use is always optimised.
+    :param relabel_probability: of replacing a transition's goal by a later achieved one.
+    :param goal_parts: sizes of the goal's parts, e.g. three coordinates per arm. Each part is
+        relabelled independently, and gets the reward that applies if all other parts are reached;
+        None for a goal of one part.
+    :param reward_function: computes rewards from goals; an attribute that may be replaced later.
+    :param named: further arguments of ``EpisodeBuffer``; ``horizon`` is required.
+    :raises ValueError: if spaces or sizes do not fit.
     """
 
     def __init__(
@@ -100,29 +99,16 @@ class GoalReplayBuffer(EpisodeBuffer):
         buffer_size: int,
         observation_space: spaces.Space[Any],
         action_space: spaces.Space[Any],
-        device: th.device | str = "auto",
-        n_envs: int = 1,
+        *arguments: Any,
         optimize_memory_usage: bool = False,
-        *,
-        horizon: int,
         relabel_probability: float = 0.8,
         goal_parts: Sequence[int] | None = None,
         reward_function: RewardFunction | None = None,
-        seed: int | None = None,
-        store_advised: bool = True,
+        **named: Any,
     ) -> None:
         if not 0.0 <= relabel_probability <= 1.0:
             raise ValueError(f"relabel_probability={relabel_probability} must lie in [0, 1]")
-        super().__init__(
-            buffer_size,
-            observation_space,
-            action_space,
-            device,
-            n_envs,
-            horizon=horizon,
-            seed=seed,
-            store_advised=store_advised,
-        )
+        super().__init__(buffer_size, observation_space, action_space, *arguments, **named)
         self.relabel_probability = relabel_probability
         self.reward_function = reward_function
         self.part_columns = _columns_of(goal_parts, observation_space)
@@ -130,24 +116,24 @@ class GoalReplayBuffer(EpisodeBuffer):
     def sample(  # type: ignore[override]  # as SB3's own DictReplayBuffer
         self, batch_size: int, env: VecNormalize | None = None
     ) -> DictReplayBufferSamples:
-        """Draw transitions, each stored one as likely as any other.
+        """Sample transitions uniformly.
 
-        :param batch_size: transitions to draw, with replacement
-        :param env: normalises observations and rewards, if given
+        :param batch_size: transitions to sample, with replacement.
+        :param env: normalises observations and rewards, if given.
         :return: tensors on the buffer's device; rewards are (batch_size, rewards), one for each of
-            ``goal_parts`` or one in all, dones (batch_size, 1)
-        :raises ValueError: when the buffer is empty, or has no reward function
+            ``goal_parts`` or one in total, dones (batch_size, 1).
+        :raises ValueError: if the buffer is empty, or has no reward function.
         """
         return self.as_samples(self.sample_transitions(batch_size), env)
 
     def as_samples(
         self, drawn: GoalTransitions, env: VecNormalize | None = None
     ) -> DictReplayBufferSamples:
-        """Turn transitions into what SB3's algorithms take.
+        """Convert transitions to the type that SB3's algorithms use.
 
-        :param drawn: the transitions
-        :param env: normalises observations and rewards, if given
-        :return: tensors on the buffer's device; rewards are (batch, rewards), dones (batch, 1)
+        :param drawn: the transitions.
+        :param env: normalises observations and rewards, if given.
+        :return: tensors on the buffer's device; rewards are (batch, rewards), dones (batch, 1).
         """
         observations = {
             "observation": drawn.observation,
@@ -177,12 +163,12 @@ class GoalReplayBuffer(EpisodeBuffer):
     def sample_transitions(
         self, batch_size: int, *, relabel_probability: float | None = None
     ) -> GoalTransitions:
-        """Draw transitions as arrays, with their origin.
+        """Sample transitions as arrays, with their origins.
 
-        :param batch_size: transitions to draw, with replacement
-        :param relabel_probability: another one than the buffer's own
-        :return: the transitions
-        :raises ValueError: when the buffer is empty, or has no reward function
+        :param batch_size: transitions to sample, with replacement.
+        :param relabel_probability: overrides the buffer's own.
+        :return: the transitions.
+        :raises ValueError: if the buffer is empty, or has no reward function.
         """
         slot, step = self._draw(batch_size)
         row = slot * (self.horizon + 1) + step
@@ -191,8 +177,9 @@ class GoalReplayBuffer(EpisodeBuffer):
         action_row = slot * self.horizon + step
 
         desired = np.take(self.desired_goal, slot, axis=0)
-        share = self.relabel_probability if relabel_probability is None else relabel_probability
-        goal_step = self._relabel(desired, achieved, slot, step, share)
+        if relabel_probability is None:
+            relabel_probability = self.relabel_probability
+        goal_step = self._relabel(desired, achieved, slot, step, relabel_probability)
         next_achieved = np.take(achieved, row + 1, axis=0)
         return GoalTransitions(
             observation=np.take(observation, row, axis=0),
@@ -218,16 +205,16 @@ class GoalReplayBuffer(EpisodeBuffer):
         achieved: FloatArray,
         slot: IntArray,
         step: IntArray,
-        share: float,
+        probability: float,
     ) -> IntArray:
-        """Replace parts of ``desired`` (batch, goal_dim) by ones achieved later, in place.
+        """Replace parts of ``desired`` (batch, goal_dim) by parts achieved later, in place.
 
-        :return: (batch, parts) the steps at which they were achieved, -1 where a part is kept
+        :return: (batch, parts) the steps at which they were achieved, -1 where a part is unchanged.
         """
         shape = (len(slot), len(self.part_columns))
         later = self._random.random(shape) * (self.length[slot] - step)[:, None]
         goal_step = step[:, None] + 1 + later.astype(np.int64)
-        relabelled = self._random.random(shape) < share
+        relabelled = self._random.random(shape) < probability
         row = slot[:, None] * (self.horizon + 1) + goal_step
         for part, columns in enumerate(self.part_columns):
             chosen = relabelled[:, part]
@@ -235,7 +222,7 @@ class GoalReplayBuffer(EpisodeBuffer):
         return np.where(relabelled, goal_step, -1)
 
     def _rewards(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
-        """Rewards (batch, rewards): the whole goal's, or each part's as if the others were met."""
+        """Compute (batch, rewards): of the goal, or of each part as if the others are reached."""
         if len(self.part_columns) == 1:
             return self._reward(achieved, desired)[:, None]
         rewards = []
@@ -246,7 +233,7 @@ class GoalReplayBuffer(EpisodeBuffer):
         return np.stack(rewards, axis=1)
 
     def _reward(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
-        """Rewards (batch,) of reaching ``achieved`` when ``desired`` was asked for."""
+        """Compute rewards (batch,) and check their shape."""
         if self.reward_function is None:
             raise ValueError(
                 "reward_function is None: set it, e.g. "
@@ -264,12 +251,105 @@ class GoalReplayBuffer(EpisodeBuffer):
         return self.to_torch(np.asarray(array, np.float32), copy=False)
 
 
+class DemonstrationReplayBuffer(GoalReplayBuffer):
+    """Replay that draws a fixed fraction of each batch from a second buffer, ``demonstrations``.
+
+    The fraction does not depend on the number of demonstrations, as in RLPD (Ball et al.,
+    arXiv 2302.02948: one half). Both buffers relabel goals. ``add`` and ``size`` refer to the
+    student's own transitions. While one buffer is empty, batches come from the other.
+
+    :param buffer_size: of the student's own transitions.
+    :param arguments: as for ``GoalReplayBuffer``.
+    :param demonstration_size: capacity of ``demonstrations`` in transitions.
+    :param demonstration_share: fraction of each batch, in [0, 1).
+    :raises ValueError: if the fraction or a size does not fit.
+    """
+
+    def __init__(
+        self,
+        buffer_size: int,
+        *arguments: Any,
+        demonstration_size: int,
+        demonstration_share: float = 0.5,
+        **named: Any,
+    ) -> None:
+        if not 0.0 <= demonstration_share < 1.0:
+            raise ValueError(f"demonstration_share={demonstration_share} must lie in [0, 1)")
+        super().__init__(buffer_size, *arguments, **named)
+        seed = named.pop("seed", None)
+        # A separate stream: one buffer's draws must not shift the other's.
+        own = None if seed is None else int(np.random.SeedSequence([seed, 1]).generate_state(1)[0])
+        self.demonstrations = GoalReplayBuffer(demonstration_size, *arguments, seed=own, **named)
+        self.demonstration_share = demonstration_share
+
+    def sample_transitions(
+        self, batch_size: int, *, relabel_probability: float | None = None
+    ) -> GoalTransitions:
+        """Sample transitions from both buffers; demonstrations' slots start at ``n_slots``.
+
+        :param batch_size: transitions to sample, with replacement.
+        :param relabel_probability: overrides the buffers' own.
+        :return: the transitions, the student's own first.
+        :raises ValueError: if both buffers are empty, or there is no reward function.
+        """
+        shown = self._n_demonstrations(batch_size)
+        # It may have been set, or replaced, after construction.
+        self.demonstrations.reward_function = self.reward_function
+        if shown == 0:
+            return super().sample_transitions(batch_size, relabel_probability=relabel_probability)
+        demonstrated = self.demonstrations.sample_transitions(
+            shown, relabel_probability=relabel_probability
+        )
+        demonstrated.slot[:] += self.n_slots
+        if shown == batch_size:
+            return demonstrated
+        own = super().sample_transitions(
+            batch_size - shown, relabel_probability=relabel_probability
+        )
+        names = [field.name for field in fields(GoalTransitions)]
+        return GoalTransitions(
+            **{n: np.concatenate((getattr(own, n), getattr(demonstrated, n))) for n in names}
+        )
+
+    def _n_demonstrations(self, batch_size: int) -> int:
+        """Number of demonstrations in a batch."""
+        if self.demonstrations.size() == 0:
+            return 0
+        if self.size() == 0:
+            return batch_size
+        return round(self.demonstration_share * batch_size)
+
+    def end_running_episodes(self) -> None:
+        """End the running episodes of both buffers."""
+        super().end_running_episodes()
+        self.demonstrations.end_running_episodes()
+
+    def save_npz(self, path: str | Path) -> None:
+        """Write both buffers, the demonstrations to ``demonstrations.npz`` in the same folder.
+
+        :param path: of the student's own transitions.
+        :raises OSError: if a file cannot be written.
+        """
+        super().save_npz(path)
+        self.demonstrations.save_npz(Path(path).with_name(DEMONSTRATIONS_FILE))
+
+    def load_npz(self, path: str | Path) -> None:
+        """Restore both buffers from ``save_npz``.
+
+        :param path: of the student's own transitions.
+        :raises FileNotFoundError: if a file is missing.
+        :raises ValueError: if a file is damaged, of another format, or of another shape.
+        """
+        super().load_npz(path)
+        self.demonstrations.load_npz(Path(path).with_name(DEMONSTRATIONS_FILE))
+
+
 def _columns_of(
     goal_parts: Sequence[int] | None, observation_space: spaces.Space[Any]
 ) -> tuple[slice, ...]:
-    """The columns of each part of a goal.
+    """Return the columns of each part of a goal.
 
-    :raises ValueError: for sizes that do not add up to the goal's
+    :raises ValueError: if the sizes do not add up to the goal's.
     """
     assert isinstance(observation_space, spaces.Dict)
     shape = observation_space["achieved_goal"].shape

@@ -2,10 +2,12 @@
 
 from saver_advisors.safe_baselines.constrained import CostConstrainedMixin
 from saver_advisors.safe_baselines.cpo import CPO
-from saver_advisors.safe_baselines.lagrangian import LagrangianMixin
-from saver_advisors.safe_baselines.ppo_lagrangian import PPOLagrangian
+from saver_advisors.safe_baselines.lagrangian import (
+    LagrangianMixin,
+    PPOLagrangian,
+    TRPOLagrangian,
+)
 from saver_advisors.safe_baselines.registration import ALGORITHMS, register_algorithms
-from saver_advisors.safe_baselines.trpo_lagrangian import TRPOLagrangian
 
 __all__ = [
     "CPO",

@@ -1,7 +1,7 @@
-"""Where costs enter SB3's on-policy algorithms.
+"""The mixin that adds a cost limit to SB3's on-policy algorithms.
 
-`OnPolicyAlgorithm.collect_rollouts` hands the `infos` of every step to `_update_info_buffer`, once
-and before the states move on. Reading the costs right there leaves the collection of rollouts to
+`OnPolicyAlgorithm.collect_rollouts` passes the `infos` of every step to `_update_info_buffer`, once
+and before the observation is replaced. Reading the costs there leaves the collection of rollouts to
 SB3, with any vector environment, any observation space, callbacks and time limits.
 """
 
@@ -23,35 +23,40 @@ from stable_baselines3.common.utils import explained_variance, obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from saver_advisors.safe_baselines.costs import Array, CostRollout, EpisodeCosts, read_costs
-from saver_advisors.safe_baselines.critic import CostCritic, value_layers
+from saver_advisors.safe_baselines.costs import (
+    Array,
+    CostCritic,
+    CostRollout,
+    EpisodeCosts,
+    read_costs,
+)
 
 DEFAULT_COST_LIMIT = 1.0
 
 
 class CostConstrainedMixin(OnPolicyAlgorithm):
-    """Adds costs to an on-policy algorithm; put it first among the bases.
+    """Add a cost limit to an on-policy algorithm; put it first among the bases.
 
-    The limit is on the mean, over episodes, of the undiscounted sum of ``info["cost"]`` over an
-    episode. It is estimated by the episodes that ended in the last rollout, so a rollout should
-    hold several: ``n_steps`` well above the episodes' length, or many environments.
+    The limit applies to the mean, over episodes, of the undiscounted sum of ``info["cost"]``. It is
+    estimated from the episodes that ended in the latest rollout, so a rollout should contain
+    several: ``n_steps`` well above the episodes' length, or many environments.
 
-    :param args: as for the algorithm
-    :param cost_limit: d, what an episode may cost on average, at least 0; with the default, one
-        step of violation where costs are 0 or 1
-    :param cost_key: the entry of ``info`` that holds a step's cost
-    :param cost_gamma: discount of costs in the cost critic and its advantages
-    :param cost_gae_lambda: of the generalized advantage estimates of costs
-    :param cost_net_arch: widths of the cost critic's hidden layers; the value network's if None
-    :param n_cost_critic_updates: passes over each rollout that the cost critic makes
-    :param kwargs: as for the algorithm
-    :raises ValueError: for an argument out of range; when learning, for an environment without
-        ``cost_key`` in its first ``info``, and for a cost that is no finite number
+    :param args: as for the algorithm.
+    :param cost_limit: d, the permitted mean cost of an episode, at least 0; the default permits one
+        step of violation if costs are 0 or 1.
+    :param cost_key: the entry of ``info`` that holds a step's cost.
+    :param cost_gamma: discount of costs in the cost critic and its advantages.
+    :param cost_gae_lambda: of the generalized advantage estimates of costs.
+    :param cost_net_arch: widths of the cost critic's hidden layers; the value network's if None.
+    :param n_cost_critic_updates: epochs of the cost critic on each rollout.
+    :param kwargs: as for the algorithm.
+    :raises ValueError: if an argument is out of range; when learning, if ``cost_key`` is missing in
+        an ``info`` or a cost is not a finite number.
     """
 
     cost_critic: CostCritic
     mean_episode_cost: float | None
-    """J_c, of the episodes that ended in the last rollout that had any; None before."""
+    """J_c of the episodes that ended in the latest rollout with any; None before."""
     mean_episode_length: float | None
     """Mean number of steps of the same episodes."""
 
@@ -97,8 +102,7 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
     def _setup_model(self) -> None:
         self._check_arguments()
         super()._setup_model()
-        layers = value_layers(self.policy) if self.cost_net_arch is None else self.cost_net_arch
-        self.cost_critic = CostCritic(self.policy, layers, self.lr_schedule(1))
+        self.cost_critic = CostCritic(self.policy, self.cost_net_arch, self.lr_schedule(1))
         self._cost_rollout = CostRollout(self.n_steps, self.n_envs)
         self._episode_costs = EpisodeCosts(self.n_envs)
 
@@ -113,13 +117,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
     ) -> Self:
         """Learn, as SB3's algorithms do.
 
-        :param total_timesteps: environment steps
-        :param callback: called at every step
-        :param log_interval: rollouts between two lines of the log
-        :param tb_log_name: name of the run for TensorBoard; the algorithm's if None
-        :param reset_num_timesteps: False to go on where an earlier call stopped
-        :param progress_bar: whether to show one
-        :return: itself
+        :param total_timesteps: environment steps.
+        :param callback: called at every step.
+        :param log_interval: rollouts between two log entries.
+        :param tb_log_name: name of the run for TensorBoard; the algorithm's if None.
+        :param reset_num_timesteps: False to continue an earlier call.
+        :param progress_bar: whether to show one.
+        :return: itself.
         """
         name = type(self).__name__ if tb_log_name is None else tb_log_name
         return super().learn(
@@ -131,15 +135,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         total_timesteps: int,
         callback: MaybeCallback = None,
         reset_num_timesteps: bool = True,
-        tb_log_name: str = "run",
-        progress_bar: bool = False,
+        *args: Any,
+        **kwargs: Any,
     ) -> tuple[int, BaseCallback]:
         if reset_num_timesteps or self._last_obs is None:
             # SB3 resets the environments under the same condition.
             self._episode_costs.restart()
-        return super()._setup_learn(
-            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
-        )
+        return super()._setup_learn(total_timesteps, callback, reset_num_timesteps, *args, **kwargs)
 
     def collect_rollouts(
         self,
@@ -148,10 +150,10 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         rollout_buffer: RolloutBuffer,
         n_rollout_steps: int,
     ) -> bool:
-        """As SB3's, with the costs of the same steps beside the buffer."""
+        """Collect rollouts as SB3 does, and the costs of the same steps."""
         self._cost_rollout.reset()
         if not super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps):
-            # SB3 leaves before it hands on the infos of the step at which a callback said stop.
+            # SB3 returns before it passes on the infos of the step at which a callback stops.
             self._episode_costs.interrupt()
             return False
         self._cost_rollout.finish(
@@ -170,8 +172,8 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         assert dones is not None, "on-policy algorithms tell which episodes ended"
         costs = read_costs(infos, self.cost_key)
         self._episode_costs.add(costs, dones)
-        # The critic learns between rollouts alone, so that its values may be asked for step by
-        # step; `_last_obs` still holds the states acted in.
+        # The critic does not change during a rollout, so its values may be computed step by step;
+        # `_last_obs` still holds the states before the step.
         self._cost_rollout.add(
             costs + self._cut_off_costs(infos, dones),
             self._cost_values(self._last_obs),
@@ -179,7 +181,7 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         )
 
     def _cut_off_costs(self, infos: Sequence[dict[str, Any]], dones: NDArray[Any]) -> Array:
-        """What episodes that a time limit cut off would have gone on to cost, (n_envs,)."""
+        """Bootstrap values of episodes that a time limit truncated, (n_envs,)."""
         beyond = np.zeros(len(infos), np.float32)
         cut = [
             index
@@ -198,13 +200,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         return beyond
 
     def _cost_values(self, observation: Any) -> Array:
-        """The cost critic's values of a batch of n observations, (n,)."""
+        """Evaluate the cost critic for n observations, (n,)."""
         with th.no_grad():
             values = self.cost_critic(obs_as_tensor(observation, self.device))
         return np.asarray(values.cpu().numpy(), np.float32)
 
     def _measure_episodes(self) -> None:
-        """J_c and the mean length, by the episodes that ended in this rollout."""
+        """Compute J_c and the mean length from the episodes that ended in this rollout."""
         sums, lengths = self._episode_costs.take()
         if len(sums) > 0:
             self.mean_episode_cost = float(sums.mean())
@@ -221,13 +223,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         self.logger.record("rollout/cost_limit", self.cost_limit)
 
     def _flatten_rollout(self) -> None:
-        """Let SB3 join steps and environments to one axis, as it does at the first batch."""
+        """Make SB3 flatten steps and environments into one axis, as at the first batch."""
         next(self.rollout_buffer.get(batch_size=1))
 
     def _train_cost_critic(self, batch_size: int) -> None:
         """Fit the cost critic to the rollout's returns.
 
-        :param batch_size: of its minibatches
+        :param batch_size: of its minibatches.
         """
         self._flatten_rollout()
         rollout, optimizer = self._cost_rollout, self.cost_critic.optimizer

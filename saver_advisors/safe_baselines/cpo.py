@@ -1,4 +1,4 @@
-"""Constrained policy optimization: a trust-region step that keeps to a linear cost constraint."""
+"""Constrained policy optimization: a trust-region step under a linear cost constraint."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from saver_advisors.safe_baselines.trust_region import Step, best_step, solve
 
 @dataclass(frozen=True)
 class Surrogates:
-    """First-order models of a policy's return and cost, and its distance from the old policy.
+    """Surrogates of a policy's return and cost, and its divergence from the old policy.
 
-    :param reward: mean of ratio times advantage
-    :param cost: mean of ratio times advantage of cost
-    :param divergence: mean Kullback-Leibler divergence from the old policy
+    :param reward: mean of ratio times advantage.
+    :param cost: mean of ratio times advantage of cost.
+    :param divergence: mean Kullback-Leibler divergence from the old policy.
     """
 
     reward: th.Tensor
@@ -40,14 +40,14 @@ class Surrogates:
 
 @dataclass(frozen=True)
 class Batch:
-    """A whole rollout, steps and environments joined to one axis of n.
+    """A whole rollout, with steps and environments flattened into one axis of n.
 
-    :param observations: as the policy takes them
-    :param actions: as its distribution takes them
-    :param log_prob: (n,) of the actions when they were taken
-    :param advantages: (n,) of rewards, standardised where the algorithm does
-    :param cost_advantages: (n,) of costs, centred
-    :param old: the distribution that the actions were drawn from
+    :param observations: as for the policy.
+    :param actions: as for its distribution.
+    :param log_prob: (n,) of the actions under the old policy.
+    :param advantages: (n,) of rewards, standardised if the algorithm does so.
+    :param cost_advantages: (n,) of costs, centred.
+    :param old: the distribution that the actions were drawn from.
     """
 
     observations: Any
@@ -62,16 +62,16 @@ class CPO(CostConstrainedMixin, TRPO):
     """Constrained policy optimization (Achiam et al., 2017); constructor as sb3-contrib's TRPO's.
 
     Every step maximises the surrogate of the reward within the trust region ``target_kl`` under
-    c + b'x <= 0, with c = J_c - cost_limit and b the gradient of the surrogate of the cost; where
-    no point of the region satisfies that, it only lowers the cost. A line search follows, on
-    divergence, on the cost and, while the constraint is kept, on the reward.
+    c + b'x <= 0, with c = J_c - cost_limit and b the gradient of the surrogate of the cost; if no
+    point of the region satisfies that, the step only lowers the cost. A line search follows, on
+    the divergence, on the cost and, while the constraint is satisfied, on the reward.
 
-    :param args: as for TRPO
+    :param args: as for TRPO.
     :param divide_by_episode_length: whether c is divided by the mean length of an episode, so that
-        it has the unit of the surrogate, which is a mean over steps (as OpenAI's reference does;
-        without, as in OmniSafe, an excess looks as many times larger as an episode has steps)
-    :param kwargs: as for TRPO and `CostConstrainedMixin`, ``cost_limit`` above all: mean
-        undiscounted sum of ``info["cost"]`` over an episode
+        it has the unit of the surrogate, which is a mean over steps (as in OpenAI's reference;
+        without, as in OmniSafe, an excess is larger by a factor of the episode's length).
+    :param kwargs: as for TRPO and `CostConstrainedMixin`, notably ``cost_limit``: the mean
+        undiscounted sum of ``info["cost"]`` over an episode.
     """
 
     def __init__(self, *args: Any, divide_by_episode_length: bool = True, **kwargs: Any) -> None:
@@ -113,7 +113,7 @@ class CPO(CostConstrainedMixin, TRPO):
         )
 
     def _surrogates(self, batch: Batch) -> Surrogates:
-        """How the present parameters compare with those that collected the rollout."""
+        """Compare the current policy with the one that collected the rollout."""
         distribution = self.policy.get_distribution(batch.observations)
         ratio = th.exp(distribution.log_prob(batch.actions) - batch.log_prob)
         return Surrogates(
@@ -123,20 +123,20 @@ class CPO(CostConstrainedMixin, TRPO):
         )
 
     def _excess(self) -> float:
-        """c: by how much the policy exceeds the limit, in the unit of the surrogate of the cost."""
+        """Compute c, the excess over the limit in the unit of the surrogate of the cost."""
         assert self.mean_episode_cost is not None
         assert self.mean_episode_length is not None
         excess = self.mean_episode_cost - self.cost_limit
         return excess / self.mean_episode_length if self.divide_by_episode_length else excess
 
     def _update_policy(self, batch: Batch) -> list[nn.Parameter]:
-        """One constrained step; returns the parameters that the distribution depends on."""
+        """Take one constrained step; return the parameters that the distribution depends on."""
         before = self._surrogates(batch)
         parameters, reward_gradient, divergence_gradient, _ = self._compute_actor_grad(
             before.divergence, before.reward
         )
         if self.mean_episode_cost is None:
-            # Whether the constraint holds is not known yet, so no direction is known to be safe.
+            # No episode has ended yet, so no direction is known to satisfy the constraint.
             return parameters
         cost_gradient = flat_grad(before.cost, parameters, retain_graph=True)
         product = partial(self.hessian_vector_product, parameters, divergence_gradient)
@@ -153,11 +153,11 @@ class CPO(CostConstrainedMixin, TRPO):
         cost_gradient: th.Tensor,
         excess: float,
     ) -> tuple[Step, th.Tensor]:
-        """The constrained step, and how it came about."""
+        """Compute the constrained step as weights and as a direction."""
         x = solve(product, reward_gradient, self.cg_max_steps)
         p = solve(product, cost_gradient, self.cg_max_steps)
-        # Conjugate gradients stop early. With products of what they found, in place of the
-        # gradients, the step still ends exactly on the border of the trust region.
+        # Conjugate gradients stop early. With products of their results instead of the gradients
+        # the step still ends exactly on the boundary of the trust region.
         of_x, of_p = product(x), product(p)
         q, r, s = float(x @ of_x), float(x @ of_p), float(p @ of_p)
         step = best_step(q, r, s, excess, self.target_kl)
@@ -174,30 +174,30 @@ class CPO(CostConstrainedMixin, TRPO):
     ) -> tuple[Surrogates, float]:
         """Move along a direction as far as the surrogates' true values allow.
 
-        :return: the surrogates where it ended, and the share of the direction that was gone
+        :return: the surrogates at the end, and the fraction of the direction taken.
         """
         origin = parameters_to_vector(parameters).detach().clone()
-        # While the limit is exceeded, bringing the cost down comes first.
+        # While the limit is exceeded, lowering the cost has priority.
         needs_reward = step.case in ("unconstrained", "feasible")
-        share = 1.0
+        fraction = 1.0
         with th.no_grad():
             for _ in range(self.line_search_max_iter):
-                _move(parameters, origin + share * direction)
+                _move(parameters, origin + fraction * direction)
                 after = self._surrogates(batch)
                 if (
                     after.divergence <= self.target_kl
                     and after.cost - before.cost <= max(-excess, 0.0)
                     and (not needs_reward or after.reward > before.reward)
                 ):
-                    return after, share
-                share *= self.line_search_shrinking_factor
+                    return after, fraction
+                fraction *= self.line_search_shrinking_factor
             _move(parameters, origin)
         return before, 0.0
 
     def _train_value_function(self, actor: list[nn.Parameter]) -> None:
         """Fit the value function to the rollout's returns, as TRPO does.
 
-        :param actor: parameters that only the constrained step may move
+        :param actor: parameters that only the constrained step may change.
         """
         buffer, optimizer = self.rollout_buffer, self.policy.optimizer
         losses = []
@@ -230,7 +230,7 @@ class CPO(CostConstrainedMixin, TRPO):
 
 
 def _move(parameters: list[nn.Parameter], vector: th.Tensor) -> None:
-    """Write a flat vector into parameters, each of which keeps its own memory."""
+    """Write a flat vector into the parameters, in place."""
     sizes = [one.numel() for one in parameters]
     for one, values in zip(parameters, vector.split(sizes), strict=True):
         one.copy_(values.view_as(one))

@@ -1,7 +1,7 @@
-"""Steps within a trust region under one linear constraint: the heart of CPO.
+"""Steps within a trust region under one linear constraint, for CPO.
 
-Maximise g'x subject to c + b'x <= 0 and x'Hx / 2 <= delta, for a Fisher matrix H that is known by
-its products with vectors alone (Achiam et al., 2017, theorem 2 and appendix; there for a minimum).
+Maximise g'x subject to c + b'x <= 0 and x'Hx / 2 <= delta, for a Fisher matrix H that is given by
+its products with vectors (Achiam et al., 2017, theorem 2 and appendix; there for a minimum).
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import torch as th
 from sb3_contrib.common.utils import conjugate_gradient_solver
 
 Case = Literal["unconstrained", "feasible", "recoverable", "infeasible"]
-"""How the trust region lies to the constraint:
+"""Relation of the trust region to the constraint:
 
-- ``unconstrained``: all of it satisfies the constraint, which does not bind
-- ``feasible``: the present policy satisfies the constraint, parts of the region do not
-- ``recoverable``: the present policy violates it, parts of the region do not
-- ``infeasible``: all of it violates the constraint; only lowering the cost is left
+- ``unconstrained``: the whole region satisfies the constraint, which is inactive
+- ``feasible``: the current policy satisfies the constraint, parts of the region do not
+- ``recoverable``: the current policy violates it, parts of the region do not
+- ``infeasible``: the whole region violates it; the step can only lower the cost
 """
 
 TINY: Final = 1e-12
-"""Below this a length counts as zero."""
+"""Lengths below this count as zero."""
 TOUCHING: Final = 1e-9
-"""Where the constraint cuts less than this off the trust region, or leaves less, it touches it."""
-SMALLEST_SHARE: Final = 1e-4
-"""Least multiplier of the trust region, in that of the step without a constraint."""
+"""Tolerance for a constraint that touches the trust region, relative to its size."""
+MIN_MULTIPLIER_RATIO: Final = 1e-4
+"""Minimum multiplier of the trust region, relative to that of the unconstrained step."""
 
 
 def solve(
@@ -37,12 +37,12 @@ def solve(
     """Solve H x = right by conjugate gradients.
 
     The right side is scaled to length 1 first: sb3-contrib's solver stops at an absolute residual
-    and starts from noise of fixed size, both of which would swamp a small gradient.
+    and starts from noise of fixed size, both of which would exceed a small gradient.
 
-    :param product: of H with a vector
-    :param right: (n,)
-    :param iterations: at most
-    :return: (n,) x; zero for a zero right side
+    :param product: of H with a vector.
+    :param right: (n,).
+    :param iterations: maximum number.
+    :return: (n,) x; zero for a zero right side.
     """
     length = th.linalg.vector_norm(right)
     if float(length) < TINY:
@@ -55,9 +55,9 @@ def solve(
 class Step:
     """The best step as a combination of x = H^-1 g and p = H^-1 b: ``reward * x - cost * p``.
 
-    :param case: see :data:`Case`
-    :param reward: weight of x, 1 / lambda
-    :param cost: weight of p, nu / lambda
+    :param case: see :data:`Case`.
+    :param reward: weight of x, 1 / lambda.
+    :param cost: weight of p, nu / lambda.
     """
 
     case: Case
@@ -66,22 +66,22 @@ class Step:
 
 
 def best_step(q: float, r: float, s: float, c: float, delta: float) -> Step:
-    """The analytical solution of the constrained step.
+    """Solve for the constrained step analytically.
 
     With multipliers lambda of the trust region and nu of the constraint the solution is
     x* = (H^-1 g - nu H^-1 b) / lambda, nu = max(0, (r + lambda c) / s), and lambda minimises the
-    dual, which is (A / lambda + B lambda) / 2 - r c / s where the constraint binds and
-    (q / lambda + 2 delta lambda) / 2 where it does not, A = q - r^2 / s, B = 2 delta - c^2 / s.
+    dual, which is (A / lambda + B lambda) / 2 - r c / s where the constraint is active and
+    (q / lambda + 2 delta lambda) / 2 where it is not, A = q - r^2 / s, B = 2 delta - c^2 / s.
 
-    :param q: g' H^-1 g
-    :param r: g' H^-1 b
-    :param s: b' H^-1 b
-    :param c: excess of the constraint at x = 0: cost less limit
-    :param delta: size of the trust region, above 0
-    :return: the weights of the step
+    :param q: g' H^-1 g.
+    :param r: g' H^-1 b.
+    :param s: b' H^-1 b.
+    :param c: excess of the constraint at x = 0: cost less limit.
+    :param delta: size of the trust region, above 0.
+    :return: the weights of the step.
     """
     if s < TINY**2:
-        # No step changes the cost: what is left is the reward.
+        # No step changes the cost.
         return Step("unconstrained", _plain(q, delta), 0.0)
     if abs(c) <= TINY * math.sqrt(2.0 * delta * s):
         c = 0.0
@@ -92,13 +92,13 @@ def best_step(q: float, r: float, s: float, c: float, delta: float) -> Step:
         return Step("unconstrained", _plain(q, delta), 0.0)
     case: Case = "recoverable" if c > 0.0 else "feasible"
     a = max(q - r * r / s, 0.0)
-    # lambda below (c < 0) or above (c > 0) this border makes the constraint bind.
+    # The constraint is active for lambda below (c < 0) or above (c > 0) this border.
     border = -r / c if c != 0.0 else (math.inf if r > 0.0 else -math.inf)
     low, high = (max(border, 0.0), math.inf) if c > 0.0 else (0.0, max(border, 0.0))
     without = math.sqrt(max(q, 0.0) / (2.0 * delta))
-    # At 0 the weights are infinite. Where reward and cost point the same way all but exactly, the
-    # rest of x is rounding: a smaller multiplier would blow it up.
-    least = max(SMALLEST_SHARE * without, TINY)
+    # At 0 the weights are infinite. If the gradients of reward and cost are almost parallel, the
+    # rest of x is rounding error, which a smaller multiplier would amplify.
+    least = max(MIN_MULTIPLIER_RATIO * without, TINY)
     candidates: list[tuple[float, float, float]] = []
     if high > 0.0:
         binding = max(min(max(math.sqrt(a / b), low), high), least)
@@ -113,5 +113,5 @@ def best_step(q: float, r: float, s: float, c: float, delta: float) -> Step:
 
 
 def _plain(q: float, delta: float) -> float:
-    """Weight of x where the constraint does not bind: to the border of the trust region."""
+    """Compute the weight of x without an active constraint, at the boundary of the region."""
     return math.sqrt(2.0 * delta / q) if q > TINY**2 else 0.0

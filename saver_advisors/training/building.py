@@ -16,7 +16,7 @@ from saver_advisors.advising import (
     TeacherProposals,
     build_advised,
     make_advisor,
-    start_as_teachers,
+    warm_start_from_teachers,
 )
 from saver_advisors.learner.algorithms import (
     GoalDDPG,
@@ -26,10 +26,9 @@ from saver_advisors.learner.algorithms import (
     GoalTQC,
     episode_horizon,
 )
-from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
-from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
 from saver_advisors.training.settings import RunConfig, naming
-from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, StageControl
+from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
 
@@ -111,9 +110,9 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
     model.set_logger(Logger(folder=None, output_formats=[]))
     if advice is not None and advice.warm_start:
         with naming("advice"):
-            start_as_teachers(model, model.advisor.teachers, model.advisor.mapping)
+            warm_start_from_teachers(model, model.advisor.teachers, model.advisor.mapping)
     if advice is not None and advice.bootstrap:
-        model.proposals = TeacherProposals(model.advisor, model.policy.scale_action)
+        model.bootstrap_proposals = TeacherProposals(model.advisor, model.policy.scale_action)
     assert isinstance(model, GoalLearnerMixin)
     return model
 
@@ -128,7 +127,7 @@ def build_stages(config: RunConfig, model: OffPolicyAlgorithm) -> StageControl |
     """
     if config.stages is None:
         return None
-    stages = [Stage.parse(one.stage, one.until) for one in config.stages]
+    stages = [TrainingStage.parse(one.stage, one.until) for one in config.stages]
     return StageControl(model, stages, constraint_value_weight=config.constraint_value_weight)
 
 

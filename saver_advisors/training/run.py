@@ -30,9 +30,8 @@ from tqdm import tqdm
 from saver_advisors.advising import Advisor
 from saver_advisors.evaluation.episodes import EpisodeOutcomes
 from saver_advisors.learner.algorithms import episode_horizon
-from saver_advisors.learner.cloning import clone
-from saver_advisors.learner.demonstrations import DemonstrationReplayBuffer
-from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_advisors.learner.imitation import clone
+from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
 from saver_advisors.training.building import build_model, build_stages, demonstration_steps
 from saver_advisors.training.checkpoint import (

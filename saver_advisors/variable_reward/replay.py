@@ -1,8 +1,8 @@
-"""Replay for tasks whose goal ends in a required value: goal and constraint relabelled.
+"""Replay for tasks whose goal ends in a required value: goal and constraint are relabelled.
 
-Algorithm 1 of the dissertation relabels, besides the goal, the constraint: c becomes the value that
-was achieved in the *next* state. Then the constraint always counts as kept, and min(f_c, f_g) tells
-nothing about it; the other ways are there to be compared with that one.
+Algorithm 1 of the dissertation relabels both the goal and the constraint: c becomes the value that
+was achieved in the *next* state. Then the constraint always counts as satisfied, and min(f_c, f_g)
+carries no information about it; the other relabellings exist for comparison.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ RELABELLINGS: Final[tuple[str, ...]] = get_args(ConstraintRelabelling)
 class ConstraintReplayBuffer(GoalReplayBuffer):
     """Replay whose last entry of the goal is a constraint's value.
 
-    Every sampled reward is computed when it is drawn, by the reward function then in force:
-    exchanging that function is all that a change of stage takes, no reward of an earlier stage is
-    left.
+    Rewards are computed when sampled, by the current reward function: replacing that function is
+    sufficient for a change of stage.
 
-    :param arguments: as for ``GoalReplayBuffer``
-    :param constraint_relabelling: what becomes of the required value where a transition is
-        relabelled: ``next``, the value achieved in its next state (Algorithm 1); ``future``, that
-        of the state whose goal was taken; ``keep``, the required value stays
-    :raises ValueError: for another way, or a goal without an entry beyond whole points
+    :param arguments: as for ``GoalReplayBuffer``.
+    :param constraint_relabelling: the required value of a relabelled transition: ``next``, the
+        value achieved in its next state (Algorithm 1); ``future``, that of the state whose goal was
+        taken; ``keep``, the original value.
+    :param goal_size: entries of one object's goal; the constraint's value follows the objects'.
+    :param named: as for ``GoalReplayBuffer``.
+    :raises ValueError: for an unknown relabelling, or a goal that does not end in a single value.
     """
 
     def __init__(
         self,
         *arguments: Any,
         constraint_relabelling: ConstraintRelabelling = "next",
+        goal_size: int = 3,
         **named: Any,
     ) -> None:
         if constraint_relabelling not in RELABELLINGS:
@@ -46,10 +48,10 @@ class ConstraintReplayBuffer(GoalReplayBuffer):
         super().__init__(*arguments, **named)
         self.constraint_relabelling = constraint_relabelling
         size = self.achieved_goal.shape[-1]
-        if size % 3 != 1:
+        if size % goal_size != 1:
             raise ValueError(
-                f"the goal has {size} entries: a constraint's value must follow the objects' "
-                "points of 3"
+                f"the goal has {size} entries: a constraint's value must follow the objects' goals "
+                f"of {goal_size}"
             )
 
     def _relabel(
@@ -58,15 +60,15 @@ class ConstraintReplayBuffer(GoalReplayBuffer):
         achieved: FloatArray,
         slot: IntArray,
         step: IntArray,
-        share: float,
+        probability: float,
     ) -> IntArray:
-        """Replace goals in place as the parent does, and the required value in its own way."""
+        """Relabel goals in place as the parent does, and the required value as configured."""
         required = desired[:, -1].copy()
-        goal_step = super()._relabel(desired, achieved, slot, step, share)
+        goal_step = super()._relabel(desired, achieved, slot, step, probability)
         if self.constraint_relabelling == "future":
             return goal_step
         desired[:, -1] = required
-        # The part that the required value belongs to: the whole goal, or one of its own.
+        # The last part contains the required value: it is the whole goal, or a part of its own.
         if self.constraint_relabelling == "next":
             relabelled = goal_step[:, -1] >= 0
             following = slot * (self.horizon + 1) + step + 1

@@ -1,7 +1,7 @@
-"""Teaching, stretching, exploring: the stages of a run, and when each gives way to the next.
+"""Training stages: teaching, stretching and exploring, and the rules that switch between them.
 
-In teaching and in stretching the reward is that of the goal alone, f_g; in exploring it is the
-constrained one, by the dissertation min(f_c, f_g). A teacher advises in teaching only
+In teaching and stretching the reward is that of the goal alone, f_g; in exploring it is the
+constrained one, in the dissertation min(f_c, f_g). A teacher advises in teaching only
 (dissertation, chapter 6).
 """
 
@@ -23,9 +23,9 @@ RuleKind = Literal["budget", "steps", "success"]
 class SwitchRule:
     """When a stage ends.
 
-    :param kind: ``budget``: with the advice budget; ``steps``: after so many environment steps of
-        the stage; ``success``: once an evaluation shows that success rate
-    :param value: the steps or the rate, None for ``budget``
+    :param kind: ``budget``: when the advice budget is spent; ``steps``: after a number of
+        environment steps of the stage; ``success``: when an evaluation reaches a success rate.
+    :param value: the steps or the rate, None for ``budget``.
     """
 
     kind: RuleKind
@@ -33,10 +33,11 @@ class SwitchRule:
 
     @classmethod
     def parse(cls, text: str) -> SwitchRule:
-        """Read ``budget``, ``steps 250000`` or ``success 0.5``.
+        """Parse ``budget``, ``steps 250000`` or ``success 0.5``.
 
-        :param text: as configurations have it
-        :raises ValueError: for anything else
+        :param text: of a configuration.
+        :return: the rule.
+        :raises ValueError: for any other text.
         """
         words = text.split()
         if words == ["budget"]:
@@ -53,11 +54,11 @@ class SwitchRule:
         return cls("steps" if whole else "success", value)
 
     def is_met(self, stage_steps: int, advice_left: int, success_rate: float | None) -> bool:
-        """Whether the stage is over.
+        """Return whether the stage is over.
 
-        :param stage_steps: environment steps since it began
-        :param advice_left: environment steps that may still be advised
-        :param success_rate: of the latest evaluation, None where there is no new one
+        :param stage_steps: environment steps since it began.
+        :param advice_left: environment steps that may still be advised.
+        :param success_rate: of a new evaluation, else None.
         """
         if self.kind == "budget":
             return advice_left <= 0
@@ -68,23 +69,24 @@ class SwitchRule:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """One stage of a run.
+class TrainingStage:
+    """One stage of a training run.
 
-    :param name: ``teaching``, ``stretching`` or ``exploring``
-    :param until: when it ends; None for the last
+    :param name: ``teaching``, ``stretching`` or ``exploring``.
+    :param until: when it ends; None for the last.
     """
 
     name: StageName
     until: SwitchRule | None = None
 
     @classmethod
-    def parse(cls, stage: str, until: str | None = None) -> Stage:
-        """Read a stage as configurations have it, e.g. ``stretching`` until ``steps 250000``.
+    def parse(cls, stage: str, until: str | None = None) -> TrainingStage:
+        """Parse a stage of a configuration, e.g. ``stretching`` until ``steps 250000``.
 
-        :param stage: its name
-        :param until: as for :meth:`SwitchRule.parse`; None for the last
-        :raises ValueError: for an unknown name or another rule
+        :param stage: its name.
+        :param until: as for :meth:`SwitchRule.parse`; None for the last.
+        :return: the stage.
+        :raises ValueError: for an unknown name or rule.
         """
         if stage not in STAGES:
             raise ValueError(f"stage={stage!r} must be one of {', '.join(STAGES)}")
@@ -102,12 +104,13 @@ class Stage:
         return self.name == "exploring"
 
 
-def check_stages(stages: Sequence[Stage]) -> None:
-    """Refuse an order of stages that cannot be.
+def check_stages(stages: Sequence[TrainingStage]) -> None:
+    """Check the order of stages and their ends.
 
-    :param stages: in their order; some may be left out, as ablations do
-    :raises ValueError: for none, a wrong order, one twice, a stage but the last without an end, an
-        end of the last, or the budget's end anywhere but in teaching
+    :param stages: in their order; stages may be omitted, as in ablations.
+    :raises ValueError: if there is no stage, the order is wrong, a stage occurs twice, a stage
+        other than the last has no end, the last has one, or a stage other than teaching ends with
+        the budget.
     """
     names = [stage.name for stage in stages]
     unknown = [name for name in names if name not in STAGES]
@@ -122,31 +125,31 @@ def check_stages(stages: Sequence[Stage]) -> None:
                 f"stage {stage.name!r} is followed by another: say until when it lasts"
             )
     if stages[-1].until is not None:
-        raise ValueError(f"stage {stages[-1].name!r} is the last: it lasts until the run ends")
+        raise ValueError(f"stage {stages[-1].name!r} is the last: it runs until training ends")
     for stage in stages:
         if stage.until is not None and stage.until.kind == "budget" and not stage.advised:
             raise ValueError(
-                f"stage {stage.name!r} cannot last until the budget is spent: only in teaching is "
-                "it spent"
+                f"stage {stage.name!r} cannot end with the advice budget, which is spent only in "
+                "teaching"
             )
 
 
 class StageClock:
-    """Which stage a run is in.
+    """Track which stage a run is in.
 
-    :param stages: in their order
-    :raises ValueError: for an order that cannot be
+    :param stages: in their order.
+    :raises ValueError: see :func:`check_stages`.
     """
 
-    def __init__(self, stages: Sequence[Stage]) -> None:
+    def __init__(self, stages: Sequence[TrainingStage]) -> None:
         check_stages(stages)
         self.stages = tuple(stages)
         self._index = 0
         self._switched_at: list[int] = []
 
     @property
-    def stage(self) -> Stage:
-        """The stage in force."""
+    def stage(self) -> TrainingStage:
+        """The current stage."""
         return self.stages[self._index]
 
     @property
@@ -158,12 +161,12 @@ class StageClock:
     def update(
         self, steps: int, *, advice_left: int = 0, success_rate: float | None = None
     ) -> bool:
-        """Go on to the next stage where the one in force is over; at most one stage at a time.
+        """Switch to the next stage if the current one is over; by one stage at most.
 
-        :param steps: environment steps of the run
-        :param advice_left: environment steps that may still be advised
-        :param success_rate: of an evaluation that is new, else None
-        :return: whether another stage is in force now
+        :param steps: environment steps of the run.
+        :param advice_left: environment steps that may still be advised.
+        :param success_rate: of a new evaluation, else None.
+        :return: whether the stage changed.
         """
         began = self._switched_at[-1] if self._switched_at else 0
         until = self.stage.until
@@ -174,7 +177,7 @@ class StageClock:
         return True
 
     def state_dict(self) -> dict[str, Any]:
-        """:return: JSON-able state"""
+        """:return: JSON-able state."""
         return {
             "stages": [stage.name for stage in self.stages],
             "stage": self.stage.name,
@@ -182,10 +185,10 @@ class StageClock:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on where a run stopped.
+        """Restore the stage of an earlier run.
 
-        :param state: what ``state_dict`` returned
-        :raises ValueError: where it is of other stages
+        :param state: the result of ``state_dict``.
+        :raises ValueError: if the state belongs to other stages.
         """
         names = [stage.name for stage in self.stages]
         switched = [int(steps) for steps in state["switched_at"]]

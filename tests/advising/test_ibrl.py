@@ -10,7 +10,7 @@ import pytest
 import torch as th
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
-from test_sb3_seam import make_model, stored, teacher_actions
+from test_advised_algorithms import make_model, stored, teacher_actions
 from toy_arms import ACTION, N_ARMS, make_teacher, make_vec_env
 from toy_runs import (
     BLOCK,
@@ -23,7 +23,7 @@ from toy_runs import (
 )
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
-from saver_advisors.advising.student import student_values
+from saver_advisors.advising.advised_algorithms import student_values
 from saver_advisors.training.building import build_model
 
 
@@ -137,7 +137,7 @@ def test_the_target_takes_the_better_next_action(
     with th.no_grad():
         own = model.actor_target(batch.next_observations)
         chosen = model._better_actions(batch.next_observations, own)
-    proposed = th.as_tensor(model.proposals(batch.next_observations)).reshape(40, -1)
+    proposed = th.as_tensor(model.bootstrap_proposals(batch.next_observations)).reshape(40, -1)
     kept = (chosen == own).reshape(40, N_ARMS, ACTION).all(dim=2)
     taken = (chosen == proposed).reshape(40, N_ARMS, ACTION).all(dim=2)
     assert (kept | taken).all()
@@ -165,13 +165,13 @@ def test_proposals_are_the_teachers_actions_while_the_budget_lasts(tmp_path: Pat
     expected = model.policy.scale_action(
         model.advisor.mapping.join_actions(model.advisor.teacher_actions(seen))
     )
-    proposed = model.proposals(tensors)
+    proposed = model.bootstrap_proposals(tensors)
     np.testing.assert_allclose(
         proposed.reshape(4, -1), np.clip(expected, -1, 1), rtol=1e-5, atol=1e-6
     )
     assert model.advisor.spent == 0, "asking costs nothing"
     model.learn(BLOCK)
-    assert model.proposals(tensors) is None
+    assert model.bootstrap_proposals(tensors) is None
     own = th.zeros((4, N_ARMS * ACTION))
     assert model._better_actions(tensors, own) is own
 
@@ -194,7 +194,7 @@ def test_saved_models_hold_no_teacher(tmp_path: Path) -> None:
     model: Any = build_model(settings(advice(tmp_path, bootstrap=True)), make_vec_env(4))
     model.save(tmp_path / "model.zip")
     loaded: Any = build_advised(type(model)).load(tmp_path / "model.zip", env=make_vec_env(4))
-    assert loaded.proposals is None
+    assert loaded.bootstrap_proposals is None
     assert loaded.advisor is None
 
 

@@ -12,8 +12,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv
+from test_advised_algorithms import make_model
 from test_advisor import observation, students
-from test_sb3_seam import make_model
 from toy_arms import ToyArms, make_teacher, make_vec_env
 from toy_runs import (
     BLOCK,

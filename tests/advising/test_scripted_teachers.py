@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from saver_advisors.advising import make_advisor, start_as_teachers
+from saver_advisors.advising import make_advisor, warm_start_from_teachers
 from saver_advisors.learner import GoalTD3
 from saver_advisors.policies.scripted import ScriptedTeacher, scripted_teachers
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
@@ -53,5 +53,5 @@ def test_what_a_script_cannot_do_is_refused() -> None:
     model = GoalTD3("MultiInputPolicy", env)
     advisor = make_advisor("early", "scripted:JacoPush-v0", 100, n_arms=1)
     with pytest.raises(TypeError, match="is scripted, and has no weights to start from"):
-        start_as_teachers(model, advisor.teachers, advisor.mapping)
+        warm_start_from_teachers(model, advisor.teachers, advisor.mapping)
     env.close()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saver_advisors.safe_baselines.lagrange import LagrangeMultiplier
+from saver_advisors.safe_baselines.lagrangian import LagrangeMultiplier
 
 
 def adam(costs, limit, value, rate):

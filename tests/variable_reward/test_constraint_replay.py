@@ -11,11 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saver_advisors.learner.replay import GoalTransitions
-from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, reward_of
+from saver_advisors.variable_reward import ConstraintReplayBuffer, TrainingStage, reward_of
 from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE, Distance
 
 HORIZON, N_ENVS, GOAL = 6, 3, 7
-STAGES = {stage.name: stage for stage in map(Stage, ("teaching", "stretching", "exploring"))}
+STAGES = {
+    stage.name: stage for stage in map(TrainingStage, ("teaching", "stretching", "exploring"))
+}
 
 
 def filled(seed: int = 0, episodes: int = 8, **named: Any) -> ConstraintReplayBuffer:

@@ -24,7 +24,7 @@ from saver_advisors.training.building import build_model, build_stages
 from saver_advisors.training.curve_file import OF_THE_MACHINE, read_curve
 from saver_advisors.training.launch import train
 from saver_advisors.training.settings import RunConfig
-from saver_advisors.variable_reward import Stage, StageControl, StagesCallback, SwitchRule
+from saver_advisors.variable_reward import StageControl, StagesCallback, SwitchRule, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 ENV, TEACHER, HORIZON, N_ENVS = "DualJacoDistance-v0", "jaco-pick-and-place", 10, 2
@@ -50,9 +50,9 @@ SETTINGS: dict[str, Any] = {
     ],
 }
 THREE = (
-    Stage("teaching", SwitchRule("budget")),
-    Stage("stretching", SwitchRule("steps", 2 * BLOCK)),
-    Stage("exploring"),
+    TrainingStage("teaching", SwitchRule("budget")),
+    TrainingStage("stretching", SwitchRule("steps", 2 * BLOCK)),
+    TrainingStage("exploring"),
 )
 
 
@@ -270,13 +270,13 @@ def test_a_buffer_that_keeps_old_rewards_is_refused(env: VecEnv) -> None:
         device="cpu",
     )
     with pytest.raises(TypeError, match="HerReplayBuffer keeps rewards of an earlier stage"):
-        StageControl(model, [Stage("exploring")])
+        StageControl(model, [TrainingStage("exploring")])
 
 
 def test_an_on_policy_algorithm_is_refused(env: VecEnv) -> None:
     model = PPO("MultiInputPolicy", env, n_steps=4, batch_size=8, device="cpu")
     with pytest.raises(TypeError, match="PPO has no replay buffer"):
-        model.learn(8, StagesCallback([Stage("exploring")]))
+        model.learn(8, StagesCallback([TrainingStage("exploring")]))
 
 
 def test_exploring_rewards_the_constraint(env: VecEnv) -> None:

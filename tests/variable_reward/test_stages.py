@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saver_advisors.variable_reward import Stage, StageClock, SwitchRule, check_stages
+from saver_advisors.variable_reward import StageClock, SwitchRule, TrainingStage, check_stages
 
 THREE = (
-    Stage("teaching", SwitchRule("budget")),
-    Stage("stretching", SwitchRule("steps", 100)),
-    Stage("exploring"),
+    TrainingStage("teaching", SwitchRule("budget")),
+    TrainingStage("stretching", SwitchRule("steps", 100)),
+    TrainingStage("exploring"),
 )
 
 
@@ -41,27 +41,38 @@ def test_other_rules_are_refused(text: str) -> None:
 
 
 def test_a_stage_is_read() -> None:
-    assert Stage.parse("exploring") == Stage("exploring")
-    assert Stage.parse("stretching", "steps 5") == Stage("stretching", SwitchRule("steps", 5))
+    assert TrainingStage.parse("exploring") == TrainingStage("exploring")
+    assert TrainingStage.parse("stretching", "steps 5") == TrainingStage(
+        "stretching", SwitchRule("steps", 5)
+    )
     with pytest.raises(ValueError, match="stage='resting' must be one of teaching, stretching"):
-        Stage.parse("resting")
+        TrainingStage.parse("resting")
     with pytest.raises(ValueError, match="until='never'"):
-        Stage.parse("teaching", "never")
+        TrainingStage.parse("teaching", "never")
 
 
 @pytest.mark.parametrize(
     ("stages", "message"),
     [
         ([], "one or more of"),
-        ([Stage("resting")], "one or more of"),  # type: ignore[arg-type]  # what is refused
-        ([Stage("exploring", SwitchRule("steps", 5)), Stage("teaching")], "order is"),
-        ([Stage("teaching", SwitchRule("budget")), Stage("teaching")], "at most once"),
-        ([Stage("teaching"), Stage("exploring")], "say until when"),
-        ([Stage("exploring", SwitchRule("steps", 5))], "is the last"),
-        ([Stage("stretching", SwitchRule("budget")), Stage("exploring")], "only in teaching"),
+        ([TrainingStage("resting")], "one or more of"),  # type: ignore[arg-type]  # what is refused
+        (
+            [TrainingStage("exploring", SwitchRule("steps", 5)), TrainingStage("teaching")],
+            "order is",
+        ),
+        (
+            [TrainingStage("teaching", SwitchRule("budget")), TrainingStage("teaching")],
+            "at most once",
+        ),
+        ([TrainingStage("teaching"), TrainingStage("exploring")], "say until when"),
+        ([TrainingStage("exploring", SwitchRule("steps", 5))], "is the last"),
+        (
+            [TrainingStage("stretching", SwitchRule("budget")), TrainingStage("exploring")],
+            "only in teaching",
+        ),
     ],
 )
-def test_orders_that_cannot_be(stages: list[Stage], message: str) -> None:
+def test_orders_that_cannot_be(stages: list[TrainingStage], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         check_stages(stages)
 
@@ -83,7 +94,9 @@ def test_the_three_stages() -> None:
 
 
 def test_success_ends_a_stage_only_by_a_new_evaluation() -> None:
-    clock = StageClock([Stage("stretching", SwitchRule("success", 0.5)), Stage("exploring")])
+    clock = StageClock(
+        [TrainingStage("stretching", SwitchRule("success", 0.5)), TrainingStage("exploring")]
+    )
     assert not clock.update(10)
     assert not clock.update(20, success_rate=0.49)
     assert clock.update(30, success_rate=0.5)
@@ -107,4 +120,4 @@ def test_a_resumed_clock_is_where_the_other_is(gaps: list[int], data: st.DataObj
 def test_a_state_of_other_stages_is_refused() -> None:
     state = StageClock(THREE).state_dict()
     with pytest.raises(ValueError, match="this run has"):
-        StageClock([Stage("exploring")]).load_state_dict(state)
+        StageClock([TrainingStage("exploring")]).load_state_dict(state)

@@ -17,7 +17,7 @@ from saver_advisors.experiments.grid import read_grid
 from saver_advisors.learner import GoalReplayBuffer
 from saver_advisors.training.defaults import default_settings
 from saver_advisors.training.settings import RunConfig
-from saver_advisors.variable_reward import ConstraintReplayBuffer, Stage, StagesCallback
+from saver_advisors.variable_reward import ConstraintReplayBuffer, StagesCallback, TrainingStage
 from saver_advisors.zoo import ALGORITHMS, register_algorithms
 from saver_advisors.zoo.arguments import read_settings, ready_advice, settings_path
 from saver_advisors.zoo.manager import SaverExperimentManager
@@ -156,5 +156,7 @@ def compare_constraint(entry: dict[str, Any], config: RunConfig) -> None:
     if config.stages is not None:
         (callback,) = callbacks
         assert isinstance(callback, StagesCallback)
-        assert callback.stages == tuple(Stage.parse(one.stage, one.until) for one in config.stages)
+        assert callback.stages == tuple(
+            TrainingStage.parse(one.stage, one.until) for one in config.stages
+        )
         assert callback.constraint_value_weight == config.constraint_value_weight

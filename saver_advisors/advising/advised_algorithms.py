@@ -1,12 +1,12 @@
-"""Where advice enters Stable-Baselines3: between the choice of an action and its execution.
+"""Off-policy algorithms of SB3 with an advisor between the choice of an action and its execution.
 
-`OffPolicyAlgorithm._sample_action` returns the action to execute and its scaled twin for the replay
-buffer, after warm-up and exploration noise. Advising right there keeps the two equal for every
-off-policy algorithm, any number of environments, any action box and HER. A wrapper round the policy
-would be bypassed in warm-up and would contaminate evaluation; a wrapper round the environment would
-leave the unadvised action in the buffer.
+`OffPolicyAlgorithm._sample_action` returns the action to execute and its scaled counterpart for the
+replay buffer, after warm-up and exploration noise. Advising there keeps the two equal for every
+off-policy algorithm, any number of environments, any action box and HER. A wrapper around the
+policy would be bypassed during warm-up and would affect evaluation; a wrapper around the
+environment would leave the unadvised action in the buffer.
 
-Two ways in, with one implementation: `AdvisedTD3(..., advisor=...)` and its siblings, or
+There are two interfaces to one implementation: `AdvisedTD3(..., advisor=...)` and its siblings, or
 `AdvisingCallback(advisor)` on a stock model.
 """
 
@@ -15,11 +15,12 @@ from __future__ import annotations
 import io
 import pathlib
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
 from sb3_contrib import TQC
@@ -29,27 +30,25 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.type_aliases import MaybeCallback
 
 from saver_advisors.advising.advisor import Advice, Advisor
 from saver_advisors.advising.context import Mask
 from saver_advisors.advising.factory import make_advisor
-from saver_advisors.advising.initialisation import start_as_teachers
-from saver_advisors.advising.student import student_values
+from saver_advisors.advising.warm_start import warm_start_from_teachers
 
 
 class AdvisedMixin(OffPolicyAlgorithm):
-    """Adds an advisor to an off-policy algorithm; put it first among the bases.
+    """Add an advisor to an off-policy algorithm; put it first among the bases.
 
-    `infos[i]["advised"]` tells the replay buffer whether environment i was advised, and
-    `infos[i]["advised_arms"]` which arms were. The saved zip holds no teacher: it keeps
+    `infos[i]["advised"]` reports to the replay buffer whether environment i was advised, and
+    `infos[i]["advised_arms"]` which arms were. The saved zip does not contain the teacher: it keeps
     `advice_state` (spent budget, strategy, teacher names), loads with or without an advisor, and a
     resumed run calls `advisor.load_state_dict(model.advice_state)`.
 
     :param advisor: the advisor, or the arguments of `make_advisor` as a mapping (for configuration
-        files; a model loaded with such a mapping goes on with the budget that it has spent), or
-        None for the plain algorithm. A mapping may hold `warm_start` too: a goal learner's
-        networks then start as the teachers', see `start_as_teachers`
+        files; a model loaded with such a mapping continues with the budget that it has spent), or
+        None for the plain algorithm. A mapping may also contain `warm_start`: a goal
+        learner's networks then start from the teachers', see `warm_start_from_teachers`.
     """
 
     advisor: Advisor | Mapping[str, Any] | None
@@ -68,30 +67,21 @@ class AdvisedMixin(OffPolicyAlgorithm):
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
-        starts = False
+        warm_start = False
         if isinstance(self.advisor, Mapping):
             self.advisor = dict(self.advisor)
-            starts = self.advisor.pop("warm_start", False)
+            warm_start = self.advisor.pop("warm_start", False)
         advisor = self._ready_advisor()
         super()._setup_model()
-        # A model that has been advised before is being loaded, and has weights of its own.
-        if starts and advisor is not None and self.advice_state is None:
-            start_as_teachers(self, advisor.teachers, advisor.mapping)
+        # A model with an advice state is being loaded, and has trained weights already.
+        if warm_start and advisor is not None and self.advice_state is None:
+            warm_start_from_teachers(self, advisor.teachers, advisor.mapping)
 
-    def _setup_learn(
-        self,
-        total_timesteps: int,
-        callback: MaybeCallback = None,
-        reset_num_timesteps: bool = True,
-        tb_log_name: str = "run",
-        progress_bar: bool = False,
-    ) -> tuple[int, BaseCallback]:
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
         if _unhook(self):
-            # Left over from an AdvisingCallback whose training broke off: begin as the stock model.
-            return self._setup_learn(
-                total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
-            )
-        # Once more: the advisor may have been exchanged since the model was built.
+            # An AdvisingCallback's training was interrupted: start again as the stock model.
+            return self._setup_learn(*args, **kwargs)
+        # Checked again: the advisor may have been replaced since the model was built.
         advisor = self._ready_advisor()
         if advisor is not None and self.advice_state is not None:
             spent = self.advice_state["budget"]["spent"]
@@ -102,14 +92,10 @@ class AdvisedMixin(OffPolicyAlgorithm):
                     "advisor.load_state_dict(model.advice_state) to go on with the same budget",
                     stacklevel=3,
                 )
-        return super()._setup_learn(
-            total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar
-        )
+        return super()._setup_learn(*args, **kwargs)
 
     def _ready_advisor(self) -> Advisor | None:
-        """Build the advisor where only its arguments are known, and refuse one that does not fit
-        the spaces.
-        """
+        """Build the advisor from its arguments if needed, and check it against the spaces."""
         if isinstance(self.advisor, Mapping):
             self.advisor = make_advisor(
                 **self.advisor,
@@ -117,7 +103,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
                 action_space=self.action_space,
             )
             if self.advice_state is not None:
-                # A configuration file cannot make the call itself that goes on with the budget.
+                # A configuration file cannot call this itself.
                 self.advisor.load_state_dict(self.advice_state)
         elif self.advisor is not None:
             self.advisor.check_spaces(self.observation_space, self.action_space)
@@ -142,14 +128,13 @@ class AdvisedMixin(OffPolicyAlgorithm):
         return self._follow(advice, action, buffer_action)
 
     def demonstrate(self, steps: int, replay_buffer: ReplayBuffer) -> None:
-        """Let the teachers drive every arm, without noise, into a buffer; as advice it costs one
-        step of the budget a step.
+        """Let the teachers control every arm, without noise; each step costs one of the budget.
 
-        :param steps: environment steps, all environments together; a step of the vector is
-            finished
-        :param replay_buffer: what the transitions go to
-        :raises ValueError: where the budget does not last, or some arm must not be advised
-        :raises TypeError: where the model has no advisor
+        :param steps: environment steps, summed over all environments; rounded up to whole steps of
+            the vector environment.
+        :param replay_buffer: where the transitions are stored.
+        :raises ValueError: if the budget does not suffice, or some arm must not be advised.
+        :raises TypeError: if the model has no advisor.
         """
         advisor = self._ready_advisor()
         if not isinstance(advisor, Advisor):
@@ -167,17 +152,17 @@ class AdvisedMixin(OffPolicyAlgorithm):
         self._advice_mask = None
 
     def _raw_observation(self) -> dict[str, NDArray[Any]]:
-        """What the environment said: the teacher has a normaliser of its own."""
+        """The observation before `VecNormalize`: teachers have a normaliser of their own."""
         observation = self._last_obs if self._vec_normalize_env is None else self._last_original_obs
         assert isinstance(observation, dict), "check_spaces lets only Dict observations through"
         return observation
 
     def _count_episode_steps(self, n_envs: int) -> NDArray[np.int64]:
-        """(n_envs,) steps since each environment's episode began.
+        """Return the steps since the start of each environment's episode, (n_envs,).
 
-        SB3 marks the first observations after a reset in `_last_episode_starts`, and its off-policy
-        algorithms leave the rest of its upkeep to us. Where a stock model begins to be advised in
-        the middle of an episode, that episode counts from there.
+        SB3 marks the first observations after a reset in `_last_episode_starts`, but its off-policy
+        algorithms do not update it afterwards; `_store_transition` does. If advice begins in the
+        middle of an episode, that episode counts from there.
         """
         starts = self._last_episode_starts
         before = self._episode_steps
@@ -190,7 +175,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
     def _follow(
         self, advice: Advice, action: NDArray[Any], buffer_action: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """:return: the action to execute and its scaled twin, with the advised arms' blocks"""
+        """Replace the advised arms' blocks in the action to execute and its scaled counterpart."""
         advisor = self.advisor
         assert isinstance(advisor, Advisor)
         advised_action, mask = advice
@@ -201,7 +186,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         low, high = self.action_space.low, self.action_space.high
         replaced = np.repeat(mask, advisor.mapping.action_size, axis=1)
         executed = np.where(replaced, np.clip(advised_action, low, high), action)
-        # Elsewhere the buffer keeps the student's own entries, bit for bit.
+        # All other entries stay bit-equal to the student's.
         stored = np.where(replaced, self.policy.scale_action(executed), buffer_action)
         return executed.astype(action.dtype, copy=False), stored.astype(
             buffer_action.dtype, copy=False
@@ -222,7 +207,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         infos: list[dict[str, Any]],
     ) -> None:
         if self._advice_mask is not None:
-            # New dicts: an environment may hand out the same one twice.
+            # New dicts: an environment may return the same one twice.
             infos = [
                 {**info, "advised": bool(arms.any()), "advised_arms": arms.tolist()}
                 for info, arms in zip(infos, self._advice_mask, strict=True)
@@ -238,21 +223,16 @@ class AdvisedMixin(OffPolicyAlgorithm):
             self.advisor.start_window()
         super().dump_logs()
 
-    def save(
-        self,
-        path: str | pathlib.Path | io.BufferedIOBase,
-        exclude: Iterable[str] | None = None,
-        include: Iterable[str] | None = None,
-    ) -> None:
-        """Save to a zip file, without the teacher but with what it has spent.
+    def save(self, path: str | pathlib.Path | io.BufferedIOBase, *args: Any, **kwargs: Any) -> None:
+        """Save to a zip file, with the state of the advice but without the teacher.
 
-        :param path: where to write
-        :param exclude: attributes to leave out, besides the default ones
-        :param include: attributes to keep although they are left out by default
+        :param path: of the file.
+        :param args: SB3's ``exclude`` and ``include``.
+        :param kwargs: the same by name.
         """
         if isinstance(self.advisor, Advisor):
             self.advice_state = self.advisor.state_dict()
-        super().save(path, exclude, include)
+        super().save(path, *args, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
         own = ["advisor", "_advice_mask", "_episode_steps", "_plain_class"]
@@ -284,18 +264,18 @@ _BUILT: Final[dict[type[OffPolicyAlgorithm], type[AdvisedMixin]]] = {
 
 
 def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
-    """The advised twin of an algorithm class; the same class for every call.
+    """Return the advised subclass of an algorithm; the same class for every call.
 
-    :param algorithm_class: an off-policy algorithm of SB3, sb3-contrib or your own
-    :raises TypeError: for anything else, on-policy algorithms above all
+    :param algorithm_class: an off-policy algorithm of SB3, sb3-contrib or your own.
+    :return: a subclass of `AdvisedMixin` and the algorithm.
+    :raises TypeError: for anything else, such as an on-policy algorithm.
     """
     if not isinstance(algorithm_class, type) or not issubclass(algorithm_class, OffPolicyAlgorithm):
         name = getattr(algorithm_class, "__name__", repr(algorithm_class))
         raise TypeError(
             f"{name} cannot be advised: it learns from its own policy's actions only, and a "
-            f"teacher's action in its "
-            "rollouts would bias the update. Use an off-policy algorithm: DDPG, TD3, SAC, TQC or a "
-            "subclass"
+            "teacher's action in its rollouts would bias the update. Use an off-policy algorithm: "
+            "DDPG, TD3, SAC, TQC or a subclass"
         )
     if issubclass(algorithm_class, AdvisedMixin):
         return algorithm_class
@@ -306,8 +286,36 @@ def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
     return _BUILT[algorithm_class]
 
 
+def student_values(model: OffPolicyAlgorithm, actions: NDArray[Any]) -> NDArray[np.float32]:
+    """Compute the critics' conservative values of actions in the model's latest observation.
+
+    :param model: DDPG, TD3, SAC or TQC in the middle of a rollout.
+    :param actions: (k, n_envs, action size), in the environment's units, clipped to its box.
+    :return: (k, n_envs, values): the minimum over the critics, or the mean of TQC's quantiles.
+    :raises TypeError: if the model has no critic.
+    """
+    policy: Any = model.policy
+    if getattr(policy, "critic", None) is None:
+        raise TypeError(
+            f"{type(model).__name__} has no critic of actions: use DDPG, TD3, SAC or TQC"
+        )
+    box = model.action_space
+    assert isinstance(box, spaces.Box)
+    candidates, n_envs, size = actions.shape
+    flat = np.clip(actions.reshape(-1, size), box.low, box.high)
+    scaled = th.as_tensor(np.asarray(policy.scale_action(flat), np.float32), device=model.device)
+    assert model._last_obs is not None, "learn() resets the environments first"
+    tensors, _ = policy.obs_to_tensor(model._last_obs)
+    repeated = {key: value.repeat(candidates, 1) for key, value in tensors.items()}
+    with th.no_grad():
+        values = policy.critic(repeated, scaled)
+    # TQC returns (batch, critics, quantiles); the others one (batch, values) per critic.
+    least = th.stack(values).amin(dim=0) if isinstance(values, tuple) else values.mean(dim=(1, 2))
+    return np.asarray(least.cpu().numpy().reshape(candidates, n_envs, -1), np.float32)
+
+
 def _hook(model: Any, advisor: Advisor) -> None:
-    """Make a stock model an instance of its advised twin; an advised one keeps its class."""
+    """Make a stock model an instance of its advised subclass; an advised model keeps its class."""
     if not isinstance(model, AdvisedMixin):
         model._plain_class = type(model)
         model.__class__ = build_advised(type(model))
@@ -318,7 +326,7 @@ def _hook(model: Any, advisor: Advisor) -> None:
 
 
 def _unhook(model: Any) -> bool:
-    """Undo `_hook`, but for `advice_state`; returns whether there was a stock model to restore."""
+    """Undo `_hook` except for `advice_state`; return whether a stock model was restored."""
     if "_plain_class" not in vars(model):
         return False
     model.advice_state = model.advisor.state_dict()
@@ -328,15 +336,14 @@ def _unhook(model: Any) -> bool:
 
 
 class AdvisingCallback(BaseCallback):
-    """Advises a stock off-policy model while `learn` runs.
+    """Advise a stock off-policy model while `learn` runs.
 
-    For that time the model is an instance of `build_advised(its class)`: the very code of
-    `AdvisedTD3` and its siblings runs, and checkpoints written meanwhile keep `advice_state` and
-    leave the teacher out. Afterwards the model has its own class again, and `advice_state` remains
-    on it.
+    Meanwhile the model is an instance of `build_advised(its class)`, so the code of `AdvisedTD3`
+    and its siblings runs, and checkpoints keep `advice_state` and omit the teacher. Afterwards the
+    model has its own class again, and keeps `advice_state`.
 
-    :param advisor: the advisor
-    :param verbose: as in SB3
+    :param advisor: the advisor.
+    :param verbose: as in SB3.
     """
 
     def __init__(self, advisor: Advisor, verbose: int = 0) -> None:
@@ -344,7 +351,7 @@ class AdvisingCallback(BaseCallback):
         self.advisor = advisor
 
     def _init_callback(self) -> None:
-        """Refuse what cannot work before training starts."""
+        """Check the model before training starts."""
         build_advised(type(self.model))
         if isinstance(self.model, AdvisedMixin) and self.model.advisor not in (None, self.advisor):
             raise ValueError(
@@ -360,7 +367,7 @@ class AdvisingCallback(BaseCallback):
 
     def _on_training_end(self) -> None:
         model: Any = self.model
-        # RL Zoo calls this twice: the second time a stock model has no advisor any more.
+        # RL Zoo calls this twice: at the second call a stock model has no advisor any more.
         if not _unhook(model) and isinstance(model, AdvisedMixin):
             model.advice_state = self.advisor.state_dict()
             model.advisor = None

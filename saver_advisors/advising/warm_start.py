@@ -1,17 +1,14 @@
-"""A student whose networks start as its teachers', arm by arm.
+"""Warm start: a student whose networks start from its teachers', arm by arm.
 
-A block-diagonal network of n teachers' layers computes what they compute side by side: two teachers
-of 3 x 128 make a student of 3 x 256. Units beyond those start as they would anyway and lead
-nowhere, zeros between the blocks are there to be learned over.
+A block-diagonal network of n teachers' layers computes their outputs side by side: two teachers of
+3 x 128 make a student of 3 x 256. Additional units keep their random start and do not reach the
+teachers' units; the zeros between the blocks are trained like all other weights.
 
-What is exact, and what is not:
-
-- the actor and the normaliser, always
-- the critics, where there is a value for each arm (`per_arm_critics`) and no LayerNorm. A LayerNorm
-  of the student averages over all arms' units, each teacher's over its own: there the critics start
-  near their teachers', not at them
-- one value of all arms is none of the teachers' (it is worth something only when every arm is
-  done): such critics, and quantile critics, start afresh
+- The actor and the normaliser are always exact.
+- Per-arm critics without LayerNorm are exact. A student's LayerNorm averages over the units of all
+  arms, each teacher's over its own, so such critics only start near their teachers'.
+- A joint critic differs from all teachers' (its value requires every arm to succeed): joint and
+  quantile critics start from scratch.
 """
 
 from __future__ import annotations
@@ -31,25 +28,25 @@ from saver_advisors.policies.scripted import ScriptedTeacher
 from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 NORMALISER_COUNT: Final = 1_000_000
-"""Samples that the teachers' statistics count as, when the student's go on from them. About what a
-teacher of 500,000 steps has seen: later samples shift the input slowly, so that the weights follow.
+"""Sample count of the teachers' statistics in the student, about that of a teacher of 500,000
+steps: later samples change the input slowly, so that the weights can adapt.
 """
 
 Critics = Literal["exact", "approximate", "fresh"]
 
 
-def start_as_teachers(
+def warm_start_from_teachers(
     model: OffPolicyAlgorithm, teachers: TeacherGroup, mapping: ArmMapping
 ) -> Critics:
-    """Overwrite a student's normaliser, actor and, where it can be, critics; then their targets.
+    """Copy the teachers into a student's normaliser, actor, critics if possible, and their targets.
 
-    :param model: a goal learner that has not learned yet
-    :param teachers: one for every arm
-    :param mapping: where each arm's block lies
-    :return: how the critics start
-    :raises TypeError: for another normaliser or other layers than the goal learners have
-    :raises ValueError: where the student's layers cannot hold the teachers', or inputs or actions
-        differ; the message names what would fit
+    :param model: an untrained goal learner.
+    :param teachers: one for every arm.
+    :param mapping: where each arm's block lies.
+    :return: how the critics start.
+    :raises TypeError: if the normaliser or the layers are not a goal learner's.
+    :raises ValueError: if the student's layers cannot hold the teachers', or inputs or actions
+        differ; the message names what would fit.
     """
     policy: Any = model.policy
     features = policy.actor.features_extractor
@@ -76,7 +73,7 @@ def start_as_teachers(
 
 
 def _actor_layers(actor: Any) -> list[nn.Linear]:
-    """SAC's actor keeps its hidden layers apart from the mean `mu`, TD3's has all in it."""
+    """SAC's actor has its hidden layers in `latent_pi`, TD3's has all layers in `mu`."""
     hidden = [actor.latent_pi] if hasattr(actor, "latent_pi") else []
     return _linears(*hidden, actor.mu)
 
@@ -87,7 +84,7 @@ def _check_teacher(
     action_space: spaces.Space[Any],
     mapping: ArmMapping,
 ) -> None:
-    """Refuse what a goal learner's actor does not compute."""
+    """Reject a teacher whose computation a goal learner's actor cannot reproduce."""
     name = f"teacher {teacher.name!r}"
     if isinstance(teacher, ScriptedTeacher):
         raise TypeError(f"{name} is scripted, and has no weights to start from: clone it instead")
@@ -118,7 +115,7 @@ def _check_teacher(
 
 
 def _feature_columns(features: NormalizedGoalFeatures, teacher: Teacher, arm: int) -> th.Tensor:
-    """Where each of a teacher's inputs lies among the student's."""
+    """Return the student's input column of each of a teacher's inputs."""
     observation = features._observation_space["observation"]  # type: ignore[index]
     offset = {"observation": 0, "desired_goal": observation.shape[0]}
     parts = [
@@ -138,7 +135,7 @@ def _norms(module: nn.Module) -> list[nn.LayerNorm]:
 def _check_hidden(
     part: str, student: Sequence[nn.Linear], blocks: Sequence[Sequence[nn.Linear]]
 ) -> None:
-    """Refuse a student whose hidden layers are too few, too many or too narrow."""
+    """Reject a student whose hidden layers differ in number or are too narrow."""
     own = [layer.out_features for layer in student[:-1]]
     each = [[layer.out_features for layer in block[:-1]] for block in blocks]
     depths = {len(widths) for widths in each}
@@ -156,8 +153,8 @@ def _check_hidden(
 def _start_normaliser(
     features: NormalizedGoalFeatures, teachers: TeacherGroup, columns: Sequence[th.Tensor]
 ) -> None:
-    """The teachers' statistics, as if they came of `NORMALISER_COUNT` samples; an input that is no
-    arm's starts without any.
+    """Copy the teachers' statistics, as if from `NORMALISER_COUNT` samples; an input that belongs
+    to no arm starts without samples.
     """
     deviation = th.ones_like(features.mean)
     for statistics in (features.mean, features.count, features.squared_deviation):
@@ -178,7 +175,7 @@ def _start_critics(
     mapping: ArmMapping,
     columns: Sequence[th.Tensor],
 ) -> Critics:
-    """Critics with a value for each arm take over the teachers'."""
+    """Copy the teachers' critics into per-arm critics."""
     specs = [teacher.networks.spec for teacher in teachers.teachers]
     if not isinstance(critic, GoalCritic):
         return "fresh"
@@ -197,7 +194,7 @@ def _start_critics(
         for where, own in zip(columns, actions.split(mapping.action_size), strict=True)
     ]
     for index, network in enumerate(networks):
-        # A student with more critics than its teacher starts some of them alike.
+        # A student with more critics than its teacher starts some of them identically.
         sources = [
             teacher.networks.critics[index % teacher.networks.spec.n_critics]
             for teacher in teachers.teachers
@@ -222,10 +219,10 @@ def _place(
 ) -> None:
     """Write the teachers' layers into the student's, block by block.
 
-    :param student: its layers
-    :param blocks: each teacher's layers
-    :param inputs: for each teacher, its inputs among the student's
-    :param outputs: for each teacher, its outputs among the student's
+    :param student: its layers.
+    :param blocks: each teacher's layers.
+    :param inputs: for each teacher, its input columns in the student.
+    :param outputs: for each teacher, its output rows in the student.
     """
     columns = list(inputs)
     for depth, layer in enumerate(student):
@@ -233,7 +230,7 @@ def _place(
         last = depth == len(student) - 1
         rows = list(outputs) if last else _consecutive([one.out_features for one in own])
         for source, row, column in zip(own, rows, columns, strict=True):
-            # No unit of a teacher listens to anything but its own arm.
+            # A teacher's units read the inputs of their own arm alone.
             layer.weight[row] = 0.0
             layer.weight[row[:, None], column[None, :]] = source.weight
             layer.bias[row] = source.bias
@@ -242,7 +239,7 @@ def _place(
 
 @th.no_grad()
 def _place_norms(student: Sequence[nn.LayerNorm], blocks: Sequence[Sequence[nn.LayerNorm]]) -> None:
-    """Gains and offsets of the units that came from a teacher."""
+    """Write the gains and offsets of the teachers' units."""
     for depth, norm in enumerate(student):
         own = [block[depth] for block in blocks]
         rows = _consecutive([one.weight.shape[0] for one in own])

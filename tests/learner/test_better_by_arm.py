@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from saver_advisors.learner.choice import better_by_arm
+from saver_advisors.learner.imitation import better_by_arm
 
 BATCH, SIZE = 5, 2
 

@@ -11,7 +11,7 @@ import torch as th
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 
-from saver_advisors.advising.initialisation import start_as_teachers
+from saver_advisors.advising.warm_start import warm_start_from_teachers
 from saver_advisors.learner import GoalSAC, GoalTD3, GoalTQC
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
@@ -67,7 +67,7 @@ def student(
 def begin(model: Any, teachers: Any, n_arms: int = 2) -> tuple[str, TeacherGroup, ArmMapping]:
     group = TeacherGroup(teachers, n_arms)
     mapping = ArmMapping(n_arms, OBSERVATION, GOAL, ACTION)
-    return start_as_teachers(model, group, mapping), group, mapping
+    return warm_start_from_teachers(model, group, mapping), group, mapping
 
 
 def rows(n_arms: int = 2, n: int = 50, scale: float = 3.0) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def test_critics_with_layer_norm_start_near() -> None:
     mapping, group = ArmMapping(2, action_size=3), TeacherGroup(teacher, 2)
     config = {"env_id": "DualJacoPush-v0", "per_arm_critics": True, "n_envs": 32}
     model: Any = build_model(RunConfig.from_mapping(config), env)
-    assert start_as_teachers(model, group, mapping) == "approximate"
+    assert warm_start_from_teachers(model, group, mapping) == "approximate"
     actions = np.random.default_rng(0).uniform(-1, 1, (32, 6)).astype(np.float32)
     tensors, _ = model.policy.obs_to_tensor(seen)
     with th.no_grad():
