@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import Loop
+    from saver_advisors.integration.assembly import ControlLoop
 
 #: Trials that a process plays before it reports.
 _CHUNK: Final = 5
@@ -93,7 +93,7 @@ def work(job: Job) -> dict[str, Any]:
     return _play(build_loop(settings, bench), seeds)
 
 
-def _play(loop: Loop, seeds: Sequence[int]) -> dict[str, Any]:
+def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
     from saver_advisors.integration.messages import Message, Person
     from saver_advisors.integration.trial import run_trial
 
@@ -112,8 +112,8 @@ def _play(loop: Loop, seeds: Sequence[int]) -> dict[str, Any]:
         "trials": trials,
         "wall_s": time.perf_counter() - began,
         "stages": {
-            name: {"calls": timing.calls, "seconds": _thinned(timing.seconds)}
-            for name, timing in loop.graph.timings.items()
+            name: {"calls": len(seconds), "seconds": _thinned(seconds)}
+            for name, seconds in loop.graph.seconds.items()
         },
         "ages": _thinned(ages),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,35 +13,28 @@ VIDEO: Final = "whole-robot.mp4"
 
 
 def whole_robot(folder: Path, trials: int, seed: int) -> dict[str, Any]:
-    """Play trials with everything learned, and record them.
+    """Run trials with all learned components, and record them.
 
-    :param folder: of the video
-    :param trials: how many
-    :param seed: of the first of them
-    :return: what is to be told: ``trials``, ``succeeded``, ``seconds``, and each trial's ``causes``
+    :param folder: of the video.
+    :param trials: number of trials.
+    :param seed: of the first trial.
+    :return: ``env``, ``policy``, ``trials``, ``succeeded``, ``causes`` of each trial, ``seconds``.
     """
-    from saver_advisors.integration.assembly import ENV_ID, build_loop, settings_for
-    from saver_advisors.integration.recording import Panel, VideoRecorder
+    from saver_advisors.integration.assembly import build_loop, settings_for
+    from saver_advisors.integration.casualty import ENV_ID
+    from saver_advisors.integration.recording import VideoRecorder
     from saver_advisors.integration.trial import SUCCEEDED, run_trial
     from saver_advisors.integration.wrist_bench import WristBench
-    from saver_envs.episodes import ACTION_DURATION
-    from saver_envs.tasks.wrist_push import HORIZON
 
     began = time.perf_counter()
-    bench = WristBench()
     settings = settings_for(POLICY)
-    loop = build_loop(settings, bench)
-    panel = Panel(loop, HORIZON * ACTION_DURATION)
-    recorder = VideoRecorder(folder / VIDEO, panel, every=3)
     records = []
-    try:
-        for number in range(seed, seed + trials):
-            records.append(run_trial(loop, number, look=recorder))
-            recorder.end(records[-1])
-    finally:
-        recorder.close()
-        panel.close()
-        bench.close()
+    with closing(WristBench()) as bench:
+        loop = build_loop(settings, bench)
+        with closing(VideoRecorder(folder / VIDEO, loop, every=3)) as recorder:
+            for number in range(seed, seed + trials):
+                records.append(run_trial(loop, number, look=recorder))
+                recorder.end(records[-1])
     return {
         "env": ENV_ID,
         "policy": settings.policy,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
 from saver_advisors.integration import POLICY
@@ -12,14 +14,15 @@ from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import Loop, LoopSettings
+    from saver_advisors.integration.assembly import ControlLoop, LoopSettings
     from saver_advisors.integration.trial import TrialRecord
+    from saver_advisors.integration.wrist_bench import WristBench
 
 EXAMPLES = """\
 examples:
   saver run wrist-push --video trial.mp4            a trial: camera, scene, distance and force
   saver run wrist-push --trials 20 --report report  a page with each failed trial's video and cause
-  saver run wrist-push --view                       a window, where there is a screen
+  saver run wrist-push --view                       a window, which needs a display
   saver run wrist-push --true-state --exact-ik      without camera, network and learned kinematics
   saver run wrist-push --apart                      its stages in three processes, in real time"""
 
@@ -27,33 +30,43 @@ TASKS: Final = ("wrist-push",)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument("task", choices=TASKS, help="what is to be done")
+    """Declare the command's arguments.
+
+    :param parser: of the command.
+    """
+    parser.add_argument("task", choices=TASKS, help="the task")
     parser.add_argument(
-        "--trials", type=at_least(1), default=1, metavar="N", help="how many (default: 1)"
+        "--trials", type=at_least(1), default=1, metavar="N", help="number of trials (default: 1)"
     )
     parser.add_argument(
-        "--seed", type=at_least(0), default=0, metavar="S", help="of the first trial (default: 0)"
+        "--seed",
+        type=at_least(0),
+        default=0,
+        metavar="S",
+        help="of the first trial (default: 0)",
     )
     add_loop_arguments(parser)
-    parser.add_argument("--true-state", action="store_true", help="no camera: wrists are known")
-    parser.add_argument("--exact-ik", action="store_true", help="damped least squares")
+    parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
+    parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument(
-        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record all trials there"
+        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record all trials in this file"
     )
     shown.add_argument("--view", action="store_true", help="show the scene in a window")
     shown.add_argument(
-        "--report", type=Path, metavar="DIR", help="write a page about the trials there"
+        "--report", type=Path, metavar="DIR", help="write a page about the trials in this folder"
     )
     parser.add_argument(
-        "--apart", action="store_true", help="run stages in processes of their own, in real time"
+        "--apart", action="store_true", help="run the stages in three processes, in real time"
     )
     add_json(parser)
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments that the benchmark has as well."""
+    """Declare the arguments that the reproduction shares.
+
+    :param parser: of the command.
+    """
     parser.add_argument(
         "--policy",
         default=POLICY,
@@ -61,37 +74,44 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a shipped policy, a weight file, or expert (default: {POLICY})",
     )
     parser.add_argument(
-        "--max-speed", type=float, metavar="M/S", help="of the tools (default: 0.2, Table 5.3)"
+        "--max-speed",
+        type=float,
+        metavar="M/S",
+        help="of the tools (default: 0.2, Table 5.3)",
     )
     parser.add_argument(
         "--measured-latency",
         action="store_true",
-        help="stages are as slow as they are on this machine, instead of by their usual latency",
+        help="use the duration of each call on this machine as its latency",
     )
 
 
 def settings_of(args: argparse.Namespace) -> LoopSettings:
-    """The loop that the arguments ask for, with everything learned.
+    """Return the loop's settings, with all learned components.
 
-    :param args: see :func:`add_loop_arguments`
-    :raises UsageError: for a policy that does not fit, or a speed that cannot be
+    :param args: see :func:`add_loop_arguments`.
+    :raises UsageError: for a policy that does not fit, or an invalid speed.
     """
     from dataclasses import replace
 
     from saver_advisors.integration.assembly import settings_for
-    from saver_advisors.integration.safety import Limits
+    from saver_advisors.integration.safety import SafetyLimits
 
     with user_mistakes("argument --policy"):
         settings = settings_for(args.policy)
     if args.max_speed is not None:
         with user_mistakes("argument --max-speed"):
-            settings = replace(settings, limits=Limits(max_speed=args.max_speed))
+            settings = replace(settings, limits=SafetyLimits(max_speed=args.max_speed))
     return settings.measured() if args.measured_latency else settings
 
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Play the trials, show them, and tell how they ended."""
+    """Run the trials, show them, and print their outcomes.
+
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    """
     from dataclasses import replace
 
     settings = replace(
@@ -109,21 +129,19 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
     from saver_advisors.integration.assembly import build_loop
-    from saver_advisors.integration.recording import Panel, VideoRecorder
+    from saver_advisors.integration.recording import VideoRecorder
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
-    from saver_envs.episodes import ACTION_DURATION
-    from saver_envs.tasks.wrist_push import HORIZON
 
-    bench = WristBench()
-    loop = build_loop(settings, bench)
-    panel = recorder = None
-    if args.video is not None:
-        panel = Panel(loop, HORIZON * ACTION_DURATION)
-        recorder = VideoRecorder(args.video, panel)
-    look = recorder or (_window(loop) if args.view else None)
     records = []
-    try:
+    with ExitStack() as stack:
+        bench = stack.enter_context(closing(WristBench()))
+        loop = build_loop(settings, bench)
+        recorder = None
+        if args.video is not None:
+            stack.callback(print, f"wrote {args.video}")
+            recorder = stack.enter_context(closing(VideoRecorder(args.video, loop)))
+        look = recorder or (_window(bench) if args.view else None)
         for seed in range(args.seed, args.seed + args.trials):
             records.append(run_trial(loop, seed, look=look))
             _tell(records[-1])
@@ -131,21 +149,14 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
                 recorder.end(records[-1])
         if args.report is not None:
             _report(args, loop, records)
-    finally:
-        if recorder is not None and panel is not None:
-            recorder.close()
-            panel.close()
-            print(f"wrote {args.video}")
-        bench.close()
     return records
 
 
-def _window(loop: Loop) -> Any:
-    """What shows the scene in a window after each action."""
+def _window(bench: WristBench) -> Callable[[float], None]:
+    """Return a function that shows the scene in a window after each action."""
     from saver_envs.cameras.rendering import DEFAULT_SIZE
     from saver_envs.envs.pictures import Pictures
 
-    bench: Any = loop.bench
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
 
     def look(now: float) -> None:
@@ -154,13 +165,12 @@ def _window(loop: Loop) -> Any:
     return look
 
 
-def _report(args: argparse.Namespace, loop: Loop, records: list[TrialRecord]) -> None:
+def _report(args: argparse.Namespace, loop: ControlLoop, records: list[TrialRecord]) -> None:
     from saver_advisors.integration.run_page import write_report
 
     if args.report.exists() and not args.report.is_dir():
-        raise UsageError(f"argument --report: {str(args.report)!r} is a file, no folder")
-    page = write_report(args.report, loop, records)
-    print(f"wrote {page}")
+        raise UsageError(f"argument --report: {str(args.report)!r} is a file, not a folder")
+    print(f"wrote {write_report(args.report, loop, records)}")
 
 
 def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
@@ -170,17 +180,14 @@ def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialR
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
 
-    bench = WristBench()
-    try:
-        with ProcessLoop(replace(settings, silent_periods=SILENT_PERIODS), bench) as processes:
-            records = []
-            for seed in range(args.seed, args.seed + args.trials):
-                records.append(run_trial(processes.loop, seed, advance=processes.run_until))
-                _tell(records[-1])
-            for name, (calls, mean) in processes.timings().items():
-                print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
-    finally:
-        bench.close()
+    records = []
+    settings = replace(settings, silent_periods=SILENT_PERIODS)
+    with closing(WristBench()) as bench, ProcessLoop(settings, bench) as processes:
+        for seed in range(args.seed, args.seed + args.trials):
+            records.append(run_trial(processes.loop, seed, advance=processes.run_until))
+            _tell(records[-1])
+        for name, (calls, mean) in processes.timings().items():
+            print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
     return records
 
 

@@ -1,16 +1,16 @@
-"""The bench as the loop knows it: encoders, force sensors, servos, a clock; and what is true."""
+"""The robot's bench as the loop uses it: sensors, servos, a clock, and the true state."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final, Protocol
 
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from saver_advisors.integration.messages import ArmReading, Floats, Stamp
+from saver_advisors.integration.messages import UNSTAMPED, ArmReading, Floats, Person, Stamp
 from saver_envs.control import Workspace
 from saver_envs.episodes import Episodes
 from saver_envs.robots import ROBOTS
@@ -22,33 +22,13 @@ _FORCE_DAMPING: Final = 1e-4
 
 
 @dataclass(frozen=True)
-class Truth:
-    """What is really so; row i is what arm i is to push, bench frame.
+class BenchGeometry:
+    """Describe the fixed parts of a bench, for stages in any process.
 
-    :param wrists: (arms, 3) metres
-    :param wrist_velocity: (arms, 3) metres per second
-    :param wrist_quaternion: (arms, 4) w first
-    :param wrist_angular_velocity: (arms, 3) radians per second
-    :param hips: (arms, 3) metres
-    :param targets: (arms, 3) metres
-    """
-
-    wrists: Floats
-    wrist_velocity: Floats
-    wrist_quaternion: Floats
-    wrist_angular_velocity: Floats
-    hips: Floats
-    targets: Floats
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What is fixed about a bench, so that stages elsewhere can know it.
-
-    :param robot: the arms
-    :param base_position: (arms, 3) metres; bases face along x
-    :param workspace: where set-points may be, in base frames
-    :param held_height: of all set-points (m), or None
+    :param robot: the model of the arms.
+    :param base_position: (arms, 3) of the bases, which face along x, metres.
+    :param workspace: region of the set-points, in base frames.
+    :param held_height: constant height of the set-points (m), or None.
     """
 
     robot: Robot
@@ -57,7 +37,7 @@ class Cell:
     held_height: float | None
 
     def to_mapping(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         space = self.workspace
         return {
             "robot": self.robot.name,
@@ -70,24 +50,22 @@ class Cell:
         }
 
     @staticmethod
-    def from_mapping(values: Mapping[str, Any]) -> Cell:
-        """What :meth:`to_mapping` returned."""
-        reach = values["hand_reach"]
+    def from_mapping(values: Mapping[str, Any]) -> BenchGeometry:
+        """Restore what :meth:`to_mapping` returned."""
         workspace = Workspace(
             np.array(values["lower"]),
             np.array(values["upper"]),
-            np.inf if reach is None else reach,
+            np.inf if values["hand_reach"] is None else values["hand_reach"],
             values["shoulder_height"],
         )
         base = np.array(values["base_position"])
-        return Cell(ROBOTS[values["robot"]], base, workspace, values["held_height"])
+        return BenchGeometry(ROBOTS[values["robot"]], base, workspace, values["held_height"])
 
 
-class Bench(Protocol):
-    """A robot cell on a clock of its own."""
+class RobotBench(Protocol):
+    """Robot arms, sensors and a clock: simulated here, or real."""
 
-    cell: Cell
-    diverged: bool
+    geometry: BenchGeometry
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Take a picture: colour (height, width, 3), and depth (height, width) in metres."""
@@ -99,38 +77,39 @@ class Bench(Protocol):
         """Simulate up to the last sub-step that is not after a time, seconds of the trial."""
 
     def command(self, joints: Floats) -> None:
-        """Give the servos their targets (arms, dof), radians, from the next sub-step on."""
+        """Set the servos' targets (arms, dof), radians, from the next sub-step on."""
 
     def joint_position(self) -> Floats:
-        """Read the joint encoders alone, (arms, dof) radians."""
+        """Read the joint angles, (arms, dof) radians."""
 
     def joint_velocity(self) -> Floats:
-        """Read the joints' speeds alone, (arms, dof) radians per second."""
+        """Read the joint velocities, (arms, dof) radians per second."""
 
     def reading(self, stamp: Stamp) -> ArmReading:
         """Read encoders and force sensors."""
 
-    def truth(self) -> Truth:
-        """Tell what no sensor tells."""
+    def truth(self, stamp: Stamp = UNSTAMPED) -> Person:
+        """Return the true state of the person."""
 
 
 class EpisodesBench:
-    """A single episode of an environment as a bench.
+    """Run a single episode of an environment as a bench. Its objects stand for wrists.
 
-    :param episodes: one episode in Cartesian control
-    :raises ValueError: for more than one episode
+    :param episodes: one episode in Cartesian control.
+    :raises ValueError: for more than one episode.
     """
 
     def __init__(self, episodes: Episodes) -> None:
         if episodes.n != 1:
             raise ValueError(f"episodes.n={episodes.n}: a bench is one episode")
         self.episodes = episodes
-        self.cell = Cell(
+        self.geometry = BenchGeometry(
             episodes.settings.robot,
             episodes.scene.base_position,
             episodes.regions.workspace,
             episodes.task.held_height,
         )
+        self._simulation = episodes.simulation
         self.diverged = False
         self.substeps = 0
 
@@ -142,85 +121,73 @@ class EpisodesBench:
         self.substeps = 0
 
     def advance_to(self, time: float) -> None:
-        """Simulate up to a time; nothing moves any more once the simulation has broken down."""
+        """Simulate up to a time; after a divergence the state stays as it is."""
         target = int(time / TIMESTEP + 1e-6)
         if target > self.substeps and not self.diverged:
-            self.diverged = bool(self.episodes.simulation.advance(target - self.substeps)[0])
+            self.diverged = bool(self._simulation.advance(target - self.substeps)[0])
             self.substeps = target
             self._after_substeps()
 
     def _after_substeps(self) -> None:
-        """Look at what has changed; for benches that keep count of something."""
+        """Update running measurements, in subclasses that have any."""
 
     def command(self, joints: Floats) -> None:
-        """Give the servos their targets."""
-        simulation = self.episodes.simulation
-        simulation.ctrl[0, simulation.scene.arm_ctrl] = joints
+        """Set the servos' targets."""
+        self._simulation.ctrl[0, self._simulation.scene.arm_ctrl] = joints
 
     def joint_position(self) -> Floats:
-        """Read the joint encoders alone."""
-        simulation = self.episodes.simulation
-        return simulation.qpos.take(simulation.scene.joint_qpos, 1)[0]
+        """Read the joint angles."""
+        return self._simulation.qpos.take(self._simulation.scene.joint_qpos, 1)[0]
 
     def joint_velocity(self) -> Floats:
-        """Read the joints' speeds alone."""
-        simulation = self.episodes.simulation
-        return simulation.qvel.take(simulation.scene.joint_dof, 1)[0]
+        """Read the joint velocities."""
+        return self._simulation.qvel.take(self._simulation.scene.joint_dof, 1)[0]
 
-    def reading(self, stamp: Stamp) -> ArmReading:
+    def reading(self, stamp: Stamp = UNSTAMPED) -> ArmReading:
         """Read encoders and force sensors."""
-        simulation = self.episodes.simulation
-        state = simulation.arm_state()
-        return ArmReading(
-            stamp=stamp,
-            joint_position=state.joint_position[0],
-            joint_velocity=state.joint_velocity[0],
-            tool_position=state.tool_position[0],
-            tool_velocity=state.tool_velocity[0],
-            tool_rotation=state.tool_rotation[0],
-            jacobian=state.jacobian[0],
-            hand_force=tool_force(state.jacobian[0], simulation.contact_torque()[0]),
-            torso_force=self.torso_force(),
-        )
-
-    def hand_force(self) -> Floats:
-        """What presses against each tool, (arms,) newtons."""
-        simulation = self.episodes.simulation
-        return tool_force(simulation.arm_state().jacobian[0], simulation.contact_torque()[0])
+        state = self._simulation.arm_state()
+        torque = self._simulation.contact_torque()[0]
+        encoders = {part.name: getattr(state, part.name)[0] for part in fields(state)}
+        hand = tool_force(encoders["jacobian"], torque)
+        return ArmReading(stamp, **encoders, hand_force=hand, torso_force=self.torso_force())
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """There is no camera over this bench.
+        """Raise an error, since this bench has no camera.
 
-        :raises NotImplementedError: always
+        :raises NotImplementedError: always.
         """
         raise NotImplementedError("a bench without a person has no camera over it")
 
     def torso_force(self) -> float:
-        """What presses on a person's trunk, newtons: nobody is here."""
+        """Return the contact force on a person's torso, newtons: 0 without a person."""
         return 0.0
 
-    def truth(self) -> Truth:
-        """Tell where objects and targets are, objects standing for wrists."""
-        simulation = self.episodes.simulation
-        objects = simulation.object_state()
-        world = objects.world_position[0]
-        targets = simulation.to_world(self.episodes.target)[0]
-        return Truth(
-            wrists=world,
+    def truth(self, stamp: Stamp = UNSTAMPED) -> Person:
+        """Return the true state of objects and targets."""
+        objects = self.episodes.object_state()
+        targets = self._simulation.to_world(self.episodes.target)[0]
+        return Person(
+            stamp=stamp,
+            wrists=objects.world_position[0],
             wrist_velocity=objects.linear_velocity[0],
             wrist_quaternion=objects.quaternion[0],
             wrist_angular_velocity=objects.angular_velocity[0],
-            hips=targets,
+            hips=self._hips(targets),
             targets=targets,
+            held=np.zeros(len(targets), dtype=bool),
         )
+
+    def _hips(self, targets: Floats) -> Floats:
+        """Return the hip joints (arms, 3), or the targets without a person, metres."""
+        return targets
 
 
 def tool_force(jacobian: Floats, torque: Floats) -> Floats:
-    """The force at each tool that explains what contacts do to the joints, newtons.
+    """Estimate the contact force at each tool: the least squares solution of J^T F = torque.
 
-    :param jacobian: (arms, 6, dof)
-    :param torque: (arms, dof) N m
-    :return: (arms,) its magnitude, of the least squares solution of J^T F = torque
+    :param jacobian: (arms, 6, dof).
+    :param torque: (arms, dof) of the contacts at the joints, N m.
+    :return: (arms,) magnitude, newtons.
     """
     linear = jacobian[:, :3]
     gram = linear @ linear.swapaxes(-1, -2) + _FORCE_DAMPING * np.eye(3)

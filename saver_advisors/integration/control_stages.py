@@ -1,4 +1,4 @@
-"""From encoders and person to the servos: policy, set-points, inverse kinematics, servo gate."""
+"""The stages from the sensors to the servos: policy, set-points, kinematics, servo gate."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.bench import Bench
-from saver_advisors.integration.health import Cause, Health
+from saver_advisors.integration.bench import BenchGeometry, RobotBench
+from saver_advisors.integration.health import STOPPED, Cause, Health
 from saver_advisors.integration.messages import (
     Action,
     ArmReading,
@@ -22,123 +22,64 @@ from saver_advisors.integration.messages import (
 )
 from saver_advisors.integration.safety import (
     EmergencyStop,
-    Limits,
+    SafetyLimits,
     kept_clear,
     limited_set_point,
 )
-from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
-from saver_envs.control import LARGEST_JOINT_STEP, InverseKinematics, Workspace
+from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
+from saver_envs.control import LARGEST_JOINT_STEP, InverseKinematics, bounded
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ObjectState
 from saver_envs.tasks.observation import observe
 from saver_envs.wrappers.finger_readings import translated_fingers
 
-#: Rates (Hz): encoders, policy, and the gate before the servos, which work at 500 Hz themselves.
+#: Rates of the encoders, the policy and the servo gate (Hz). The servos themselves run at 500 Hz.
 ENCODER_RATE, POLICY_RATE, GATE_RATE = 100.0, 25.0, 250.0
-#: A policy whose outputs are bounded by 1 asks for no more than rounding beyond it.
+#: Largest excess over 1 that rounding adds to the outputs of a policy that is bounded by 1.
 _ROUNDING: Final = 1e-3
-#: Kind of the log's line that tells that the arms are held.
-STOPPED: Final = "stopped"
 
 
-class Policy(Protocol):
-    """What `saver_advisors.pretrained.load_policy` and Stable-Baselines3's models are."""
+class LoopPolicy(Protocol):
+    """The interface of `saver_advisors.pretrained.load_policy` and Stable-Baselines3's models."""
 
     def predict(self, observation: Any) -> tuple[NDArray[Any], Any]:
-        """Return actions (n, size) for a mapping of observations (n, size), and a state that is
-        not used.
+        """Return actions for a batch of observations.
+
+        :param observation: name -> (n, size).
+        :return: actions (n, size), and a state that the loop ignores.
         """
 
 
-class EncoderStage(Stage):
-    """Reads joint encoders and force sensors.
+class PolicyStage(LoopStage):
+    """Compute actions with a policy, at 25 Hz.
 
-    :param bench: whose
-    :param rate: Hz
-    :param latency: see `Stage`
-    """
-
-    def __init__(self, bench: Bench, rate: float = ENCODER_RATE, latency: Latency = 0.0) -> None:
-        super().__init__("encoders", "arms", rate=rate, latency=latency)
-        self._bench = bench
-        self._sequence = 0
-
-    def reset(self) -> None:
-        """Count from 0."""
-        self._sequence = 0
-
-    def process(self, inputs: Inputs, now: float) -> ArmReading:
-        """Read once."""
-        self._sequence += 1
-        return self._bench.reading(Stamp(now, self._sequence, self.name))
-
-
-class TruePersonStage(Stage):
-    """Tells where wrists and hips truly are: the rows of the table without a camera.
-
-    :param bench: whose
-    :param rate: Hz
-    :param latency: see `Stage`
-    """
-
-    def __init__(self, bench: Bench, rate: float = POLICY_RATE, latency: Latency = 0.0) -> None:
-        super().__init__("true state", "person", rate=rate, latency=latency)
-        self._bench = bench
-        self._sequence = 0
-
-    def reset(self) -> None:
-        """Count from 0."""
-        self._sequence = 0
-
-    def process(self, inputs: Inputs, now: float) -> Person:
-        """Look once."""
-        self._sequence += 1
-        truth = self._bench.truth()
-        return Person(
-            stamp=Stamp(now, self._sequence, self.name),
-            wrists=truth.wrists,
-            wrist_velocity=truth.wrist_velocity,
-            wrist_quaternion=truth.wrist_quaternion,
-            wrist_angular_velocity=truth.wrist_angular_velocity,
-            hips=truth.hips,
-            targets=truth.targets,
-            held=np.zeros(len(truth.wrists), dtype=bool),
-        )
-
-
-class PolicyStage(Stage):
-    """Asks a policy, at 25 Hz.
-
-    :param policy: of as many arms, with 28 numbers of observation each
-    :param robot: the arms
-    :param base_position: (arms, 3) of the bases, metres, which face along x
-    :param trained_on: robot whose finger readings the policy knows; the arms' own where None
-    :param wrist_height: what wrists and targets are told to lie at (m), for a policy that has only
-        pushed cubes: then they have a cube's place, and do not turn; None tells what is so
-    :param rate: Hz
-    :param latency: see `Stage`
+    :param policy: for as many arms, with 28 numbers of observation each.
+    :param geometry: of the bench.
+    :param trained_on: robot whose finger readings the policy was trained with; the bench's own if
+        None.
+    :param wrist_height: height of wrists and targets in the observation (m), for a policy that was
+        trained on cubes: wrists then have a cube's height and do not turn. None for true heights.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(
         self,
-        policy: Policy,
-        robot: Robot,
-        base_position: NDArray[np.float64],
+        policy: LoopPolicy,
+        geometry: BenchGeometry,
         trained_on: Robot | None = None,
         wrist_height: float | None = None,
-        rate: float = POLICY_RATE,
         latency: Latency = 0.0,
     ) -> None:
-        super().__init__("policy", "action", ("arms", "person"), rate, latency)
+        super().__init__("policy", "action", ("arms", "person"), POLICY_RATE, latency)
         self._policy = policy
-        self._robot = robot
-        self._base = base_position
-        self._trained_on = trained_on or robot
+        self._robot = geometry.robot
+        self._base = geometry.base_position
+        self._trained_on = trained_on or geometry.robot
         self._height = wrist_height
-        self._fingers = np.zeros((1, len(base_position), 0))
+        self._fingers = np.zeros((1, len(self._base), 0))
 
     def process(self, inputs: Inputs, now: float) -> Action | None:
-        """Ask once; nothing before a person has been seen."""
+        """Compute one action; None until a person has been seen."""
         arms = inputs.latest("arms", ArmReading)
         person = inputs.find("person", Person)
         if person is None:
@@ -168,10 +109,10 @@ class PolicyStage(Stage):
 
 
 def as_cubes(person: Person, height: float) -> Person:
-    """The same person with wrists that lie and slide as cubes do.
+    """Return the person with wrists that have a cube's height and slide without turning.
 
-    :param person: as tracked
-    :param height: of wrists and targets, metres
+    :param person: as tracked.
+    :param height: of wrists and targets, metres.
     """
     level = np.array([1.0, 1.0, 0.0])
     at = np.array([0.0, 0.0, height])
@@ -185,99 +126,89 @@ def as_cubes(person: Person, height: float) -> Person:
     )
 
 
-class SetPointStage(Stage):
-    """Turns actions into set-points, within the limits.
+class SetPointStage(LoopStage):
+    """Turn actions into set-points within the limits.
 
-    What cannot be meant, a value that is not finite or a point farther away than an action can
-    reach, is a fault of the policy's, and the arms hold still.
+    An action that is not finite or exceeds the longest displacement is a fault of the policy, and
+    the arms hold still.
 
-    :param workspace: where set-points may be
-    :param base_position: (arms, 3) metres
-    :param limits: of speed, force and clearance
-    :param held_height: of all set-points, or None
-    :param health: gets a line when a force begins to limit
-    :param latency: see `Stage`
+    :param geometry: of the bench.
+    :param limits: of speed, force and clearance.
+    :param health: logs which limits set in.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(
         self,
-        workspace: Workspace,
-        base_position: NDArray[np.float64],
-        limits: Limits,
-        held_height: float | None,
+        geometry: BenchGeometry,
+        limits: SafetyLimits,
         health: Health,
         latency: Latency = 0.0,
     ) -> None:
         super().__init__("set-points", "set_points", ("action", "arms", "person"), None, latency)
-        self._workspace = workspace
-        self._base = base_position
+        self._geometry = geometry
         self._limits = limits
-        self._height = held_height
         self._health = health
         self.reset()
 
     def reset(self) -> None:
-        """Begin from where the tools are."""
+        """Start from the tools' positions."""
         self._previous: Floats | None = None
-        self._by: frozenset[str] = frozenset()
+        self._by: set[str] = set()
 
     def process(self, inputs: Inputs, now: float) -> SetPoints:
         """Apply one action."""
         action = inputs.latest("action", Action)
         arms = inputs.latest("arms", ArmReading)
-        motion = self._checked(action.motion)
-        limits = self._limits
-        previous = arms.tool_position if self._previous is None else self._previous
-        result = limited_set_point(
-            previous,
-            motion,
+        person = inputs.find("person", Person)
+        limits, geometry = self._limits, self._geometry
+        position, names = limited_set_point(
+            arms.tool_position if self._previous is None else self._previous,
+            self._checked(action.motion),
             arms.tool_position,
             limits,
-            self._workspace,
-            self._height,
+            geometry.workspace,
+            geometry.held_height,
             limits.freedom(arms.hand_force, arms.torso_force),
         )
-        position, by = result.position, set(result.by)
-        person = inputs.find("person", Person)
+        by = set(names)
         if limits.clearance and person is not None:
-            clear, changed = kept_clear(position, person.hips, self._base, limits.clearance)
+            clear, changed = kept_clear(
+                position, person.hips, geometry.base_position, limits.clearance
+            )
             if changed:
-                # Back into the box, should the person lie so that both cannot be kept.
-                position = self._workspace.clip(clear)
+                # The workspace has priority where both limits conflict.
+                position = geometry.workspace.clip(clear)
                 by.add("clearance")
-        self._tell(by, now)
+        # Every policy reaches the workspace's walls now and then, so that is not logged.
+        for name in sorted(by - self._by - {"workspace"}):
+            self._health.note(now, "limited", self.name, name)
+        self._by = by
         self._previous = position
         return SetPoints(self.stamp(action.stamp), position)
 
     def _checked(self, motion: Floats) -> Floats:
-        """Return a motion that can be meant, within [-1, 1].
+        """Return a valid motion, clipped to [-1, 1].
 
-        :raises StageFault: for one that cannot
+        :raises StageFault: for an invalid one.
         """
         if not np.isfinite(motion).all():
-            raise StageFault("the policy asks for values that are not finite")
+            raise StageFault("the policy's action is not finite")
         largest = float(np.abs(motion).max())
         if largest > 1 + _ROUNDING:
             away = largest * self._limits.longest
             raise StageFault(
-                f"the policy asks for a point {away:.2f} m away, out of reach of one action "
-                f"({self._limits.longest:.3f} m)"
+                f"the policy's action leads to a point {away:.2f} m away, out of reach of one "
+                f"action ({self._limits.longest:.3f} m)"
             )
-        clipped: Floats = np.clip(motion, -1.0, 1.0)
-        return clipped
-
-    def _tell(self, by: set[str], now: float) -> None:
-        for name in sorted(by - self._by):
-            if name != "workspace":  # every policy leans on the walls now and then
-                self._health.note(now, "limited", self.name, name)
-        self._by = frozenset(by)
+        return bounded(motion, -1.0, 1.0)
 
 
-class KinematicsStage(Stage):
-    """Turns set-points into joint targets.
+class KinematicsStage(LoopStage):
+    """Turn set-points into joint targets.
 
-    :param solver: damped least squares or a learned model
-    :param latency: see `Stage`
+    :param solver: damped least squares or a learned model.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(self, solver: InverseKinematics, latency: Latency = 0.0) -> None:
@@ -294,31 +225,28 @@ class KinematicsStage(Stage):
         return JointTargets(self.stamp(points.stamp), joints)
 
 
-class ServoStage(Stage):
-    """The gate before the servos: passes joint targets on, or holds the arms where they are.
+class ServoStage(LoopStage):
+    """Gate the servos: forward joint targets, or hold the arms where they are.
 
-    It holds while a stage is faulty or silent and while the emergency stop is pressed, and goes
-    on when all are well again and a new target has come.
+    It holds while a stage is faulty or silent and while the emergency stop is pressed, and resumes
+    with the first target that is measured after that.
 
-    :param bench: whose servos
-    :param health: says who is not well
-    :param stop: the emergency stop
-    :param rate: how often it looks, Hz
+    :param bench: gives the servos.
+    :param health: gives the cause of a stop.
+    :param stop: the emergency stop.
     """
 
-    def __init__(
-        self, bench: Bench, health: Health, stop: EmergencyStop, rate: float = GATE_RATE
-    ) -> None:
-        super().__init__("servos", "servo", (), rate)
+    def __init__(self, bench: RobotBench, health: Health, stop: EmergencyStop) -> None:
+        super().__init__("servos", "servo", (), GATE_RATE)
         self._bench = bench
         self._health = health
         self._emergency = stop
-        self._lower = np.asarray(bench.cell.robot.joint_lower)
-        self._upper = np.asarray(bench.cell.robot.joint_upper)
+        self._lower = np.asarray(bench.geometry.robot.joint_lower)
+        self._upper = np.asarray(bench.geometry.robot.joint_upper)
         self.reset()
 
     def reset(self) -> None:
-        """Hold until there is something to do."""
+        """Clear targets and causes."""
         self._held: Floats | None = None
         self._moving = np.zeros(1)
         self._cause: Cause | None = None
@@ -326,16 +254,17 @@ class ServoStage(Stage):
         self._sequence = 0
 
     def process(self, inputs: Inputs, now: float) -> ServoCommand | None:
-        """Look once."""
+        """Send one command; None until there is a target."""
         self._sequence += 1
         stamp = Stamp(now, self._sequence, self.name)
-        cause = self._why(now)
+        targets = inputs.find("joint_targets", JointTargets)
+        cause = self._present_cause(now)
         if cause is not None:
             self._stopped = now
+        elif targets is None or targets.stamp.time <= self._stopped:
+            cause = self._cause
+        if cause is not None:
             return self._hold(stamp, cause)
-        targets = inputs.find("joint_targets", JointTargets)
-        if self._cause is not None and (targets is None or targets.stamp.time <= self._stopped):
-            return self._hold(stamp, self._cause)
         if targets is None:
             return None
         if self._cause is not None:
@@ -346,17 +275,18 @@ class ServoStage(Stage):
         return ServoCommand(stamp, joints, False, "")
 
     def _bounded(self, targets: Floats) -> Floats:
-        """Return targets that are within the joint limits and not far from the joints."""
+        """Return targets within the joint limits and close to the present joint positions."""
         present = self._bench.joint_position()
         lower = np.maximum(self._lower, present - LARGEST_JOINT_STEP)
         upper = np.minimum(self._upper, present + LARGEST_JOINT_STEP)
-        return np.minimum(np.maximum(targets, lower), upper)
+        return bounded(targets, lower, upper)
 
     def _braked(self, held: Floats | None) -> Floats:
-        """Where to hold the joints.
+        """Return the joint positions to hold.
 
-        First where they are, not where they were to go: they brake at once, and overshoot a little.
-        Then each where it has turned round, since to come back would take twice as long.
+        The first are the present ones, not the last targets, so that the joints brake at once and
+        overshoot a little. Then each joint is held where it turns round, since moving back would
+        take twice as long.
         """
         position, velocity = self._bench.joint_position(), self._bench.joint_velocity()
         if held is None:
@@ -366,7 +296,7 @@ class ServoStage(Stage):
         self._moving = np.where(turned, 0.0, self._moving)
         return np.where(turned, position, held)
 
-    def _why(self, now: float) -> Cause | None:
+    def _present_cause(self, now: float) -> Cause | None:
         if self._emergency.pressed:
             return Cause("emergency stop", self._emergency.reason)
         return self._health.cause(now)

@@ -1,4 +1,4 @@
-"""Faults to inject: wrappers round a stage that do something wrong for a while."""
+"""Fault injection: wrap a stage so that its results are wrong for a while."""
 
 from __future__ import annotations
 
@@ -10,31 +10,34 @@ from typing import Any, Final
 import numpy as np
 
 from saver_advisors.integration.messages import Action, Message, Picture, PixelPose
-from saver_advisors.integration.stage import Inputs, Stage
+from saver_advisors.integration.stage import Inputs, LoopStage
 from saver_advisors.integration.tracking import WRISTS
 from saver_envs.cameras.rgbd import KINECT_V2
 
-#: How far a jumping wrist jumps (pixels): 0.2 m on the stretcher.
+#: Displacement of a jumping wrist in the picture (pixels): 0.2 m on the stretcher.
 JUMP: Final = 70.0
-#: What an unreachable point is asked for with: so many times the longest displacement.
+#: Length of an unreachable action, as a multiple of the longest displacement.
 TOO_FAR: Final = 50.0
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A kind of fault.
+    """Describe a fault.
 
-    :param name: in the table
-    :param stage: whose results it spoils
-    :param spoil: from a result, and the last one before the fault, to what is passed on instead:
-        a message, or None for nothing
-    :param words: what happens, for the table
+    :param name: in the table of results.
+    :param stage: whose results are wrong.
+    :param spoil: turns a result and the last result before the fault into the message that is
+        passed on, or None for no message.
+    :param words: description for the table.
+    :param detected_by: the stage that detects the fault, if it is not the faulty one: pictures are
+        checked by the stages that read them, actions by the stage that applies them.
     """
 
     name: str
     stage: str
     spoil: Callable[[Any, Any], Message | None]
     words: str
+    detected_by: str = ""
 
 
 def _lost(message: Message, before: Message | None) -> None:
@@ -51,7 +54,7 @@ def _black(picture: Picture, before: Picture | None) -> Picture:
 
 
 def _nobody(picture: Picture, before: Picture | None) -> Picture:
-    """An even grey, with the depth's noise: there is light, and nobody."""
+    """Return a uniform grey picture with unchanged depth: there is light but no person."""
     return replace(picture, rgb=np.full_like(picture.rgb, 120))
 
 
@@ -80,33 +83,43 @@ def _crash(message: Message, before: Message | None) -> None:
     raise RuntimeError("injected")
 
 
-FAULTS: Final = {
-    fault.name: fault
-    for fault in (
-        Fault("frames lost", "camera", _lost, "the camera delivers nothing"),
-        Fault("frames frozen", "camera", _frozen, "the camera delivers its last picture again"),
-        Fault("frames black", "camera", _black, "the picture is black"),
-        Fault("no person", "camera", _nobody, "there is nobody in the picture"),
-        Fault("wrist hidden", "pose", _hidden, "the right wrist is not found"),
-        Fault("pose jumps", "pose", _jumped, "the right wrist is found 0.2 m away"),
-        Fault("unreachable point", "policy", _unreachable, "the policy asks for a point 1 m away"),
-        Fault("not a number", "policy", _not_finite, "the policy asks for NaN"),
-        Fault("stage crashes", "pose", _crash, "the pose stage raises an exception at every call"),
-        Fault("policy silent", "policy", _lost, "the policy does not answer"),
-    )
-}
+_FAULTS: Final = (
+    Fault("frames lost", "camera", _lost, "the camera delivers nothing"),
+    Fault(
+        "frames frozen",
+        "camera",
+        _frozen,
+        "the camera delivers its last picture again",
+        "picture check",
+    ),
+    Fault("frames black", "camera", _black, "the picture is black", "picture check"),
+    Fault("no person", "camera", _nobody, "there is nobody in the picture", "pose"),
+    Fault("wrist hidden", "pose", _hidden, "the right wrist is not found", "filter"),
+    Fault("pose jumps", "pose", _jumped, "the right wrist is found 0.2 m away", "filter"),
+    Fault(
+        "unreachable point",
+        "policy",
+        _unreachable,
+        "the policy asks for a point 1 m away",
+        "set-points",
+    ),
+    Fault("not a number", "policy", _not_finite, "the policy asks for NaN", "set-points"),
+    Fault("stage crashes", "pose", _crash, "the pose stage raises an exception at every call"),
+    Fault("policy silent", "policy", _lost, "the policy does not answer"),
+)
+FAULTS: Final = {fault.name: fault for fault in _FAULTS}
 
 
-class FaultyStage(Stage):
-    """A stage that does something wrong from a time to another, as often as told.
+class FaultyStage(LoopStage):
+    """Inject a fault into a stage during given periods.
 
-    :param inner: the stage
-    :param fault: what goes wrong
-    :param windows: (begin, end) of each time it does, seconds of the trial
-    :raises ValueError: for another stage than the fault's
+    :param inner: the stage.
+    :param fault: that is injected.
+    :param windows: (begin, end) of each period, seconds of the trial.
+    :raises ValueError: for another stage than the fault's.
     """
 
-    def __init__(self, inner: Stage, fault: Fault, windows: list[tuple[float, float]]) -> None:
+    def __init__(self, inner: LoopStage, fault: Fault, windows: list[tuple[float, float]]) -> None:
         if inner.name != fault.stage:
             raise ValueError(f"fault {fault.name!r} is one of {fault.stage!r}, not {inner.name!r}")
         super().__init__(inner.name, inner.output, inner.inputs, inner.rate, inner.latency)
@@ -116,12 +129,12 @@ class FaultyStage(Stage):
         self._before: Message | None = None
 
     def reset(self) -> None:
-        """Let the stage forget, and the last good result with it."""
+        """Reset the stage, and forget its last result."""
         self._inner.reset()
         self._before = None
 
     def process(self, inputs: Inputs, now: float) -> Message | None:
-        """Let the stage work; spoil the result when it is time."""
+        """Run the stage; spoil its result during the fault."""
         message = self._inner.process(inputs, now)
         if message is None:
             return None
@@ -133,15 +146,15 @@ class FaultyStage(Stage):
 
 def with_fault(
     fault: Fault, windows: list[tuple[float, float]]
-) -> Callable[[list[Stage]], list[Stage]]:
-    """What `saver_advisors.integration.assembly.build_loop` takes as ``change``.
+) -> Callable[[list[LoopStage]], list[LoopStage]]:
+    """Return the argument ``change`` of `saver_advisors.integration.assembly.build_loop`.
 
-    :param fault: what goes wrong
-    :param windows: when
-    :raises ValueError: where the loop has no such stage
+    :param fault: that is injected.
+    :param windows: (begin, end) of each period, seconds of the trial.
+    :raises ValueError: when called for a loop without the fault's stage.
     """
 
-    def change(stages: list[Stage]) -> list[Stage]:
+    def change(stages: list[LoopStage]) -> list[LoopStage]:
         if fault.stage not in [stage.name for stage in stages]:
             raise ValueError(f"fault {fault.name!r}: this loop has no stage {fault.stage!r}")
         return [

@@ -1,4 +1,4 @@
-"""Who is well: silent, faulty and crashed stages, which of them is the cause, and the log."""
+"""The health of the stages: faulty and silent ones, the cause of a stop, and the log."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-#: A topic has fallen silent after so many of its periods.
+#: A stage counts as silent after this number of its periods.
 SILENT_PERIODS: Final = 1.5
-#: Before the first results have passed through (s), nobody is called silent; the arms have nothing
-#: to do yet.
+#: No stage counts as silent before this time (s): the first results are still on their way, and
+#: the arms do not move yet.
 GRACE: Final = 0.5
+#: Kind of the event that the arms start to hold still.
+STOPPED: Final = "stopped"
 _TOLERANCE: Final = 1e-9
 
 
@@ -18,10 +20,10 @@ _TOLERANCE: Final = 1e-9
 class Event:
     """A line of the log.
 
-    :param time: seconds of the trial
-    :param kind: ``stopped``, ``resumed``, ``crashed``, ``restarted``, ``limited`` or ``released``
-    :param stage: whom it is about
-    :param reason: in words
+    :param time: seconds of the trial.
+    :param kind: ``stopped``, ``resumed``, ``crashed``, ``restarted`` or ``limited``.
+    :param stage: the stage that it is about.
+    :param reason: in words.
     """
 
     time: float
@@ -37,8 +39,8 @@ class Event:
 class Cause:
     """Why the arms hold still.
 
-    :param stage: the stage nearest to the camera that is not well
-    :param reason: in words
+    :param stage: the first stage from the sensors that is faulty or silent.
+    :param reason: in words.
     """
 
     stage: str
@@ -49,10 +51,10 @@ class Cause:
 
 
 class Health:
-    """Collects what goes wrong, and names the first cause on the way from camera to servos.
+    """Collect faults and silences, and name the first cause between sensors and servos.
 
-    :param order: names of the stages, sources first
-    :param silence: stage -> seconds without a result after which it counts as silent
+    :param order: names of the stages, sources first.
+    :param silence: stage -> seconds without a result after which it counts as silent.
     """
 
     def __init__(self, order: Sequence[str], silence: Mapping[str, float]) -> None:
@@ -68,20 +70,20 @@ class Health:
         self._heard = dict.fromkeys(self._silence, GRACE)
 
     def heard(self, stage: str, now: float) -> None:
-        """Note that a result of a stage has arrived."""
+        """Record that a result of a stage has arrived."""
         if stage in self._heard:
             self._heard[stage] = now
 
     def well(self, stage: str) -> None:
-        """Note that a stage has done its work."""
+        """Record that a stage has succeeded."""
         self._faults.pop(stage, None)
 
     def fault(self, stage: str, reason: str) -> None:
-        """Note why a stage cannot do its work at the moment."""
+        """Record why a stage fails at present."""
         self._faults[stage] = reason
 
     def faults(self) -> dict[str, str]:
-        """Why stages cannot do their work at the moment, by stage."""
+        """Return the reasons of the stages that fail at present, by stage."""
         return dict(self._faults)
 
     def note(self, now: float, kind: str, stage: str, reason: str) -> None:
@@ -89,10 +91,10 @@ class Health:
         self.log.append(Event(now, kind, stage, reason))
 
     def cause(self, now: float) -> Cause | None:
-        """The stage nearest to the camera that is faulty or silent, None where all are well.
+        """Return the first stage from the sensors that is faulty or silent, None if all are well.
 
-        A stage that has told its fault is silent for that reason, and what comes after it is
-        silent for want of input: none of them is named.
+        A faulty stage is silent because of its fault, and the stages after it are silent because
+        they get no input, so the first one is the cause.
         """
         for stage in self._order:
             if stage in self._faults:
@@ -105,5 +107,5 @@ class Health:
 
 
 def allowed_silence(rate: float, periods: float = SILENT_PERIODS) -> float:
-    """Seconds after which a stage that works at a rate (Hz) has fallen silent."""
+    """Return the seconds after which a stage with a rate (Hz) counts as silent."""
     return periods / rate

@@ -1,7 +1,7 @@
-"""The sockets between the bench's process and those of its stages.
+"""The sockets between the bench's process and the processes of its stages.
 
-The bench's process is in the middle: it publishes what stages elsewhere read, and pulls what they
-write. Sockets are bound to this machine alone.
+The bench's process is the hub: it publishes the messages that remote stages read, and pulls the
+ones that they write. Sockets are bound to this machine alone.
 """
 
 from __future__ import annotations
@@ -9,65 +9,69 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import Any, Final
 
+import zmq
+
 from saver_advisors.integration.messages import Message
 from saver_advisors.integration.wire import WireError, decode, encode, read_json
 
 HOST: Final = "tcp://127.0.0.1"
-#: Messages that may wait for a slow reader; the oldest pictures are of no use to anybody.
+#: Messages that may wait for a slow reader; old pictures are of no use.
 WAITING: Final = 16
-#: First part of what is a sign of life and no message.
+#: First part of a sign of life, which is not a message.
 ALIVE: Final = b"!alive"
 
 Arrival = Callable[[str, Message], None]
 SignOfLife = Callable[[dict[str, Any]], None]
 
 
-class Hub:
-    """The middle: forwards messages to the stages elsewhere, and hands over theirs.
+def open_socket(context: zmq.Context[Any], kind: int) -> zmq.Socket[bytes]:
+    """Open a socket that keeps few messages and closes at once.
 
-    :param topics: which are forwarded
+    :param context: of the process.
+    :param kind: such as ``zmq.PUB``.
+    """
+    socket = context.socket(kind)
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.set_hwm(WAITING)
+    return socket
+
+
+class Hub:
+    """Forward messages to remote stages, and receive theirs.
+
+    :param topics: that are forwarded.
     """
 
     def __init__(self, topics: Collection[str]) -> None:
-        import zmq
-
-        self._again = zmq.Again
-        self._no_wait = zmq.NOBLOCK
         self._topics = frozenset(topics)
         self._context = zmq.Context()
-        self._publisher = self._context.socket(zmq.PUB)
-        self._results = self._context.socket(zmq.PULL)
-        for socket in (self._publisher, self._results):
-            socket.setsockopt(zmq.LINGER, 0)
-            socket.set_hwm(WAITING)
+        self._publisher = open_socket(self._context, zmq.PUB)
+        self._results = open_socket(self._context, zmq.PULL)
         self.publisher_port = int(self._publisher.bind_to_random_port(HOST))
         self.results_port = int(self._results.bind_to_random_port(HOST))
-        #: What could not be read, newest last.
+        #: Errors of the last ten messages that could not be decoded, newest last.
         self.refused: list[str] = []
 
     def forward(self, topic: str, message: Message, now: float) -> None:
-        """Send a message to whoever wants its topic; an observer of the graph."""
+        """Send a message to the subscribers of its topic; an observer of the graph."""
         if topic in self._topics:
             self._publisher.send_multipart(encode(topic, message, now), copy=True)
 
     def poll(self, arrival: Arrival, sign_of_life: SignOfLife) -> None:
-        """Hand over everything that has come, without waiting.
+        """Process everything that has arrived, without waiting.
 
-        :param arrival: gets topic and message
-        :param sign_of_life: gets the content of signs of life
+        :param arrival: called with topic and message.
+        :param sign_of_life: called with the content of a sign of life.
         """
-        while True:
-            try:
-                parts = self._results.recv_multipart(self._no_wait)
-            except self._again:
-                return
+        while self._results.poll(0):
+            parts = self._results.recv_multipart()
             try:
                 if parts[0] == ALIVE and len(parts) == 2:
                     sign_of_life(read_json(parts[1]))
                     continue
                 topic, message, _ = decode(parts)
             except WireError as error:
-                # A stranger's bytes, or a stage of another version: never a reason to fall.
+                # Third-party bytes, or a stage of another version, must not end the loop.
                 self.refused = [*self.refused[-9:], str(error)]
                 continue
             arrival(topic, message)

@@ -1,4 +1,4 @@
-"""One fault, injected while the arms move: how soon they stand still, and whether they go on."""
+"""Inject one fault while the arms move: measure how soon they stop, and whether they resume."""
 
 from __future__ import annotations
 
@@ -9,34 +9,36 @@ import numpy as np
 
 from saver_advisors.integration.assembly import LoopSettings, build_loop
 from saver_advisors.integration.faults import FAULTS, with_fault
+from saver_advisors.integration.health import STOPPED
 from saver_advisors.integration.messages import Message, ServoCommand
 from saver_advisors.integration.wrist_bench import WristBench
 
-#: A fault begins within this time (s) of a trial, when hands are on their way or push ...
+#: A fault begins in this interval (s) of a trial, while the hands approach or push ...
 BEGIN: Final = (0.5, 1.5)
-#: ... and lasts so long (s), after which the loop has so long to go on (s).
+#: ... and lasts this long (s); then the loop has this time to resume (s).
 DURATION, AFTERWARDS = 0.6, 0.8
-#: Arms stand still below this speed of the tools (m/s).
+#: Tool speed below which an arm counts as stopped (m/s).
 STILL: Final = 0.01
-#: What SPEC and issue ask for: the arms stand within so long (s).
+#: Time within which the arms must stop (s), SPEC.
 ALLOWED: Final = 0.100
 
 
 @dataclass(frozen=True)
 class Injection:
-    """What a fault has led to.
+    """Record the effects of a fault.
 
-    :param fault: its name
-    :param seed: of the trial
-    :param begin: of the fault, seconds of the trial
-    :param speed: of the faster tool when it began, m/s
-    :param held_after: seconds from then until the servos were told to hold; None if never
-    :param still_after: seconds from then until both tools stood, and stood on; None if never
-    :param named: the stage that the log named first, empty where none was
-    :param named_rightly: whether it is the stage at fault, or one that detects it
-    :param recovered_after: seconds from the fault's end until the arms were free; None if never
-    :param torso_force: highest from the fault's begin on, newtons
-    :param torso_displacement: highest, metres
+    :param fault: its name.
+    :param seed: of the trial.
+    :param begin: of the fault, seconds of the trial.
+    :param speed: of the faster tool when it began, m/s.
+    :param held_after: seconds until the first command to hold; None without one.
+    :param still_after: seconds until both tools had stopped for good; None if they did not.
+    :param named: the first stage that the log names, empty without any.
+    :param named_rightly: whether it is the faulty stage, or the one that detects the fault.
+    :param recovered_after: seconds from the end of the fault until the arms were free; None if they
+        were not.
+    :param torso_force: peak from the fault's begin on, newtons.
+    :param torso_displacement: peak, metres.
     """
 
     fault: str
@@ -52,64 +54,39 @@ class Injection:
     torso_displacement: float
 
     def to_mapping(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
 
-#: Which stage notices a fault, where it is not the one that is at fault: a picture's fault is
-#: found by whoever looks at it, a policy's wish by the stage that checks it.
-NOTICED_BY: Final = {
-    "frames frozen": "picture check",
-    "frames black": "picture check",
-    "no person": "pose",
-    "wrist hidden": "filter",
-    "pose jumps": "filter",
-    "unreachable point": "set-points",
-    "not a number": "set-points",
-}
-
-
-class _Watch:
-    """Keeps what servos and tools did, gate by gate."""
-
-    def __init__(self, bench: WristBench) -> None:
-        self._bench = bench
-        self.times: list[float] = []
-        self.held: list[bool] = []
-        self.speeds: list[float] = []
-
-    def __call__(self, topic: str, message: Message, now: float) -> None:
-        if isinstance(message, ServoCommand):
-            state = self._bench.episodes.simulation.arm_state()
-            self.times.append(now)
-            self.held.append(message.holding)
-            self.speeds.append(float(np.linalg.norm(state.tool_velocity, axis=-1).max()))
-
-
 def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> Injection:
-    """Play the beginning of a trial with a fault in it.
+    """Run the beginning of a trial with a fault.
 
-    :param settings: of the loop
-    :param bench: it runs on
-    :param fault: its name, of `FAULTS`
-    :param seed: of the trial, and of the moment
-    :return: what it has led to
+    :param settings: of the loop.
+    :param bench: for the loop.
+    :param fault: a name in `FAULTS`.
+    :param seed: of the trial, and of the time of the fault.
+    :return: the effects of the fault.
     """
+    kind = FAULTS[fault]
     begin = float(np.random.default_rng(seed).uniform(*BEGIN))
     end = begin + DURATION
-    loop = build_loop(settings, bench, with_fault(FAULTS[fault], [(begin, end)]))
-    bench.reset(seed)
-    loop.graph.reset()
-    watch = _Watch(bench)
+    loop = build_loop(settings, bench, with_fault(kind, [(begin, end)]))
+    rows: list[tuple[float, bool, float]] = []
+
+    def watch(topic: str, message: Message, now: float) -> None:
+        if isinstance(message, ServoCommand):
+            velocity = bench.episodes.simulation.arm_state().tool_velocity
+            rows.append((now, message.holding, float(np.linalg.norm(velocity, axis=-1).max())))
+
+    loop.reset(seed)
     loop.graph.observers.append(watch)
     loop.graph.run_until(begin, bench)
     bench.taken_peaks()
     loop.graph.run_until(end + AFTERWARDS, bench)
     force, displacement = bench.taken_peaks()
-    times = np.array(watch.times)
-    held, speeds = np.array(watch.held), np.array(watch.speeds)
-    during = (times >= begin) & (times < end)
-    stops = [event for event in loop.health.log if event.kind == "stopped" and event.time >= begin]
+    times, held, speeds = (np.array(column) for column in zip(*rows, strict=True))
+    during, after = (times >= begin) & (times < end), times >= end
+    stops = [event for event in loop.health.log if event.kind == STOPPED and event.time >= begin]
     named = stops[0].stage if stops else ""
     return Injection(
         fault=fault,
@@ -119,21 +96,21 @@ def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> 
         held_after=_first(times[during] - begin, held[during]),
         still_after=_settled(times[during] - begin, speeds[during] < STILL),
         named=named,
-        named_rightly=named == NOTICED_BY.get(fault, FAULTS[fault].stage),
-        recovered_after=_first(times[times >= end] - end, ~held[times >= end]),
+        named_rightly=named == (kind.detected_by or kind.stage),
+        recovered_after=_first(times[after] - end, ~held[after]),
         torso_force=force,
         torso_displacement=displacement,
     )
 
 
 def _first(times: np.ndarray, hold: np.ndarray) -> float | None:
-    """The first time at which something holds."""
+    """Return the first time at which a condition holds."""
     found = np.flatnonzero(hold)
     return float(times[found[0]]) if found.size else None
 
 
 def _settled(times: np.ndarray, hold: np.ndarray) -> float | None:
-    """The time from which on something holds to the end."""
+    """Return the time from which a condition holds until the end."""
     if not hold.size or not hold[-1]:
         return None
     broken = np.flatnonzero(~hold)

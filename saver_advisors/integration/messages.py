@@ -1,8 +1,8 @@
-"""What stages tell one another: small frozen dataclasses of plain arrays, each with a stamp."""
+"""The messages between stages: small frozen dataclasses of plain arrays, each with a stamp."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stamp:
-    """Where a message comes from.
+    """Identify the measurement that a message is based on.
 
-    :param time: when that was measured which the message tells, seconds of the trial; what is
-        computed from a picture keeps the picture's time
-    :param sequence: number of the measurement at its source, kept in the same way
-    :param source: the stage that made the message
+    :param time: time of the measurement, seconds of the trial. Results that are computed from a
+        picture keep the picture's time.
+    :param sequence: number of the measurement at its source, kept in the same way.
+    :param source: the stage that made the message.
     """
 
     time: float
@@ -27,11 +27,15 @@ class Stamp:
     source: str
 
 
+#: The stamp of values that no stage has measured.
+UNSTAMPED = Stamp(0.0, 0, "")
+
+
 @dataclass(frozen=True)
 class Message:
-    """What every message has.
+    """Base class of all messages.
 
-    :param stamp: where it comes from
+    :param stamp: the measurement that it is based on.
     """
 
     stamp: Stamp
@@ -39,10 +43,10 @@ class Message:
 
 @dataclass(frozen=True)
 class Picture(Message):
-    """A camera's frame.
+    """A frame of the RGB-D camera.
 
-    :param rgb: (height, width, 3)
-    :param depth: (height, width), metres along the view; 0 where there is no measurement
+    :param rgb: (height, width, 3).
+    :param depth: (height, width), metres along the optical axis; 0 without a measurement.
     """
 
     rgb: NDArray[np.uint8]
@@ -51,10 +55,10 @@ class Picture(Message):
 
 @dataclass(frozen=True)
 class PixelPose(Message):
-    """The person that is seen most surely, in the picture.
+    """The person with the highest confidence, in the picture.
 
-    :param joints: (14, 2) pixels; NaN where a joint was not found
-    :param scores: (14,) confidence in [0, 1]; 0 where it was not found
+    :param joints: (14, 2) pixels; NaN for joints that were not found.
+    :param scores: (14,) confidence in [0, 1]; 0 for joints that were not found.
     """
 
     joints: Floats
@@ -63,10 +67,11 @@ class PixelPose(Message):
 
 @dataclass(frozen=True)
 class SpacePose(Message):
-    """The same in space, in the frame that the stage is about: the camera's, then the bench's.
+    """A person in space, in the camera's frame before the stage "bench frame" and in the bench's
+    after it.
 
-    :param positions: (14, 3) metres; NaN where unknown
-    :param scores: (14,) confidence; 0 where unknown
+    :param positions: (14, 3) metres; NaN where unknown.
+    :param scores: (14,) confidence; 0 where unknown.
     """
 
     positions: Floats
@@ -75,15 +80,15 @@ class SpacePose(Message):
 
 @dataclass(frozen=True)
 class Person(Message):
-    """What the policy needs to know of a person: bench frame, row i is what arm i is to push.
+    """The policy's input about a person, in the bench frame; row i is the wrist of arm i.
 
-    :param wrists: (arms, 3) metres
-    :param wrist_velocity: (arms, 3) metres per second
-    :param wrist_quaternion: (arms, 4) w first; the identity where unknown
-    :param wrist_angular_velocity: (arms, 3) radians per second; 0 where unknown
-    :param hips: (arms, 3) hip joints on the wrists' sides, metres
-    :param targets: (arms, 3) where the wrists shall go, metres
-    :param held: (arms,) whether the wrist is not seen now and the last place is told
+    :param wrists: (arms, 3) metres.
+    :param wrist_velocity: (arms, 3) metres per second.
+    :param wrist_quaternion: (arms, 4) w first; the identity where unknown.
+    :param wrist_angular_velocity: (arms, 3) radians per second; 0 where unknown.
+    :param hips: (arms, 3) hip joints on the wrists' sides, metres.
+    :param targets: (arms, 3) target positions of the wrists, metres.
+    :param held: (arms,) whether the wrist is currently hidden and its last position is repeated.
     """
 
     wrists: Floats
@@ -97,16 +102,16 @@ class Person(Message):
 
 @dataclass(frozen=True)
 class ArmReading(Message):
-    """Encoders and force sensors, each arm in its own base frame.
+    """Readings of encoders and force sensors, each arm in its own base frame.
 
-    :param joint_position: (arms, dof) radians
-    :param joint_velocity: (arms, dof) radians per second
-    :param tool_position: (arms, 3) metres
-    :param tool_velocity: (arms, 3) metres per second
-    :param tool_rotation: (arms, 3, 3) columns are the tool's axes
-    :param jacobian: (arms, 6, dof) linear rows above angular ones
-    :param hand_force: (arms,) what presses against the tool, from joint torques, newtons
-    :param torso_force: () what presses on the person's trunk, newtons
+    :param joint_position: (arms, dof) radians.
+    :param joint_velocity: (arms, dof) radians per second.
+    :param tool_position: (arms, 3) metres.
+    :param tool_velocity: (arms, 3) metres per second.
+    :param tool_rotation: (arms, 3, 3) columns are the tool's axes.
+    :param jacobian: (arms, 6, dof) linear rows above angular ones.
+    :param hand_force: (arms,) contact force at the tool, estimated from joint torques, newtons.
+    :param torso_force: () contact force on the person's torso, newtons.
     """
 
     joint_position: Floats
@@ -119,22 +124,15 @@ class ArmReading(Message):
     torso_force: float
 
     def arm_state(self) -> ArmState:
-        """The encoders' part in the form of the simulator's, with a leading dimension of 1."""
-        return ArmState(
-            joint_position=self.joint_position[None],
-            joint_velocity=self.joint_velocity[None],
-            tool_position=self.tool_position[None],
-            tool_velocity=self.tool_velocity[None],
-            tool_rotation=self.tool_rotation[None],
-            jacobian=self.jacobian[None],
-        )
+        """Return the encoders' part as the simulation does, with a leading dimension of 1."""
+        return ArmState(**{part.name: getattr(self, part.name)[None] for part in fields(ArmState)})
 
 
 @dataclass(frozen=True)
 class Action(Message):
-    """What the policy asks for.
+    """The policy's action.
 
-    :param motion: (arms, 3) displacement of each set-point, in shares of the longest one
+    :param motion: (arms, 3) displacement of each set-point, as a fraction of the longest one.
     """
 
     motion: Floats
@@ -142,9 +140,9 @@ class Action(Message):
 
 @dataclass(frozen=True)
 class SetPoints(Message):
-    """Where tools shall go, limits applied.
+    """Tool set-points within the limits.
 
-    :param positions: (arms, 3) metres, each in its arm's base frame
+    :param positions: (arms, 3) metres, each in its arm's base frame.
     """
 
     positions: Floats
@@ -152,9 +150,9 @@ class SetPoints(Message):
 
 @dataclass(frozen=True)
 class JointTargets(Message):
-    """What joints shall do.
+    """Targets of the joints.
 
-    :param joints: (arms, dof) radians
+    :param joints: (arms, dof) radians.
     """
 
     joints: Floats
@@ -162,11 +160,11 @@ class JointTargets(Message):
 
 @dataclass(frozen=True)
 class ServoCommand(Message):
-    """What the servos were told.
+    """The command that the servos were sent.
 
-    :param joints: (arms, dof) radians
-    :param holding: whether the arms hold still
-    :param cause: the stage and the reason why, empty otherwise
+    :param joints: (arms, dof) radians.
+    :param holding: whether the arms hold still.
+    :param cause: stage and reason for holding, empty otherwise.
     """
 
     joints: Floats

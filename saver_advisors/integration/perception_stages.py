@@ -1,79 +1,41 @@
-"""From the camera to joints in the bench frame: camera, picture check, pose, lift, bench frame."""
+"""The stages from the camera to joints in the bench frame: picture check, pose, lift, frame."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.messages import Picture, PixelPose, SpacePose, Stamp
-from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
+from saver_advisors.integration.messages import Picture, PixelPose, SpacePose
+from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
+from saver_advisors.integration.tracking import SIDES
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import CAUTIOUS_PARSING, Poses
 
-#: A picture is looked at in every so many pixels to tell whether it is black or frozen.
+#: Stride of the pixels (in each direction) that tell whether a picture is black or frozen.
 _COARSE: Final = 8
 #: Mean brightness below which a picture is black, of 255.
 _BLACK: Final = 4.0
-#: The camera's own frame, seen from itself.
-_AT_HOME: Final = CameraPose(np.zeros(3), np.eye(3))
+#: The pose of the camera in its own frame.
+_CAMERA_FRAME: Final = CameraPose(np.zeros(3), np.eye(3))
 
-#: Limbs that wrists and hips belong to: nothing else is looked for.
+#: The limbs that the pose network looks for: those that connect wrists and hips to the body.
 LIMBS: Final = (
-    "right_collar",
-    "right_upper_arm",
-    "right_forearm",
-    "left_collar",
-    "left_upper_arm",
-    "left_forearm",
-    "right_trunk",
-    "left_trunk",
+    *(f"{side}_{limb}" for side in SIDES for limb in ("collar", "upper_arm", "forearm")),
+    *(f"{side}_trunk" for side in SIDES),
 )
 Estimator = Callable[[NDArray[np.uint8]], Poses]
 
 
-class SeenBench(Protocol):
-    """A bench with a camera."""
+class PictureCheckStage(LoopStage):
+    """Forward pictures that are neither black nor frozen.
 
-    def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Take a picture: colour (height, width, 3), and depth (height, width) in metres."""
+    A sensor's noise differs from frame to frame: equal depth images are the same frame.
 
-
-class CameraStage(Stage):
-    """Takes pictures.
-
-    :param bench: with a camera
-    :param rate: Hz
-    :param latency: exposure and transfer, see `Stage`
-    """
-
-    def __init__(
-        self, bench: SeenBench, rate: float = KINECT_V2.rate, latency: Latency = 0.0
-    ) -> None:
-        super().__init__("camera", "frame", rate=rate, latency=latency)
-        self._bench = bench
-        self._sequence = 0
-
-    def reset(self) -> None:
-        """Count from 0."""
-        self._sequence = 0
-
-    def process(self, inputs: Inputs, now: float) -> Picture:
-        """Take one."""
-        self._sequence += 1
-        rgb, depth = self._bench.picture()
-        return Picture(Stamp(now, self._sequence, self.name), rgb, depth)
-
-
-class PictureCheckStage(Stage):
-    """Passes pictures on that show something, and something new.
-
-    A sensor's noise differs from frame to frame: two equal depth images are one image twice.
-
-    :param latency: see `Stage`
+    :param latency: see `LoopStage`.
     """
 
     def __init__(self, latency: Latency = 0.0) -> None:
@@ -81,11 +43,11 @@ class PictureCheckStage(Stage):
         self.reset()
 
     def reset(self) -> None:
-        """Compare the next picture with none."""
+        """Forget the last picture."""
         self._before: NDArray[np.float32] | None = None
 
     def process(self, inputs: Inputs, now: float) -> Picture:
-        """Check one."""
+        """Check one picture."""
         frame = inputs.latest("frame", Picture)
         before, self._before = self._before, frame.depth[::_COARSE, ::_COARSE].copy()
         if frame.rgb[::_COARSE, ::_COARSE].mean() < _BLACK:
@@ -97,11 +59,11 @@ class PictureCheckStage(Stage):
         return Picture(self.stamp(frame.stamp), frame.rgb, frame.depth)
 
 
-class PoseStage(Stage):
-    """Finds the person in a picture.
+class PoseStage(LoopStage):
+    """Find the person in a picture.
 
-    :param estimator: from a picture to people, the surest first
-    :param latency: see `Stage`
+    :param estimator: returns people in a picture, the one with the highest confidence first.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(self, estimator: Estimator, latency: Latency = 0.0) -> None:
@@ -109,7 +71,7 @@ class PoseStage(Stage):
         self._estimator = estimator
 
     def process(self, inputs: Inputs, now: float) -> PixelPose:
-        """Look at one."""
+        """Process one picture."""
         picture = inputs.latest("picture", Picture)
         poses = self._estimator(picture.rgb)
         if len(poses) == 0:
@@ -117,11 +79,11 @@ class PoseStage(Stage):
         return PixelPose(self.stamp(picture.stamp), poses.joints[0], poses.scores[0])
 
 
-class LiftStage(Stage):
-    """Finds joints in space, in the camera's frame, from the depth at them.
+class LiftStage(LoopStage):
+    """Compute joint positions in the camera's frame from the depth image.
 
-    :param camera: intrinsics
-    :param latency: see `Stage`
+    :param camera: intrinsics.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(self, camera: Camera = KINECT_V2, latency: Latency = 0.0) -> None:
@@ -133,15 +95,15 @@ class LiftStage(Stage):
         pose = inputs.latest("pixel_pose", PixelPose)
         picture = inputs.matching("picture", Picture, pose.stamp.sequence)
         people = Poses(pose.joints[None], pose.scores[None], np.ones(1))
-        joints = lift(people, picture.depth, self._camera, _AT_HOME)
+        joints = lift(people, picture.depth, self._camera, _CAMERA_FRAME)
         return SpacePose(self.stamp(pose.stamp), joints.positions[0], joints.scores[0])
 
 
-class BenchFrameStage(Stage):
-    """Turns positions from the camera's frame into the bench's.
+class BenchFrameStage(LoopStage):
+    """Transform positions from the camera's frame to the bench's.
 
-    :param pose: of the camera, as calibrated
-    :param latency: see `Stage`
+    :param pose: of the camera, as calibrated.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(self, pose: CameraPose = BENCH_POSE, latency: Latency = 0.0) -> None:
@@ -149,19 +111,19 @@ class BenchFrameStage(Stage):
         self._pose = pose
 
     def process(self, inputs: Inputs, now: float) -> SpacePose:
-        """Turn one person."""
+        """Transform one person."""
         seen = inputs.latest("camera_pose", SpacePose)
         positions = seen.positions @ self._pose.rotation.T + self._pose.position
         return SpacePose(self.stamp(seen.stamp), positions, seen.scores)
 
 
 def shipped_estimator(**options: Any) -> Estimator:
-    """The pose network that comes along, for the camera over the bench; imports torch.
+    """Load the shipped pose network for the camera over the bench; imports torch.
 
-    It gives sure joints alone: for arms that touch a person, a joint that is missing is better than
-    a wrong one.
+    It returns joints of high confidence only: for arms that touch a person, a missing joint is
+    better than a wrong one.
 
-    :param options: of `saver_envs.perception.estimator.PoseEstimator`
+    :param options: of `saver_envs.perception.estimator.PoseEstimator`.
     """
     from saver_envs.perception.estimator import PoseEstimator
 

@@ -1,4 +1,4 @@
-"""The loop as a picture: the camera's view with the skeleton, the scene, distance and force."""
+"""Video of the loop: the camera's view with the skeleton, the scene, distance and force."""
 
 from __future__ import annotations
 
@@ -8,147 +8,123 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.assembly import Loop
+from saver_advisors.integration.assembly import ControlLoop
+from saver_advisors.integration.casualty import LIMITS
 from saver_advisors.integration.messages import Message, Picture, PixelPose, ServoCommand
 from saver_advisors.integration.trial import SUCCEEDED, TrialRecord
-from saver_advisors.integration.wrist_bench import WristBench
-from saver_advisors.reporting.video import (
-    BAR_HEIGHT,
-    GREEN,
-    GREY,
-    HOLD,
-    RED,
-    captioned,
-    font,
-    mp4_writer,
-)
+from saver_advisors.integration.wrist_bench import wrist_bench
+from saver_advisors.reporting import video
 from saver_envs.cameras.rendering import SceneRenderer
+from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.parsing import Poses
-from saver_envs.tasks.base import SUCCESS_THRESHOLD
-from saver_envs.tasks.wrist_push import FORCE_LIMIT
 
 Frame = NDArray[np.uint8]
-#: Sizes (pixels): of the camera's view and of the scene beside it, and of a plot below.
+#: Sizes (pixels) of the camera's view, of the scene on its right, and of a plot below.
 CAMERA_SIZE: Final = (512, 424)
 SCENE_SIZE: Final = (564, 424)
-#: The scene is drawn so large (width, height), and its middle is shown, where hands and wrists are.
-_DRAWN: Final = (1016, 762)
+#: The scene is rendered at this size (width, height) and cropped to the hands and wrists.
+_RENDERED: Final = (1016, 762)
 _COLUMNS: Final = slice(226, 226 + SCENE_SIZE[0])
 _ROWS: Final = slice(250, 250 + SCENE_SIZE[1])
 PLOT_SIZE: Final = (538, 190)
 FRAME_SIZE: Final = (
     CAMERA_SIZE[0] + SCENE_SIZE[0],
-    CAMERA_SIZE[1] + PLOT_SIZE[1] + BAR_HEIGHT,
+    CAMERA_SIZE[1] + PLOT_SIZE[1] + video.BAR_HEIGHT,
 )
-#: Right and left arm, as the sides' colours in the skeleton.
+#: Colours of the right and left arm, as in the skeleton.
 COLOURS: Final = ((213, 94, 0), (0, 114, 178))
-_INK, _LINE, _LIMIT = (60, 66, 74), (216, 221, 227), (190, 60, 50)
+_INK, _LINE, _LIMIT, _FORCE = (60, 66, 74), (216, 221, 227), (190, 60, 50), (90, 60, 120)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 14, 30, 26
 
 
-class Panel:
-    """Draws the loop as it is.
+class StatusPanel:
+    """Draw the present state of the loop; an observer of its graph.
 
-    :param loop: round a `WristBench`
-    :param seconds: length of a trial, the plots' width
+    :param loop: with a `WristBench`.
+    :param seconds: duration of a trial, the width of the plots.
+    :raises TypeError: for a loop with another bench.
     """
 
-    def __init__(self, loop: Loop, seconds: float) -> None:
-        bench = loop.bench
-        if not isinstance(bench, WristBench):
-            raise TypeError(f"loop.bench of {type(bench).__name__}: must be a WristBench")
-        self._bench = bench
+    def __init__(self, loop: ControlLoop, seconds: float) -> None:
+        self._bench = wrist_bench(loop.bench)
         self._loop = loop
         self._seconds = seconds
-        self._scene = SceneRenderer(bench.episodes.scene, *_DRAWN, camera="front")
+        self._scene = SceneRenderer(self._bench.episodes.scene, *_RENDERED, camera="front")
         loop.graph.observers.append(self)
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was: a trial begins."""
-        self._picture: Picture | None = None
-        self._pose: PixelPose | None = None
-        self._command: ServoCommand | None = None
+        """Clear everything at the start of a trial."""
+        self._newest: dict[type[Message], Any] = {}
         self._history: list[tuple[float, float, float, float]] = []
 
     def __call__(self, topic: str, message: Message, now: float) -> None:
-        """Keep the newest of what is drawn; an observer of the graph."""
-        if isinstance(message, Picture):
-            self._picture = message
-        elif isinstance(message, PixelPose):
-            self._pose = message
-        elif isinstance(message, ServoCommand):
-            self._command = message
+        """Keep the newest message of each class."""
+        self._newest[type(message)] = message
 
     def draw(self, now: float) -> Frame:
-        """Draw everything.
+        """Draw one frame.
 
-        :param now: seconds of the trial
-        :return: (height, width, 3), see `FRAME_SIZE`
+        :param now: seconds of the trial.
+        :return: (height, width, 3), see `FRAME_SIZE`.
         """
-        bench = self._bench
-        truth = bench.truth()
+        truth = self._bench.truth()
         right, left = np.linalg.norm(truth.wrists - truth.targets, axis=-1)
-        self._history.append((now, float(right), float(left), bench.last_peak))
-        episodes = bench.episodes
-        self._scene.update(episodes.simulation, 0, truth.targets, episodes.people)
+        self._history.append((now, 100 * right, 100 * left, self._bench.last_peak))
+        times, right_cm, left_cm, force = np.array(self._history).T
+        self._bench.update_scene(self._scene, truth.targets)
         top = np.concatenate([self._seen(), self._scene.rgb()[_ROWS, _COLUMNS]], axis=1)
-        times, *columns = np.array(self._history).T
-        distance = plot(
-            "distance of the wrists from their targets (cm)",
-            times,
-            [100 * columns[0], 100 * columns[1]],
-            COLOURS,
-            self._seconds,
-            (30.0, 100 * SUCCESS_THRESHOLD),
-        )
-        force = plot(
-            "force on the trunk (N)",
-            times,
-            [columns[2]],
-            ((90, 60, 120),),
-            self._seconds,
-            (100.0, FORCE_LIMIT),
-        )
-        frame = np.concatenate([top, np.concatenate([distance, force], axis=1)], axis=0)
-        command = self._command
+        threshold, limit = 100 * LIMITS.success_threshold, LIMITS.torso_force
+        seconds = self._seconds
+        title = "distance of the wrists from their targets (cm)"
+        plots = [
+            plot(title, times, [right_cm, left_cm], COLOURS, seconds, (30.0, threshold)),
+            plot("force on the trunk (N)", times, [force], (_FORCE,), seconds, (100.0, limit)),
+        ]
+        frame = np.concatenate([top, np.concatenate(plots, axis=1)], axis=0)
+        command: ServoCommand | None = self._newest.get(ServoCommand)
         if command is not None and command.holding:
-            return captioned(frame, f"{now:5.2f} s   arms held: {command.cause}", RED)
-        return captioned(frame, f"{now:5.2f} s   arms free", GREY)
+            words = f"{now:5.2f} s   arms held: {command.cause}"
+            return video.captioned(frame, words, video.RED)
+        return video.captioned(frame, f"{now:5.2f} s   arms free", video.GREY)
 
     def _seen(self) -> Frame:
-        """The newest picture with the newest skeleton; black where the loop has no camera."""
-        if self._picture is None:
+        """Return the newest picture with the newest skeleton; black for a loop without a camera."""
+        picture: Picture | None = self._newest.get(Picture)
+        pose: PixelPose | None = self._newest.get(PixelPose)
+        if picture is None:
             return np.zeros((CAMERA_SIZE[1], CAMERA_SIZE[0], 3), dtype=np.uint8)
-        if self._pose is None:
-            return self._picture.rgb
-        people = Poses(self._pose.joints[None], self._pose.scores[None], np.ones(1))
-        return draw_poses(self._picture.rgb, people)
+        if pose is None:
+            return picture.rgb
+        return draw_poses(picture.rgb, Poses(pose.joints[None], pose.scores[None], np.ones(1)))
 
     def close(self) -> None:
-        """Free the graphics context, and look no more."""
+        """Free the graphics context, and stop observing."""
         self._loop.graph.observers.remove(self)
         self._scene.close()
 
 
 class VideoRecorder:
-    """Writes trials as H.264, a frame an action.
+    """Record trials as H.264, with one frame per action.
 
-    :param path: ending in ``.mp4``
-    :param panel: what is drawn
-    :param every: actions from one drawing to the next, which is shown so long: drawing is slow
+    :param path: of the file, ending in ``.mp4``.
+    :param loop: with a `WristBench`.
+    :param actions: in a trial.
+    :param every: actions between two drawings; drawing is slow, so each is shown for that long.
     """
 
-    def __init__(self, path: Path, panel: Panel, every: int = 1) -> None:
-        self._panel = panel
+    def __init__(
+        self, path: Path, loop: ControlLoop, actions: int = LIMITS.horizon, every: int = 1
+    ) -> None:
+        self._panel = StatusPanel(loop, actions * ACTION_DURATION)
         self._every = every
         self._calls = 0
-        self._writer: Any = mp4_writer(path, *FRAME_SIZE)
+        self._writer: Any = video.mp4_writer(path, *FRAME_SIZE)
         self._last: Frame | None = None
 
     def __call__(self, now: float) -> None:
-        """Write a frame; what `run_trial` takes as ``look``."""
+        """Record a frame; the argument ``look`` of `trial.run_trial`."""
         if now == 0:
             self._panel.begin()
             self._calls = 0
@@ -158,17 +134,18 @@ class VideoRecorder:
         self._writer.send(np.ascontiguousarray(self._last))
 
     def end(self, record: TrialRecord) -> None:
-        """Show for a while how a trial ended."""
+        """Show the outcome of a trial for a while."""
         assert self._last is not None
-        good = record.outcome == SUCCEEDED
+        colour = video.GREEN if record.outcome == SUCCEEDED else video.RED
         words = f"trial {record.seed}: {record.cause or record.outcome}"
-        last = captioned(self._last[:-BAR_HEIGHT], words, GREEN if good else RED)
-        for _ in range(2 * HOLD):
+        last = video.captioned(self._last[: -video.BAR_HEIGHT], words, colour)
+        for _ in range(2 * video.HOLD):
             self._writer.send(np.ascontiguousarray(last))
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file, and free the graphics context."""
         self._writer.close()
+        self._panel.close()
 
 
 def plot(
@@ -181,19 +158,19 @@ def plot(
 ) -> Frame:
     """Draw lines over time.
 
-    :param title: above
-    :param times: (T,) seconds
-    :param lines: (T,) each
-    :param colours: of the lines
-    :param seconds: the axis' length
-    :param scale: the least height of the vertical axis, and the limit that is marked
-    :return: (height, width, 3) of `PLOT_SIZE`
+    :param title: above the plot.
+    :param times: (T,) seconds.
+    :param lines: (T,) each.
+    :param colours: of the lines.
+    :param seconds: length of the horizontal axis.
+    :param scale: least height of the vertical axis, and the limit that is marked.
+    :return: (height, width, 3) of `PLOT_SIZE`.
     """
     from PIL import Image, ImageDraw
 
     width, height = PLOT_SIZE
     picture = Image.new("RGB", PLOT_SIZE, (255, 255, 255))
-    draw, small = ImageDraw.Draw(picture), font(12)
+    draw, small = ImageDraw.Draw(picture), video.font(12)
     least, limit = scale
     highest = max(least, 1.05 * max(float(line.max()) for line in lines))
 
@@ -201,15 +178,13 @@ def plot(
         x = _LEFT + (width - _LEFT - _RIGHT) * time / seconds
         return x, height - _BOTTOM - (height - _TOP - _BOTTOM) * value / highest
 
-    draw.text((_LEFT, 8), title, fill=_INK, font=font(13))
-    for share in (0.0, 0.5, 1.0):
-        value = share * highest
+    draw.text((_LEFT, 8), title, fill=_INK, font=video.font(13))
+    for fraction in (0.0, 0.5, 1.0):
+        value, time = fraction * highest, fraction * seconds
         draw.line((*place(0, value), *place(seconds, value)), fill=_LINE)
         draw.text((8, place(0, value)[1] - 7), f"{value:.0f}", fill=_INK, font=small)
-        time = share * seconds
-        draw.text(
-            (place(time, 0)[0] - 22 * share, height - 20), f"{time:g} s", fill=_INK, font=small
-        )
+        left = place(time, 0)[0] - 22 * fraction
+        draw.text((left, height - 20), f"{time:g} s", fill=_INK, font=small)
     draw.line((*place(0, limit), *place(seconds, limit)), fill=_LIMIT)
     for line, colour in zip(lines, colours, strict=True):
         points = [place(float(t), float(v)) for t, v in zip(times, line, strict=True)]

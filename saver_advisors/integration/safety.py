@@ -1,40 +1,40 @@
-"""Safety below the policy: limits on every set-point, and the stop that latches."""
+"""Safety below the policy: limits on every set-point, and a latching emergency stop."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from saver_advisors.integration.casualty import LIMITS
 from saver_advisors.integration.messages import Floats
 from saver_envs.control import Workspace
 from saver_envs.episodes import ACTION_DURATION, LEASH, RATED_SPEED, shortened
-from saver_envs.tasks.wrist_push import FORCE_LIMIT, STANDOFF
 
-#: What may press against a hand of the robot (N): the quasi-static limit of ISO/TS 15066 for a
-#: person's lower arm is 160 N, of which we take less than half.
+#: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
+#: of ISO/TS 15066 for a person's lower arm, which is 160 N.
 HAND_FORCE: Final = 70.0
-#: What may press on the trunk (N), at which set-points have come back to the tools. Servos press on
-#: for a tenth of a second after that: with half of what counts as harm, peaks stay below it.
-TORSO_FORCE: Final = FORCE_LIMIT / 2
-#: From this share of a limit on, set-points are drawn nearer to the tools.
+#: Limit of the contact force at the torso (N), at which set-points are back at the tools. Servos
+#: keep pressing for a tenth of a second after that: half of the harmful force keeps peaks below it.
+TORSO_FORCE: Final = LIMITS.torso_force / 2
+#: Fraction of a force limit at which the set-point lead limit starts to shrink.
 YIELDING: Final = 0.5
-#: Lateral distance of the set-points from the hip joints (m): motion stops 15 cm from the body
-#: (SPEC 5.5), and half of a finger's thickness more, so that this holds for the hand's inner side.
-CLEARANCE: Final = STANDOFF + 0.02
+#: Lateral distance of the set-points from the hip joints (m): the target's distance and half of a
+#: finger's thickness, so that the hand's inner side keeps the distance of SPEC 5.5.
+CLEARANCE: Final = LIMITS.standoff + 0.02
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What set-points keep to, whatever the policy asks for.
+class SafetyLimits:
+    """Limit set-points, whatever the policy's action.
 
-    :param max_speed: of a set-point, m/s
-    :param torso_force: newtons
-    :param hand_force: newtons
-    :param clearance: lateral distance of a set-point from the hip joint of its side, metres;
-        0 for none
-    :raises ValueError: for a limit that cannot be
+    :param max_speed: top speed of a set-point, m/s.
+    :param torso_force: contact force at the torso, newtons.
+    :param hand_force: contact force at a hand, newtons.
+    :param clearance: lateral distance of a set-point from the hip joint on its side, metres; 0 for
+        no limit.
+    :raises ValueError: for an invalid limit.
     """
 
     max_speed: float = RATED_SPEED
@@ -52,29 +52,28 @@ class Limits:
 
     @property
     def longest(self) -> float:
-        """The longest way of a set-point in one action, metres."""
+        """The longest displacement of a set-point in one action, metres."""
         return self.max_speed * ACTION_DURATION
 
     def freedom(self, hand_force: Floats, torso_force: float) -> Floats:
-        """The share of the leash that forces leave.
+        """Return the factor by which forces scale the set-point lead limit.
 
-        A servo presses the harder the further its target is ahead, so this is what bounds forces.
+        A servo's force grows with the distance to its target, so the lead bounds contact forces.
 
-        :param hand_force: (arms,) newtons
-        :param torso_force: newtons, of all arms together
-        :return: (arms,) from 1, far from the limits, to 0 at a limit
+        :param hand_force: (arms,) newtons.
+        :param torso_force: newtons, of all arms together.
+        :return: (arms,) from 1, far from the limits, to 0 at a limit.
         """
         used = np.maximum(hand_force / self.hand_force, torso_force / self.torso_force)
         free: Floats = np.clip((1 - used) / (1 - YIELDING), 0.0, 1.0)
         return free
 
 
-@dataclass(frozen=True)
-class Limited:
-    """A set-point and what has changed it.
+class Limited(NamedTuple):
+    """Set-points within the limits.
 
-    :param position: (arms, 3) metres, base frames
-    :param by: names of the limits that mattered
+    :param position: (arms, 3) metres, base frames.
+    :param by: names of the limits that changed them.
     """
 
     position: Floats
@@ -85,32 +84,25 @@ def limited_set_point(
     previous: Floats,
     motion: Floats,
     tool: Floats,
-    limits: Limits,
+    limits: SafetyLimits,
     workspace: Workspace,
     held_height: float | None,
     freedom: Floats,
 ) -> Limited:
-    """Move set-points as an action asks, as far as limits allow.
+    """Move set-points by an action, within the limits.
 
-    Away from forces this is what the environments do with an action.
+    Without contact forces this equals the environments' rule.
 
-    :param previous: (arms, 3) set-points so far, metres, base frames
-    :param motion: (arms, 3) displacement in shares of the longest
-    :param tool: (arms, 3) where the tools are
-    :param limits: of speed
-    :param workspace: where set-points may be
-    :param held_height: of all set-points, or None
-    :param freedom: (arms,) share of the leash
-    :return: the new set-points
+    :param previous: (arms, 3) last set-points, metres, base frames.
+    :param motion: (arms, 3) displacement as a fraction of the longest.
+    :param tool: (arms, 3) positions of the tools, metres.
+    :param limits: gives the longest displacement.
+    :param workspace: region of the set-points.
+    :param held_height: constant height of the set-points (m), or None.
+    :param freedom: (arms,) factor of the set-point lead limit.
+    :return: the new set-points.
     """
-    longest = limits.longest
-    wanted = previous + shortened(motion * longest, longest)
-    leash = LEASH * longest * freedom
-    ahead = wanted - tool
-    length = np.sqrt((ahead * ahead).sum(axis=-1, keepdims=True))
-    moved = tool + ahead * np.minimum(1.0, leash[:, None] / np.maximum(length, 1e-12))
-    if held_height is not None:
-        moved[..., 2] = held_height
+    moved = _unclipped(previous, motion, tool, limits.longest, held_height, freedom)
     inside = workspace.clip(moved)
     by = (
         *(("force",) if (freedom < 1).any() else ()),
@@ -119,53 +111,70 @@ def limited_set_point(
     return Limited(inside, by)
 
 
+def _unclipped(
+    previous: Floats,
+    motion: Floats,
+    tool: Floats,
+    longest: float,
+    held_height: float | None,
+    freedom: Floats,
+) -> Floats:
+    """Return the moved set-points (arms, 3) before the workspace clips them, metres."""
+    wanted = previous + shortened(motion * longest, longest)
+    ahead = wanted - tool
+    length = np.sqrt((ahead * ahead).sum(axis=-1, keepdims=True))
+    lead = LEASH * longest * freedom
+    moved = tool + ahead * np.minimum(1.0, lead[:, None] / np.maximum(length, 1e-12))
+    if held_height is not None:
+        moved[..., 2] = held_height
+    return moved
+
+
 def kept_clear(
     position: Floats, hips: Floats, base_position: Floats, clearance: float
 ) -> tuple[Floats, bool]:
     """Keep set-points on the outer side of a person's hips.
 
-    :param position: (arms, 3) metres, base frames without yaw
-    :param hips: (arms, 3) metres, bench frame, one on the side of each arm
-    :param base_position: (arms, 3) metres
-    :param clearance: lateral distance, metres
-    :return: (arms, 3), and whether anything has changed
+    :param position: (arms, 3) metres, base frames without yaw.
+    :param hips: (arms, 3) metres, bench frame, one on the side of each arm.
+    :param base_position: (arms, 3) metres.
+    :param clearance: lateral distance, metres.
+    :return: (arms, 3), and whether any set-point has changed.
     """
-    middle = hips[:, 1].mean()
-    side = np.sign(hips[:, 1] - middle)
+    lateral = position[:, 1]
+    side = np.sign(hips[:, 1] - hips[:, 1].mean())
     wall = hips[:, 1] + side * clearance - base_position[:, 1]
-    lateral = np.where(side > 0, np.maximum(position[:, 1], wall), position[:, 1])
-    lateral = np.where(side < 0, np.minimum(lateral, wall), lateral)
-    changed = bool((lateral != position[:, 1]).any())
+    kept = np.where(side > 0, np.maximum(lateral, wall), lateral)
+    kept = np.where(side < 0, np.minimum(kept, wall), kept)
     result = position.copy()
-    result[:, 1] = lateral
-    return result, changed
+    result[:, 1] = kept
+    return result, bool((kept != lateral).any())
 
 
+@dataclass
 class EmergencyStop:
-    """A button that stays pressed until it is released."""
+    """A stop button that latches until it is released.
 
-    def __init__(self) -> None:
-        self._reason = ""
+    :param reason: why it is pressed, empty while it is not.
+    """
+
+    reason: str = ""
 
     @property
     def pressed(self) -> bool:
-        """Whether it is."""
-        return bool(self._reason)
-
-    @property
-    def reason(self) -> str:
-        """Why, empty where it is not pressed."""
-        return self._reason
+        """Whether the button is pressed."""
+        return bool(self.reason)
 
     def press(self, reason: str = "pressed") -> None:
-        """Stop the arms until :meth:`release`; the first reason stays.
+        """Stop the arms until :meth:`release`; the first reason is kept.
 
-        :raises ValueError: for an empty reason
+        :param reason: why, for the log.
+        :raises ValueError: for an empty reason.
         """
         if not reason:
-            raise ValueError("reason='': must say why")
-        self._reason = self._reason or reason
+            raise ValueError("reason='': must not be empty")
+        self.reason = self.reason or reason
 
     def release(self) -> None:
-        """Let the arms go on."""
-        self._reason = ""
+        """Let the arms move again."""
+        self.reason = ""

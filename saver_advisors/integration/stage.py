@@ -1,113 +1,120 @@
-"""What a stage is: a name, what it reads and writes, how often, how late; and how it fails."""
+"""The stages of the loop: inputs, output, rate and latency of each, and how a stage fails."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 from saver_advisors.integration.messages import Message, Stamp
 
-#: Messages of a topic that can be looked up by their number; a picture has come and gone within
-#: a handful of frames.
+#: Messages of a topic that can be looked up by their number. A pose refers to a picture that is at
+#: most a few frames old.
 HISTORY: Final = 8
-#: Latency that is as long as the call took on this machine.
+#: Value of ``latency`` that stands for the wall-clock time of the call.
 MEASURED: Final = "measured"
 Latency = float | str
 M = TypeVar("M", bound=Message)
 
 
 class StageFault(Exception):
-    """An input that a stage can make nothing of; its message says why. The arms hold still.
+    """Signal an input that a stage cannot process; the message states why. The arms hold still.
 
-    It is no crash: the stage goes on with its next input.
+    A fault is not a crash: the stage continues with its next input.
     """
 
 
 @dataclass
 class Mailbox:
-    """The newest messages of one topic that can be seen."""
+    """Hold the latest visible messages of one topic.
+
+    :param history: the messages, newest last.
+    :param arrivals: number of messages received since the trial began.
+    """
 
     history: deque[Message] = field(default_factory=lambda: deque(maxlen=HISTORY))
     arrivals: int = 0
-    arrived: float = -math.inf
 
-    def put(self, message: Message, now: float) -> None:
-        """Let a message be seen from now on."""
+    def put(self, message: Message) -> None:
+        """Make a message visible."""
         self.history.append(message)
         self.arrivals += 1
-        self.arrived = now
+
+    def clear(self) -> None:
+        """Remove all messages."""
+        self.history.clear()
+        self.arrivals = 0
 
     @property
     def latest(self) -> Message | None:
-        """The newest one, None before the first."""
+        """The newest message, None before the first."""
         return self.history[-1] if self.history else None
 
 
+@dataclass(frozen=True)
 class Inputs:
-    """What a stage can see now.
+    """Give a stage access to the visible messages.
 
-    :param boxes: topic -> its messages
+    :param boxes: topic -> its mailbox.
     """
 
-    def __init__(self, boxes: dict[str, Mailbox]) -> None:
-        self._boxes = boxes
+    boxes: Mapping[str, Mailbox]
 
     def find(self, topic: str, kind: type[M]) -> M | None:
-        """The newest message of a topic, None before the first.
+        """Return the newest message of a topic, None before the first.
 
-        :raises TypeError: where it is of another kind
+        :param topic: name of the topic.
+        :param kind: expected class.
+        :raises TypeError: for a message of another class.
         """
-        return _checked(topic, self._boxes[topic].latest, kind)
+        message = self.boxes[topic].latest
+        if message is None or isinstance(message, kind):
+            return message
+        raise TypeError(f"topic {topic!r} carries {type(message).__name__}, not {kind.__name__}")
 
     def latest(self, topic: str, kind: type[M]) -> M:
-        """The newest message of a topic.
+        """Return the newest message of a topic.
 
-        :raises StageFault: before the first
-        :raises TypeError: where it is of another kind
+        :param topic: name of the topic.
+        :param kind: expected class.
+        :raises StageFault: before the first message.
+        :raises TypeError: for a message of another class.
         """
         message = self.find(topic, kind)
         if message is None:
-            raise StageFault(f"nothing has come from {topic!r} yet")
+            raise StageFault(f"no message on topic {topic!r} yet")
         return message
 
     def matching(self, topic: str, kind: type[M], sequence: int) -> M:
-        """The message of a topic that tells of a given measurement.
+        """Return the message of a topic that belongs to a given measurement.
 
-        :param topic: its name
-        :param kind: its class
-        :param sequence: ``stamp.sequence`` to look for
-        :raises StageFault: where it is not among the newest ones any more, or yet
+        :param topic: name of the topic.
+        :param kind: expected class.
+        :param sequence: ``stamp.sequence`` of the measurement.
+        :raises StageFault: if it is not among the latest `HISTORY` messages.
         """
-        for message in reversed(self._boxes[topic].history):
-            if message.stamp.sequence == sequence:
-                found = _checked(topic, message, kind)
-                assert found is not None
-                return found
-        raise StageFault(f"number {sequence} of {topic!r} is not at hand")
+        for message in reversed(self.boxes[topic].history):
+            if message.stamp.sequence == sequence and isinstance(message, kind):
+                return message
+        raise StageFault(f"message {sequence} of topic {topic!r} is not available")
 
 
-def _checked(topic: str, message: Message | None, kind: type[M]) -> M | None:
-    if message is None or isinstance(message, kind):
-        return message
-    raise TypeError(f"topic {topic!r} carries {type(message).__name__}, not {kind.__name__}")
+class LoopStage(ABC):
+    """Process messages: one step on the way from the camera to the servos.
 
+    A stage without inputs is a source, which runs at its rate. A stage with inputs runs when the
+    first of them is new, at most at its rate if it has one, one message at a time. Messages that
+    arrive while it is busy wait, and only the newest of them is processed.
 
-class Stage(ABC):
-    """One step of the way from the camera to the servos.
-
-    Without inputs it is a source, which works at its rate. With inputs it works when the first of
-    them is new, at most at its rate where it has one, one message at a time: what comes while it
-    is busy waits, and of what waits only the newest counts.
-
-    :param name: of the stage, by which logs call it
-    :param output: topic that its messages appear under
-    :param inputs: topics that it reads, the one that sets it off first
-    :param rate: calls per second; needed by a source
-    :param latency: seconds from a call to when others see its result, or ``"measured"``
-    :raises ValueError: for a rate or latency that cannot be
+    :param name: name of the stage in logs.
+    :param output: topic that it writes.
+    :param inputs: topics that it reads; the first one triggers it.
+    :param rate: calls per second; required for a source.
+    :param latency: seconds between a call and the visibility of its result, or ``"measured"``.
+    :raises ValueError: for an invalid rate or latency.
     """
 
     def __init__(
@@ -135,17 +142,49 @@ class Stage(ABC):
 
     @abstractmethod
     def process(self, inputs: Inputs, now: float) -> Message | None:
-        """Work once.
+        """Run once.
 
-        :param inputs: what can be seen
-        :param now: seconds of the trial
-        :return: the result, or None where there is none this time
-        :raises StageFault: for an input that it can make nothing of
+        :param inputs: the visible messages.
+        :param now: time of the trial, seconds.
+        :return: the result, or None if there is none this time.
+        :raises StageFault: for an input that the stage cannot process.
         """
 
-    def reset(self) -> None:  # noqa: B027  (most stages have nothing to forget)
-        """Forget everything: a trial begins, or the stage was restarted after a crash."""
+    def reset(self) -> None:  # noqa: B027  (most stages have no state)
+        """Clear the state, at the start of a trial and after a crash."""
 
     def stamp(self, of: Stamp) -> Stamp:
-        """The stamp of a result of this stage, computed from a message with stamp ``of``."""
+        """Return the stamp of a result that is computed from a message with stamp ``of``."""
         return Stamp(of.time, of.sequence, self.name)
+
+
+class SensorStage(LoopStage):
+    """Read a sensor at a fixed rate, and number its measurements from 1.
+
+    :param name: name of the stage.
+    :param output: topic that it writes.
+    :param measure: returns a message with the stamp that it is passed.
+    :param rate: measurements per second.
+    :param latency: see `LoopStage`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        output: str,
+        measure: Callable[[Stamp], Message],
+        rate: float,
+        latency: Latency = 0.0,
+    ) -> None:
+        super().__init__(name, output, (), rate, latency)
+        self._measure = measure
+        self._sequence = 0
+
+    def reset(self) -> None:
+        """Restart the numbering."""
+        self._sequence = 0
+
+    def process(self, inputs: Inputs, now: float) -> Message:
+        """Read the sensor once."""
+        self._sequence += 1
+        return self._measure(Stamp(now, self._sequence, self.name))

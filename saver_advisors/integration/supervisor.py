@@ -1,4 +1,4 @@
-"""Stages in processes of their own: started, watched, and started again when they stop."""
+"""Stages in processes of their own: started, monitored, and restarted when they end."""
 
 from __future__ import annotations
 
@@ -9,40 +9,46 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Final
 
-from saver_advisors.integration.assembly import OUTPUTS, Change, Loop, LoopSettings, build_loop
-from saver_advisors.integration.bench import Bench
+from saver_advisors.integration.assembly import (
+    OUTPUTS,
+    Change,
+    ControlLoop,
+    LoopSettings,
+    build_loop,
+)
+from saver_advisors.integration.bench import RobotBench
 from saver_advisors.integration.hub import Hub
 from saver_advisors.integration.messages import Message
 
-#: The three computers of the dissertation: one sees, one plans, one turns plans into joint motion.
+#: The three computers of the dissertation: one for perception, one for planning, one for motion.
 #: Camera, encoders and servos belong to the bench's own process.
 COMPUTERS: Final[Mapping[str, tuple[str, ...]]] = {
     "seeing": ("picture check", "pose", "lift", "bench frame", "filter"),
     "planning": ("policy",),
     "moving": ("set-points", "kinematics"),
 }
-#: A process that gives no sign of life for so long (s) is ended and started anew.
+#: A process without a sign of life for this time (s) is killed and restarted.
 SIGN_WITHIN: Final = 3.0
-#: A process has so long (s) to begin: it imports torch and reads weights.
+#: Time (s) for a process to start: it imports torch and reads weights.
 BEGIN_WITHIN: Final = 90.0
-#: How often a process is started anew before the supervisor gives it up.
+#: Restarts of a process before the supervisor gives up.
 RESTARTS: Final = 5
-#: Simulated seconds between two looks at the sockets.
+#: Simulated seconds between two polls of the sockets.
 LOOK_EVERY: Final = 0.004
-#: Stages elsewhere answer when their machine lets them: more patience than on one clock.
+#: Periods after which a stage counts as silent: more than on a simulated clock, since a stage in
+#: another process depends on the operating system's scheduler.
 SILENT_PERIODS: Final = 4.0
 
 
 class SupervisorError(RuntimeError):
-    """A process that does not begin, or has ended too often."""
+    """Report a process that does not start, or has ended too often."""
 
 
 @dataclass
 class _Computer:
-    """A process and what is known of it."""
+    """The state of a process."""
 
     name: str
     stages: tuple[str, ...]
@@ -54,26 +60,26 @@ class _Computer:
 
 
 class ProcessLoop:
-    """A loop with some stages elsewhere, in step with the real time.
+    """Run a loop with some stages in other processes, no faster than real time.
 
-    :param settings: of the loop; latencies of stages elsewhere are what they are
-    :param bench: what it runs on
-    :param computers: name of a process -> the stages that it runs
-    :param change: replaces stages of the bench's own process
-    :raises ValueError: for a stage that cannot be elsewhere, or is in two places
+    :param settings: of the loop; the latencies of remote stages are not simulated.
+    :param bench: sensors and servos.
+    :param computers: name of a process -> the stages that it runs.
+    :param change: replaces stages of the bench's own process.
+    :raises ValueError: for a stage that cannot run in another process, or is listed twice.
     """
 
     def __init__(
         self,
         settings: LoopSettings,
-        bench: Bench,
+        bench: RobotBench,
         computers: Mapping[str, Sequence[str]] = COMPUTERS,
         change: Change | None = None,
     ) -> None:
         self._computers_stages = _checked(settings, computers)
         elsewhere = [name for stages in self._computers_stages.values() for name in stages]
         self.settings = settings
-        self.loop: Loop = build_loop(settings, bench, change, elsewhere)
+        self.loop: ControlLoop = build_loop(settings, bench, change, elsewhere)
         self.hub = Hub([*self.loop.graph.boxes])
         self.loop.graph.observers.append(self.hub.forward)
         self._computers: dict[str, _Computer] = {}
@@ -86,18 +92,13 @@ class ProcessLoop:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def start(self) -> None:
         """Start all processes and wait until they are ready.
 
-        :raises SupervisorError: where one does not begin
+        :raises SupervisorError: for a process that does not start.
         """
         for name, stages in self._computers_stages.items():
             self._computers[name] = self._begin(name, stages)
@@ -112,14 +113,13 @@ class ProcessLoop:
 
     def reset(self, seed: int) -> None:
         """Begin a trial, drawn from a seed."""
-        self.loop.bench.reset(seed)
-        self.loop.graph.reset()
+        self.loop.reset(seed)
 
     def run_until(self, end: float, pace: float = 1.0) -> None:
-        """Let the trial go on, no faster than real time.
+        """Continue the trial, no faster than real time.
 
-        :param end: seconds of the trial
-        :param pace: simulated seconds a second, at most
+        :param end: seconds of the trial.
+        :param pace: greatest number of simulated seconds per second.
         """
         graph, bench = self.loop.graph, self.loop.bench
         begin, start = time.monotonic(), graph.now
@@ -130,15 +130,15 @@ class ProcessLoop:
             ahead = (graph.now - start) / pace - (time.monotonic() - begin)
             if ahead > 0:
                 time.sleep(ahead)
-            elif ahead < -0.1:  # too slow for real time: no hurry to catch up
+            elif ahead < -0.1:  # slower than real time: do not catch up
                 begin, start = time.monotonic(), graph.now
 
     def process_of(self, computer: str) -> int:
-        """The id of a process, by the name of its computer."""
+        """Return the process id of a computer, by its name."""
         return self._computers[computer].process.pid
 
     def timings(self) -> dict[str, list[float]]:
-        """Calls and mean wall-clock seconds of the stages elsewhere."""
+        """Return calls and mean wall-clock seconds of each remote stage."""
         return {
             name: list(timing)
             for one in self._computers.values()
@@ -153,8 +153,7 @@ class ProcessLoop:
             try:
                 one.process.wait(5)
             except subprocess.TimeoutExpired:
-                one.process.kill()
-                one.process.wait()
+                _kill(one.process)
         self._computers.clear()
         self.hub.close()
 
@@ -163,17 +162,16 @@ class ProcessLoop:
             "group": name,
             "stages": stages,
             "settings": self.settings.to_mapping(),
-            "cell": self.loop.bench.cell.to_mapping(),
+            "geometry": self.loop.bench.geometry.to_mapping(),
             "publisher_port": self.hub.publisher_port,
             "results_port": self.hub.results_port,
             "parent": os.getpid(),
         }
-        process = subprocess.Popen(
-            [sys.executable, "-m", "saver_advisors.integration.worker"], stdin=subprocess.PIPE
-        )
+        command = [sys.executable, "-m", "saver_advisors.integration.worker"]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE)
         assert process.stdin is not None
-        process.stdin.write(json.dumps(job).encode())
-        process.stdin.close()
+        with process.stdin as stdin:
+            stdin.write(json.dumps(job).encode())
         return _Computer(name, stages, process, time.monotonic(), restarts=restarts)
 
     def _poll(self) -> None:
@@ -204,24 +202,21 @@ class ProcessLoop:
             health.note(now, str(kind), str(stage), str(reason))
 
     def _watch(self) -> None:
-        """Start processes anew that have ended or give no sign of life."""
-        for name, one in list(self._computers.items()):
+        """Restart processes that have ended or give no sign of life."""
+        for one in list(self._computers.values()):
             status, now = one.process.poll(), time.monotonic()
             allowed = BEGIN_WITHIN if one.signed is None else SIGN_WITHIN
             silent = now - (one.started if one.signed is None else one.signed)
-            if status is None and silent <= allowed:
-                continue
-            if status is None:
-                reason = f"process {one.process.pid} gave no sign of life for {silent:.1f} s"
-                one.process.kill()
-                one.process.wait()
-            else:
-                reason = f"process {one.process.pid} {_ending(status)}"
-            self._replace(name, one, reason)
+            if status is not None:
+                self._replace(one, _ending(status))
+            elif silent > allowed:
+                _kill(one.process)
+                self._replace(one, f"gave no sign of life for {silent:.1f} s")
 
-    def _replace(self, name: str, one: _Computer, reason: str) -> None:
-        health, now = self.loop.health, self.loop.graph.now
-        health.note(now, "crashed", name, reason)
+    def _replace(self, one: _Computer, ending: str) -> None:
+        health, name = self.loop.health, one.name
+        reason = f"process {one.process.pid} {ending}"
+        health.note(self.loop.graph.now, "crashed", name, reason)
         for stage in one.stages:
             health.fault(stage, reason)
         if one.restarts >= RESTARTS:
@@ -232,8 +227,8 @@ class ProcessLoop:
 def _checked(
     settings: LoopSettings, computers: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, ...]]:
-    """The stages of each process that this loop has; processes without any are left out."""
-    placed: set[str] = set()
+    """Return each process's stages that this loop has; processes without any are left out."""
+    assigned: set[str] = set()
     result = {}
     for name, stages in computers.items():
         for stage in stages:
@@ -242,13 +237,18 @@ def _checked(
                     f"computers[{name!r}]: stage {stage!r} cannot be elsewhere; those that can are "
                     f"{', '.join(OUTPUTS)}"
                 )
-            if stage in placed:
+            if stage in assigned:
                 raise ValueError(f"computers: stage {stage!r} is in two places")
-            placed.add(stage)
+            assigned.add(stage)
         own = tuple(stage for stage in settings.order if stage in stages)
         if own:
             result[name] = own
     return result
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
 
 
 def _ending(status: int | None) -> str:

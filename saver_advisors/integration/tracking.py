@@ -1,4 +1,4 @@
-"""The filter between seeing and acting: missing joints, outliers, velocities, hold-last."""
+"""The filter between perception and policy: missing joints, outliers, velocities, short gaps."""
 
 from __future__ import annotations
 
@@ -8,39 +8,41 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.integration.casualty import LIMITS
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
-from saver_advisors.integration.stage import Inputs, Latency, Stage, StageFault
+from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
 from saver_envs.cameras.rgbd import BENCH_POSE
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
-from saver_envs.tasks.wrist_push import STANDOFF
 
-#: Wrist and hip on the side of each arm: the right arm's base is at negative y, where a person on
-#: the back with the head towards -x has the right side.
+#: The person's side at each arm: the right arm's base is at negative y, on the right of a person
+#: who lies on the back with the head towards -x.
 SIDES: Final = ("right", "left")
 WRISTS: Final = tuple(JOINTS.index(f"{side}_wrist") for side in SIDES)
 ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
-#: A joint needs this confidence.
+#: Least confidence of a joint.
 LEAST_SCORE: Final = 0.05
-#: For so long (s) a joint that is not seen may have moved on; after that it must be found anew.
+#: The gate widens for this time after a joint was last seen (s).
 _MEMORY: Final = 0.1
 
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """How the filter judges.
+    """Configure the filter.
 
-    :param wrist_gain: share of a wrist's error that its position takes over, 0 to 1
-    :param wrist_speed_gain: the same of its velocity, times the frame rate
-    :param hip_gain: share of a hip's error
-    :param jump: metres that a joint may be away from where it is expected ...
-    :param top_speed: ... and metres more for each second since it was seen, up to `_MEMORY`
-    :param reacquire: seconds after which a joint that stays away is believed
-    :param hold: seconds for which a wrist is held that nothing is known to hide
-    :param hold_hidden: seconds for which a wrist is held that an arm of the robot hides
-    :param hold_hip: seconds for which a hip is held; a trunk that is not pushed stays
-    :param arm_radius: metres from an arm's axis that it hides, flesh of the wrist included
+    :param wrist_gain: fraction of a wrist's error that corrects its position, above 0, at most 1.
+    :param wrist_speed_gain: likewise for its velocity, times the frame rate.
+    :param hip_gain: fraction of a hip's error that corrects its position.
+    :param jump: largest accepted distance of a joint from its expected position (m) ...
+    :param top_speed: ... and its increase per second since the joint was seen (m/s), up to
+        `_MEMORY`.
+    :param reacquire: time after which a joint that stays at another position is accepted, seconds.
+    :param hold: time for which the last position of a hidden wrist is repeated, seconds.
+    :param hold_hidden: likewise for a wrist that an arm of the robot occludes, seconds.
+    :param hold_hip: likewise for a hip, whose position hardly changes, seconds.
+    :param arm_radius: distance from an arm's axis within which it occludes a wrist, metres.
+    :raises ValueError: for a value out of range.
     """
 
     wrist_gain: float = 0.6
@@ -68,11 +70,16 @@ class FilterSettings:
 
 @dataclass
 class Track:
-    """One joint through time: an alpha-beta filter with a gate.
+    """Track one joint with an alpha-beta filter and a gate.
 
-    :param gain: alpha
-    :param speed_gain: beta
-    :param settings: the gate's
+    :param gain: alpha.
+    :param speed_gain: beta.
+    :param settings: of the gate.
+    :param position: (3,) latest estimate, metres.
+    :param velocity: (3,) metres per second.
+    :param seen: time of the last accepted measurement, seconds.
+    :param time: time of the last picture, seconds.
+    :param lost: why the last picture gave no measurement, empty if it gave one.
     """
 
     gain: float
@@ -88,17 +95,17 @@ class Track:
 
     @property
     def known(self) -> bool:
-        """Whether it was ever seen."""
+        """Whether the joint was ever seen."""
         return bool(np.isfinite(self.seen))
 
     def update(self, measured: Floats, time: float) -> None:
-        """Take in a measurement (3,), metres; NaN where there is none; ``lost`` says why not.
+        """Process one picture.
 
-        :param measured: the joint's place
-        :param time: of the picture, seconds
+        :param measured: (3,) position of the joint, metres; NaN if it was not found.
+        :param time: of the picture, seconds.
         """
         if not np.isfinite(measured).all():
-            self._miss("is hidden", time)
+            self._miss("is hidden")
             self._elsewhere = None
         elif not self.known:
             self._jump_to(measured, time)
@@ -114,14 +121,14 @@ class Track:
         distance = float(np.linalg.norm(error))
         unseen = min(time - self.seen, _MEMORY)
         if distance > settings.jump + settings.top_speed * unseen:
-            self._doubt(measured, distance, time)
+            self._reject(measured, distance, time)
             return
         self.position = expected + self.gain * error
         self.velocity = self.velocity + self.speed_gain * error / max(step, 1e-3)
         self.seen, self.lost, self._elsewhere = time, "", None
 
-    def _doubt(self, measured: Floats, distance: float, time: float) -> None:
-        """Disbelieve a jump, unless the joint stays there."""
+    def _reject(self, measured: Floats, distance: float, time: float) -> None:
+        """Reject an outlier, unless the joint has stayed there for long enough."""
         settings = self.settings
         if self._elsewhere is None or np.linalg.norm(measured - self._elsewhere) > settings.jump:
             self._since = time
@@ -129,29 +136,30 @@ class Track:
         if time - self._since >= settings.reacquire:
             self._jump_to(measured, time)
         else:
-            self._miss(f"has jumped by {distance:.2f} m", time)
+            self._miss(f"has jumped by {distance:.2f} m")
 
-    def _miss(self, reason: str, time: float) -> None:
+    def _miss(self, reason: str) -> None:
         self.lost = reason
-        self.velocity = np.zeros(3)  # it stays where it was, as limp limbs do
+        self.velocity = np.zeros(3)  # a limp limb stays where it is
 
     def _jump_to(self, measured: Floats, time: float) -> None:
         self.position, self.velocity = measured.copy(), np.zeros(3)
-        self.seen, self.time, self.lost, self._elsewhere = time, time, "", None
+        self.seen, self.lost, self._elsewhere = time, "", None
 
 
-class FilterStage(Stage):
-    """From the joints of single pictures to a person with velocities.
+class FilterStage(LoopStage):
+    """Turn joints of single pictures into a person with velocities.
 
-    A joint that is missing, or jumps, keeps its last place for a limited time. After that the arms
-    are to hold still. There is none for a wrist by default, since 100 ms are soon over; a time of
-    its own can be given for one that an arm of the robot hides.
+    A joint that is missing or jumps keeps its last position for a limited time; after that the
+    stage is faulty and the arms hold still. For wrists this time is 0 by default, and a wrist that
+    an arm of the robot occludes can have a time of its own.
 
-    :param base_position: (arms, 3) of the arms' bases, metres
-    :param camera_position: (3,) metres, bench frame
-    :param settings: see there
-    :param forearm: from a tool to the arm's elbow along the hand, metres
-    :param latency: see `Stage`
+    :param base_position: (arms, 3) of the arms' bases, metres.
+    :param camera_position: (3,) metres, bench frame.
+    :param settings: of the filter.
+    :param forearm: distance from a tool to the arm's elbow along the hand, metres.
+    :param standoff: lateral distance of the targets from the hip joints, metres.
+    :param latency: see `LoopStage`.
     """
 
     def __init__(
@@ -160,6 +168,7 @@ class FilterStage(Stage):
         camera_position: NDArray[np.float64] = BENCH_POSE.position,
         settings: FilterSettings = FilterSettings(),
         forearm: float = 0.32,
+        standoff: float = LIMITS.standoff,
         latency: Latency = 0.0,
     ) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
@@ -167,65 +176,62 @@ class FilterStage(Stage):
         self._camera = camera_position
         self._settings = settings
         self._forearm = forearm
+        self._standoff = standoff
         self.reset()
 
     def reset(self) -> None:
-        """Know nothing."""
+        """Forget all joints."""
         settings = self._settings
-        self._wrists = [
-            Track(settings.wrist_gain, settings.wrist_speed_gain, settings) for _ in SIDES
-        ]
-        self._elbows = [
-            Track(settings.wrist_gain, settings.wrist_speed_gain, settings) for _ in SIDES
-        ]
-        self._hips = [Track(settings.hip_gain, 0.0, settings) for _ in SIDES]
+
+        def tracks(gain: float, speed_gain: float) -> list[Track]:
+            return [Track(gain, speed_gain, settings) for _ in SIDES]
+
+        self._wrists = tracks(settings.wrist_gain, settings.wrist_speed_gain)
+        self._elbows = tracks(settings.wrist_gain, settings.wrist_speed_gain)
+        self._hips = tracks(settings.hip_gain, 0.0)
 
     def process(self, inputs: Inputs, now: float) -> Person:
-        """Take in one picture's joints."""
+        """Process the joints of one picture."""
         pose = inputs.latest("bench_pose", SpacePose)
         arms = inputs.find("arms", ArmReading)
         known = pose.scores >= LEAST_SCORE
         positions = np.where(known[:, None], pose.positions, np.nan)
-        time = pose.stamp.time
-        every = ((WRISTS, self._wrists), (ELBOWS, self._elbows), (HIPS, self._hips))
-        for places, tracks in every:
-            for place, track in zip(places, tracks, strict=True):
-                track.update(positions[place], time)
-        self._check(time, arms)
+        tracks = (*self._wrists, *self._elbows, *self._hips)
+        for joint, track in zip((*WRISTS, *ELBOWS, *HIPS), tracks, strict=True):
+            track.update(positions[joint], pose.stamp.time)
+        self._check(pose.stamp.time, arms)
         return self._person(pose)
 
     def _check(self, time: float, arms: ArmReading | None) -> None:
-        """Refuse to go on with places that are too old.
+        """Check the age of all positions.
 
-        :raises StageFault: which joint, and why
+        :raises StageFault: for a position that is too old; states which joint, and why.
         """
         settings = self._settings
         for side, wrist, hip in zip(SIDES, self._wrists, self._hips, strict=True):
-            hidden = wrist.known and arms is not None and self._hidden(wrist.position, arms)
-            # A jump has been seen, whatever may hide the wrist.
+            hidden = wrist.known and arms is not None and self._occluded(wrist.position, arms)
+            # A wrist that jumped was seen, so nothing occludes it.
             hold = settings.hold_hidden if hidden and "hidden" in wrist.lost else settings.hold
             for name, track, limit in (("wrist", wrist, hold), ("hip", hip, settings.hold_hip)):
                 if track.lost and time - track.seen > limit:
                     raise StageFault(f"the {side} {name} {track.lost}")
 
-    def _hidden(self, place: Floats, arms: ArmReading) -> bool:
-        """Whether an arm of the robot is between the camera and a place (3,)."""
-        towards = self._camera - place
-        for tool, rotation, base in zip(
-            arms.tool_position, arms.tool_rotation, self._base, strict=True
-        ):
-            begin = tool + base
-            end = begin + self._forearm * rotation[:, 2]
-            if segment_distance(place, towards, begin, end) < self._settings.arm_radius:
-                return True
-        return False
+    def _occluded(self, place: Floats, arms: ArmReading) -> bool:
+        """Return whether an arm of the robot is between the camera and a position (3,)."""
+        begin = arms.tool_position + self._base
+        end = begin + self._forearm * arms.tool_rotation[..., 2]
+        towards, radius = self._camera - place, self._settings.arm_radius
+        return any(
+            segment_distance(place, towards, *ends) < radius
+            for ends in zip(begin, end, strict=True)
+        )
 
     def _person(self, pose: SpacePose) -> Person:
         wrists = np.stack([track.position for track in self._wrists])
         hips = np.stack([track.position for track in self._hips])
-        # Targets lie where wrists lie, on the stretcher.
+        # Targets are at the height of the wrists, which lie on the stretcher.
         targets = np.concatenate([hips[:, :2], wrists[:, 2:]], axis=1)
-        targets[:, 1] += np.where(self._base[:, 1] < 0, -STANDOFF, STANDOFF)
+        targets[:, 1] += np.where(self._base[:, 1] < 0, -self._standoff, self._standoff)
         velocity = np.stack([track.velocity for track in self._wrists])
         quaternion, angular = self._forearms(wrists, velocity)
         return Person(
@@ -240,10 +246,11 @@ class FilterStage(Stage):
         )
 
     def _forearms(self, wrists: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """How the forearms lie and turn, as `saver_envs.people.patient.Patient.wrists` has it.
+        """Compute the forearms' orientation and angular velocity.
 
-        An elbow that was never seen leaves its wrist unturned; one that is not seen now keeps its
-        place, since forearms turn slowly.
+        The definition is that of `saver_envs.people.patient.Patient.wrists`. The wrist of an elbow
+        that was never seen has the identity. A hidden elbow keeps its position, since forearms turn
+        slowly.
         """
         quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(wrists), 1))
         angular = np.zeros_like(wrists)
@@ -257,13 +264,15 @@ class FilterStage(Stage):
 
 
 def segment_distance(start: Floats, direction: Floats, begin: Floats, end: Floats) -> float:
-    """The least distance between two segments (3,), metres: from ``start`` along ``direction``,
-    and from ``begin`` to ``end``.
+    """Return the least distance between two segments, metres.
+
+    :param start: (3,) start of the first segment, metres.
+    :param direction: (3,) from its start to its end, metres.
+    :param begin: (3,) start of the second segment, metres.
+    :param end: (3,) its end, metres.
     """
     along, offset = end - begin, start - begin
-    a, b, c = (
-        float(x @ y) for x, y in ((direction, direction), (direction, along), (along, along))
-    )
+    a, b, c = float(direction @ direction), float(direction @ along), float(along @ along)
     d, e = float(direction @ offset), float(along @ offset)
     denominator = a * c - b * b
     s = 0.0 if denominator < 1e-12 else min(max((b * e - c * d) / denominator, 0.0), 1.0)

@@ -1,41 +1,44 @@
-"""One trial of the closed loop: played, recorded, judged as the dissertation's table does."""
+"""One trial of the closed loop: run, recorded, and evaluated as in the dissertation's table."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.assembly import Loop
-from saver_advisors.integration.health import Event
+from saver_advisors.integration.assembly import ControlLoop
+from saver_advisors.integration.casualty import LIMITS, TaskLimits
+from saver_advisors.integration.health import STOPPED, Event
 from saver_advisors.integration.messages import Message, ServoCommand
-from saver_advisors.integration.wrist_bench import WristBench
+from saver_advisors.integration.tracking import SIDES
+from saver_advisors.integration.wrist_bench import WristBench, wrist_bench
 from saver_envs.episodes import ACTION_DURATION
-from saver_envs.tasks.base import SUCCESS_THRESHOLD
-from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT, HORIZON
 
-#: A wrist that has come nearer to its target by this much (m) has been reached and pushed.
+#: A wrist that has moved this much (m) closer to its target has been reached and pushed.
 PUSHED: Final = 0.02
+#: Fraction of a trial above which holding the arms counts among the reasons of a failure.
+_LONG_HOLD: Final = 0.1
 SUCCEEDED, REACHING, PUSHING = "succeeded", "failed in reaching", "failed in pushing"
 Look = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class TrialRecord:
-    """What happened in a trial; arrays of T + 1 instants, one an action.
+    """Record a trial: arrays of T + 1 samples, one at the start and one after each action.
 
-    :param seed: it started from
-    :param distance: (T + 1, arms) of the wrists from their targets, metres
-    :param torso_force: (T + 1,) the highest since the instant before, newtons
-    :param torso_displacement: (T + 1,) likewise, metres
-    :param hand_force: (T + 1, arms) against each hand, newtons
-    :param speed: (T + 1, arms) of the tools, m/s
-    :param holding: (T + 1,) whether the arms were held still
-    :param log: of the stages' health
-    :param diverged: whether the simulation broke down
+    :param seed: of the trial.
+    :param distance: (T + 1, arms) of the wrists from their targets, metres.
+    :param torso_force: (T + 1,) peak since the last sample, newtons.
+    :param torso_displacement: (T + 1,) likewise, metres.
+    :param hand_force: (T + 1, arms) contact force at each hand, newtons.
+    :param speed: (T + 1, arms) of the tools, m/s.
+    :param holding: (T + 1,) whether the arms were held still.
+    :param log: of the stages' health.
+    :param diverged: whether the simulation diverged.
+    :param limits: that the outcome depends on.
     """
 
     seed: int
@@ -47,24 +50,25 @@ class TrialRecord:
     holding: NDArray[np.bool_]
     log: tuple[Event, ...]
     diverged: bool = False
+    limits: TaskLimits = LIMITS
 
     @property
     def unharmed(self) -> bool:
-        """Whether the trunk was never pressed nor moved beyond its limits (SPEC 5.6)."""
+        """Whether force and displacement of the torso stayed within their limits (SPEC 5.6)."""
         return bool(
-            self.torso_force.max() <= FORCE_LIMIT
-            and self.torso_displacement.max() <= DISPLACEMENT_LIMIT
+            self.torso_force.max() <= self.limits.torso_force
+            and self.torso_displacement.max() <= self.limits.torso_displacement
         )
 
     @property
     def outcome(self) -> str:
-        """How it ended.
+        """How the trial ended.
 
-        It succeeded where both wrists end within 5 cm of their targets and the trunk is unharmed.
-        It failed in reaching where a wrist that missed was never brought 2 cm nearer to its target:
-        the hand has not come to push it. Else it failed in pushing.
+        It succeeded if both wrists end within 5 cm of their targets and the torso is unharmed. It
+        failed in reaching if a wrist that missed was never pushed 2 cm closer to its target.
+        Otherwise it failed in pushing.
         """
-        arrived = self.distance[-1] <= SUCCESS_THRESHOLD
+        arrived = self.distance[-1] <= self.limits.success_threshold
         if arrived.all() and self.unharmed and not self.diverged:
             return SUCCEEDED
         nearer = self.distance[0] - self.distance.min(axis=0)
@@ -72,31 +76,34 @@ class TrialRecord:
 
     @property
     def cause(self) -> str:
-        """Why it failed, in words; empty where it succeeded."""
+        """Why the trial failed, in words; empty after a success."""
         outcome = self.outcome
         if outcome == SUCCEEDED:
             return ""
         if self.diverged:
             return f"{outcome}: the simulation broke down"
-        missed = np.flatnonzero(self.distance[-1] > SUCCESS_THRESHOLD)
         reasons = [
-            f"the {('right', 'left')[arm]} wrist ended {100 * self.distance[-1, arm]:.0f} cm away"
-            for arm in missed
+            f"the {side} wrist ended {100 * distance:.0f} cm away"
+            for side, distance in zip(SIDES, self.distance[-1], strict=True)
+            if distance > self.limits.success_threshold
         ]
-        if self.torso_force.max() > FORCE_LIMIT:
+        if self.torso_force.max() > self.limits.torso_force:
             reasons.append(f"the trunk was pressed with {self.torso_force.max():.0f} N")
-        if self.torso_displacement.max() > DISPLACEMENT_LIMIT:
+        if self.torso_displacement.max() > self.limits.torso_displacement:
             moved = 1000 * self.torso_displacement.max()
             reasons.append(f"the trunk was moved by {moved:.0f} mm")
-        share = self.holding.mean()
-        if share > 0.1:
-            stops = [event for event in self.log if event.kind == "stopped"]
+        held = self.holding.mean()
+        if held > _LONG_HOLD:
+            stops = self._stops()
             last = f", at last for {stops[-1].stage}: {stops[-1].reason}" if stops else ""
-            reasons.append(f"the arms were held for {100 * share:.0f}% of the time{last}")
+            reasons.append(f"the arms were held for {100 * held:.0f}% of the time{last}")
         return f"{outcome}: {'; '.join(reasons)}"
 
+    def _stops(self) -> list[Event]:
+        return [event for event in self.log if event.kind == STOPPED]
+
     def summary(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "seed": self.seed,
             "seconds": (len(self.distance) - 1) * ACTION_DURATION,
@@ -107,87 +114,73 @@ class TrialRecord:
             "torso_displacement_m": float(self.torso_displacement.max()),
             "hand_force_n": float(self.hand_force.max()),
             "held_share": float(self.holding.mean()),
-            "stops": [str(event) for event in self.log if event.kind == "stopped"],
+            "stops": [str(event) for event in self._stops()],
         }
 
 
-@dataclass
-class _Watch:
-    """What is written down in the course of a trial."""
+class _Recorder:
+    """Sample a trial; an observer of the graph."""
 
-    loop: Loop
-    bench: WristBench
-    held: bool = False
-    rows: list[tuple[NDArray[np.float64], float, float, bool]] = field(default_factory=list)
+    def __init__(self, bench: WristBench) -> None:
+        self._bench = bench
+        self._held = False
+        self._samples: list[dict[str, Any]] = []
 
     def __call__(self, topic: str, message: Message, now: float) -> None:
         if isinstance(message, ServoCommand):
-            self.held = message.holding
+            self._held = message.holding
 
-    def look(self) -> None:
-        """Write down how things are."""
-        truth = self.bench.truth()
-        distance = np.linalg.norm(truth.wrists - truth.targets, axis=-1)
-        state = self.bench.episodes.simulation.arm_state()
-        speed = np.linalg.norm(state.tool_velocity[0], axis=-1)
-        force, moved = self.bench.taken_peaks()
-        hand = self.bench.hand_force()
-        self.rows.append((np.stack([distance, speed, hand]), force, moved, self.held))
+    def sample(self) -> None:
+        """Record the present state."""
+        truth, arms = self._bench.truth(), self._bench.reading()
+        force, displacement = self._bench.taken_peaks()
+        sample = {
+            "distance": np.linalg.norm(truth.wrists - truth.targets, axis=-1),
+            "torso_force": force,
+            "torso_displacement": displacement,
+            "hand_force": arms.hand_force,
+            "speed": np.linalg.norm(arms.tool_velocity, axis=-1),
+            "holding": self._held,
+        }
+        self._samples.append(sample)
 
-    def record(self, seed: int) -> TrialRecord:
-        """Everything that was written down."""
-        stacked = np.stack([row[0] for row in self.rows])
-        return TrialRecord(
-            seed=seed,
-            distance=stacked[:, 0],
-            torso_force=np.array([row[1] for row in self.rows]),
-            torso_displacement=np.array([row[2] for row in self.rows]),
-            hand_force=stacked[:, 2],
-            speed=stacked[:, 1],
-            holding=np.array([row[3] for row in self.rows]),
-            log=tuple(self.loop.health.log),
-            diverged=self.bench.diverged,
-        )
+    def columns(self) -> dict[str, Any]:
+        """Return the samples as arrays, by name."""
+        return {name: np.array([one[name] for one in self._samples]) for name in self._samples[0]}
 
 
 def run_trial(
-    loop: Loop,
+    loop: ControlLoop,
     seed: int,
-    actions: int = HORIZON,
+    actions: int = LIMITS.horizon,
     look: Look | None = None,
     advance: Look | None = None,
 ) -> TrialRecord:
-    """Play one trial on the simulation's clock.
+    """Run one trial on the simulation's clock.
 
-    :param loop: round a `WristBench`
-    :param seed: of the person, the start and the camera's noise
-    :param actions: of 0.04 s
-    :param look: called with the time after each action, such as a recorder's
-    :param advance: lets the loop go on until a time, where its graph alone does not do
-    :raises TypeError: for a loop round another bench
+    :param loop: with a `WristBench`.
+    :param seed: of the person, the start and the camera's noise.
+    :param actions: number of actions, of 0.04 s each.
+    :param look: called with the time after each action, such as a video recorder.
+    :param advance: runs the loop until a time; by default its graph does.
+    :raises TypeError: for a loop with another bench.
     """
-    bench = loop.bench
-    if not isinstance(bench, WristBench):
-        raise TypeError(f"loop.bench of {type(bench).__name__}: must be a WristBench")
-    bench.reset(seed)
-    loop.graph.reset()
+    bench = wrist_bench(loop.bench)
+    loop.reset(seed)
     loop.stop.release()
-    watch = _Watch(loop, bench)
-    if advance is None:
-
-        def advance(end: float) -> None:
-            loop.graph.run_until(end, bench)
-
-    loop.graph.observers.append(watch)
+    recorder = _Recorder(bench)
+    loop.graph.observers.append(recorder)
     try:
-        watch.look()
-        if look is not None:
-            look(0.0)
-        for action in range(1, actions + 1):
-            advance(action * ACTION_DURATION)
-            watch.look()
+        for action in range(actions + 1):
+            now = action * ACTION_DURATION
+            if action and advance is not None:
+                advance(now)
+            elif action:
+                loop.graph.run_until(now, bench)
+            recorder.sample()
             if look is not None:
-                look(action * ACTION_DURATION)
+                look(now)
     finally:
-        loop.graph.observers.remove(watch)
-    return watch.record(seed)
+        loop.graph.observers.remove(recorder)
+    log = tuple(loop.health.log)
+    return TrialRecord(seed=seed, **recorder.columns(), log=log, diverged=bench.diverged)

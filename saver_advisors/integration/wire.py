@@ -1,7 +1,7 @@
-"""Messages between processes: a JSON header and the arrays' bytes behind it; nothing is unpickled.
+"""Messages between processes: a JSON header and the arrays' bytes; nothing is unpickled.
 
-A message is a multipart one: topic, header, then one part an array. The header has the class, the
-stamp, plain fields, and name, type and shape of each array.
+A message has several parts: topic, header, then one part per array. The header contains the class,
+the stamp, plain fields, and name, type and shape of each array.
 """
 
 from __future__ import annotations
@@ -14,41 +14,30 @@ from typing import Any, Final
 
 import numpy as np
 
-from saver_advisors.integration import messages
 from saver_advisors.integration.messages import Message, Stamp
 
-KINDS: Final[dict[str, type[Message]]] = {
-    kind.__name__: kind
-    for kind in (
-        messages.Picture,
-        messages.PixelPose,
-        messages.SpacePose,
-        messages.Person,
-        messages.ArmReading,
-        messages.Action,
-        messages.SetPoints,
-        messages.JointTargets,
-        messages.ServoCommand,
-    )
-}
-#: What arrays may be of.
+#: Class name -> class, of all messages.
+KINDS: Final[dict[str, type[Message]]] = {kind.__name__: kind for kind in Message.__subclasses__()}
+#: Types that arrays may have.
 TYPES: Final = ("float64", "float32", "uint8", "bool", "int64")
-#: Largest array (bytes): a colour picture of full HD is 6 MB.
+#: Largest array (bytes); a Full HD colour picture has 6 MB.
 LARGEST: Final = 32 * 2**20
 _PLAIN: Final = (bool, int, float, str)
 
 
 class WireError(ValueError):
-    """Bytes that are no message of ours; says what is wrong with them."""
+    """Report bytes that are not a message; states what is wrong with them."""
 
 
 def encode(topic: str, message: Message, now: float) -> list[bytes]:
-    """Turn a message into parts.
+    """Encode a message.
 
-    :param topic: under which it appears
-    :param message: of one of the classes in `KINDS`
-    :param now: the sender's time, seconds of the trial
-    :raises TypeError: for a message of another class, or a field that is neither plain nor an array
+    :param topic: of the message.
+    :param message: of one of the classes in `KINDS`.
+    :param now: the sender's time, seconds of the trial.
+    :return: its parts.
+    :raises TypeError: for a message of another class, or a field that is neither plain nor an
+        array.
     """
     kind = type(message).__name__
     if KINDS.get(kind) is not type(message):
@@ -73,9 +62,11 @@ def encode(topic: str, message: Message, now: float) -> list[bytes]:
 
 
 def decode(parts: Sequence[bytes]) -> tuple[str, Message, float]:
-    """Turn parts back into topic, message and the sender's time.
+    """Decode a message.
 
-    :raises WireError: for anything that :func:`encode` does not make
+    :param parts: as received.
+    :return: topic, message and the sender's time.
+    :raises WireError: for anything that :func:`encode` does not return.
     """
     if len(parts) < 2:
         raise WireError(f"{len(parts)} parts: must be topic, header and arrays")
@@ -87,9 +78,7 @@ def decode(parts: Sequence[bytes]) -> tuple[str, Message, float]:
     described = header.get("arrays")
     if not isinstance(described, list) or len(described) != len(parts) - 2:
         raise WireError(f"{kind.__name__}: {len(parts) - 2} arrays came, the header differs")
-    for one, part in zip(described, parts[2:], strict=True):
-        name, array = _array(one, part)
-        values[name] = array
+    values |= dict(map(_array, described, parts[2:]))
     expected = {field.name for field in fields(kind)} - {"stamp"}
     if set(values) != expected:
         raise WireError(
@@ -106,9 +95,9 @@ def decode(parts: Sequence[bytes]) -> tuple[str, Message, float]:
 
 
 def read_json(part: bytes) -> dict[str, Any]:
-    """A JSON object.
+    """Parse a JSON object.
 
-    :raises WireError: for anything else
+    :raises WireError: for anything else.
     """
     try:
         value = json.loads(part)
@@ -146,5 +135,5 @@ def _array(description: Any, part: bytes) -> tuple[str, np.ndarray]:
     size = math.prod(shape) * np.dtype(kind).itemsize
     if size > LARGEST or size != len(part):
         raise WireError(f"array {name!r} of {kind}{shape} has {len(part)} bytes, not {size}")
-    # A copy, which can be written to and does not keep the message alive.
+    # The copy is writable and does not keep the message alive.
     return name, np.frombuffer(part, dtype=kind).reshape(shape).copy()

@@ -1,4 +1,4 @@
-"""The bench of chapter 8: two arms, a person, a camera; and what the person goes through."""
+"""The bench of chapter 8: two arms, a person, a camera, and measurements at the torso."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.assembly import ENV_ID
-from saver_advisors.integration.bench import EpisodesBench, Truth
+from saver_advisors.integration.bench import EpisodesBench, RobotBench
+from saver_advisors.integration.casualty import ENV_ID
+from saver_advisors.integration.messages import Floats
 from saver_envs.cameras.one_pass import OnePassCamera
+from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
 from saver_envs.episodes import Episodes
 from saver_envs.people.bench import CAMERA
@@ -19,37 +21,39 @@ from saver_envs.people.stretcher import STRETCHER
 from saver_envs.registration import make_episodes
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
-#: Substeps between two samples of what the torso goes through: 100 Hz, as the environment has it.
+#: Substeps between two samples of the torso's force and displacement: 100 Hz, as in the
+#: environment.
 _SAMPLE_EVERY: Final = SUBSTEPS // CONTACT_SAMPLES
-#: Added to a trial's seed for the noise of its camera, which is not the episode's randomness.
+#: Added to a trial's seed for the noise of its camera, which is separate from the episode's
+#: randomness.
 _CAMERA_SEED: Final = 7_919
 
 
 class WristBench(EpisodesBench):
-    """An episode of `WristPush-v0` with its camera.
+    """Run an episode with a person and a camera as a bench.
 
-    :param episodes: one episode; made anew where None
-    :raises ValueError: for an environment without a person
+    :param episodes: one episode; that of `casualty.ENV_ID` by default.
+    :raises ValueError: for an environment without a person.
     """
 
     def __init__(self, episodes: Episodes | None = None) -> None:
         super().__init__(make_episodes(ENV_ID) if episodes is None else episodes)
         if self.episodes.patient is None:
-            raise ValueError("episodes: nobody lies there; take those of WristPush-v0")
+            raise ValueError(f"episodes: this environment has no person; use {ENV_ID}")
         self._patient: Patient = self.episodes.patient
         self._camera: OnePassCamera | None = None
         self._body = -1
         self._data: mujoco.MjData | None = None
         self._random = np.random.default_rng()
         self._force = 0.0
-        #: What the torso has gone through since the last look: newtons, metres.
+        #: Peaks at the torso since the last call of :meth:`taken_peaks`: newtons, metres.
         self.peak_force = 0.0
         self.displacement = 0.0
-        #: The highest force before that look, for those who only watch.
+        #: The peak force that the last call of :meth:`taken_peaks` returned, for drawing.
         self.last_peak = 0.0
 
     def reset(self, seed: int) -> None:
-        """Begin a trial, drawn from a seed, the camera's noise included."""
+        """Begin a trial, drawn from a seed, with the camera's noise."""
         super().reset(seed)
         self._random = np.random.default_rng(seed + _CAMERA_SEED)
         self._force = self.peak_force = self.displacement = self.last_peak = 0.0
@@ -63,28 +67,18 @@ class WristBench(EpisodesBench):
         self.displacement = max(self.displacement, float(readings["torso_displacement"][0]))
 
     def taken_peaks(self) -> tuple[float, float]:
-        """The highest torso force (N) and displacement (m) since the last call."""
+        """Return the peak torso force (N) and displacement (m) since the last call."""
         peaks = self.peak_force, self.displacement
         self.last_peak = self.peak_force
         self.peak_force = self.displacement = 0.0
         return peaks
 
     def torso_force(self) -> float:
-        """What presses on the person's trunk now, newtons."""
+        """Return the present contact force on the person's torso, newtons."""
         return self._force
 
-    def truth(self) -> Truth:
-        """Tell where wrists, hips and targets are."""
-        wrists = self.episodes.object_state()
-        targets = self.episodes.simulation.to_world(self.episodes.target)[0]
-        return Truth(
-            wrists=wrists.world_position[0],
-            wrist_velocity=wrists.linear_velocity[0],
-            wrist_quaternion=wrists.quaternion[0],
-            wrist_angular_velocity=wrists.angular_velocity[0],
-            hips=self._patient.hips()[0],
-            targets=targets,
-        )
+    def _hips(self, targets: Floats) -> Floats:
+        return self._patient.hips()[0]
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Take a picture from above, with the noise of the depth sensor."""
@@ -95,8 +89,16 @@ class WristBench(EpisodesBench):
         rgb, exact = camera.capture(data)
         return rgb, measured_depth(exact, KINECT_V2, self._random)
 
+    def update_scene(self, renderer: SceneRenderer, targets: Floats) -> None:
+        """Update a renderer to the present state.
+
+        :param renderer: of the bench's scene.
+        :param targets: (arms, 3) that are marked, metres.
+        """
+        renderer.update(self.episodes.simulation, 0, targets, self.episodes.people)
+
     def _camera_of(self, body: int) -> tuple[OnePassCamera, mujoco.MjData]:
-        """The camera over a body, the stretcher where the person was laid down."""
+        """Return the camera over a body, with the stretcher under the person."""
         if self._camera is None or self._data is None or body != self._body:
             self.close()
             self._camera = OnePassCamera(self.episodes.scene.drawing_model(body), CAMERA, KINECT_V2)
@@ -113,3 +115,13 @@ class WristBench(EpisodesBench):
         if self._camera is not None:
             self._camera.close()
             self._camera = self._data = None
+
+
+def wrist_bench(bench: RobotBench) -> WristBench:
+    """Return a bench that must be a `WristBench`.
+
+    :raises TypeError: for another one.
+    """
+    if not isinstance(bench, WristBench):
+        raise TypeError(f"loop.bench of {type(bench).__name__}: must be a WristBench")
+    return bench

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from small_loops import Loop, build_loop
+from small_loops import SmallLoop, build_loop
 
 
 @pytest.fixture
-def make_loop() -> Callable[..., Loop]:
+def make_loop() -> Callable[..., SmallLoop]:
     """Build a loop round a policy."""
     return build_loop

@@ -9,19 +9,19 @@ import numpy as np
 
 from saver_advisors.integration.bench import EpisodesBench
 from saver_advisors.integration.control_stages import (
-    EncoderStage,
+    ENCODER_RATE,
+    POLICY_RATE,
     KinematicsStage,
-    Policy,
+    LoopPolicy,
     PolicyStage,
     ServoStage,
     SetPointStage,
-    TruePersonStage,
 )
 from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import Health
 from saver_advisors.integration.messages import JointTargets, Message, Stamp
-from saver_advisors.integration.safety import EmergencyStop, Limits
-from saver_advisors.integration.stage import Inputs, Stage
+from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
+from saver_advisors.integration.stage import Inputs, LoopStage, SensorStage
 from saver_envs.control import DampedLeastSquares
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO
@@ -40,7 +40,7 @@ class Clock:
         self.time = time
 
 
-class Source(Stage):
+class Source(LoopStage):
     """Says 1, 2, 3 ..."""
 
     def reset(self) -> None:
@@ -51,7 +51,7 @@ class Source(Stage):
         return JointTargets(Stamp(now, self.count, self.name), np.full((1, 1), float(self.count)))
 
 
-class Relay(Stage):
+class Relay(LoopStage):
     """Passes on what it gets, unless `act` does something else."""
 
     def __init__(
@@ -73,7 +73,7 @@ class Relay(Stage):
 
 
 @dataclass
-class Loop:
+class SmallLoop:
     """The loop with the true state on a scene of cubes."""
 
     bench: EpisodesBench
@@ -92,23 +92,22 @@ class Push:
         return np.tile(self.motion, 2)[None], None
 
 
-def build_loop(policy: Policy, limits: Limits | None = None) -> Loop:
+def build_loop(policy: LoopPolicy, limits: SafetyLimits | None = None) -> SmallLoop:
     """The loop with the true state round a policy, at the start of trial 0."""
     bench = EpisodesBench(make_episodes("DualMicoPush-v0"))
-    cell = bench.cell
     names = ("encoders", "true state", "policy", "set-points", "kinematics", "servos")
     health = Health(names, {"encoders": 0.03, "true state": 0.06, "policy": 0.06})
     stop = EmergencyStop()
-    limits = limits or Limits(max_speed=0.5, hand_force=1e6, clearance=0.0)
+    limits = limits or SafetyLimits(max_speed=0.5, hand_force=1e6, clearance=0.0)
     stages = [
-        EncoderStage(bench),
-        TruePersonStage(bench),
-        PolicyStage(policy, cell.robot, cell.base_position, JACO),
-        SetPointStage(cell.workspace, cell.base_position, limits, cell.held_height, health),
-        KinematicsStage(DampedLeastSquares(cell.robot)),
+        SensorStage("encoders", "arms", bench.reading, ENCODER_RATE),
+        SensorStage("true state", "person", bench.truth, POLICY_RATE),
+        PolicyStage(policy, bench.geometry, JACO),
+        SetPointStage(bench.geometry, limits, health),
+        KinematicsStage(DampedLeastSquares(bench.geometry.robot)),
         ServoStage(bench, health, stop),
     ]
     graph = Graph(stages, health)
     bench.reset(0)
     graph.reset()
-    return Loop(bench, graph, health, stop)
+    return SmallLoop(bench, graph, health, stop)

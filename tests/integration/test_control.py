@@ -10,11 +10,11 @@ from gymnasium.utils import seeding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from small_loops import Loop, Push
+from small_loops import Push, SmallLoop
 
 from saver_advisors.integration.safety import (
     EmergencyStop,
-    Limits,
+    SafetyLimits,
     kept_clear,
     limited_set_point,
 )
@@ -28,13 +28,13 @@ from saver_envs.wrappers.finger_readings import translated_fingers
 WORKSPACE = regions(MICO, 2, "row").workspace
 
 
-def speed(loop: Loop) -> float:
+def speed(loop: SmallLoop) -> float:
     return float(
         np.linalg.norm(loop.bench.episodes.simulation.arm_state().tool_velocity, axis=-1).max()
     )
 
 
-def test_without_latency_the_loop_is_the_environment(make_loop: Callable[..., Loop]) -> None:
+def test_without_latency_the_loop_is_the_environment(make_loop: Callable[..., SmallLoop]) -> None:
     policy = load_policy("dual-jaco-push")
     loop = make_loop(policy)
     reference = make_episodes("DualMicoPush-v0")
@@ -66,7 +66,7 @@ NUMBERS = st.floats(-3, 3)
 def test_no_set_point_leaves_the_limits(
     previous: np.ndarray, motion: np.ndarray, tool: np.ndarray, force: np.ndarray, torso: float
 ) -> None:
-    limits = Limits(max_speed=0.5)
+    limits = SafetyLimits(max_speed=0.5)
     tool = WORKSPACE.clip(tool + np.array([0.4, 0.0, 0.1]))
     freedom = limits.freedom(force, torso)
     found = limited_set_point(previous, motion, tool, limits, WORKSPACE, None, freedom)
@@ -86,7 +86,7 @@ def test_no_set_point_leaves_the_limits(
     ("force", "share"), [(0.0, 1.0), (12.5, 1.0), (18.75, 0.5), (25.0, 0.0), (80.0, 0.0)]
 )
 def test_force_shortens_the_leash(force: float, share: float) -> None:
-    assert Limits().freedom(np.zeros(2), force) == pytest.approx([share, share])
+    assert SafetyLimits().freedom(np.zeros(2), force) == pytest.approx([share, share])
 
 
 def test_set_points_keep_clear_of_the_hips() -> None:
@@ -102,7 +102,9 @@ def test_set_points_keep_clear_of_the_hips() -> None:
     assert not changed
 
 
-def test_nothing_moves_while_the_emergency_stop_is_pressed(make_loop: Callable[..., Loop]) -> None:
+def test_nothing_moves_while_the_emergency_stop_is_pressed(
+    make_loop: Callable[..., SmallLoop],
+) -> None:
     loop = make_loop(Push((1.0, 0.0, 0.0)))
     loop.graph.run_until(0.3, loop.bench)
     assert speed(loop) > 0.2
@@ -140,7 +142,7 @@ def test_the_first_reason_of_a_stop_stays() -> None:
     ],
 )
 def test_what_the_policy_cannot_mean_stops_the_arms(
-    make_loop: Callable[..., Loop], motion: tuple[float, float, float], words: str
+    make_loop: Callable[..., SmallLoop], motion: tuple[float, float, float], words: str
 ) -> None:
     policy = Push((1.0, 0.0, 0.0))
     loop = make_loop(policy)
@@ -158,4 +160,4 @@ def test_what_the_policy_cannot_mean_stops_the_arms(
 @pytest.mark.parametrize("name", ["max_speed", "torso_force", "hand_force"])
 def test_limits_that_cannot_be_are_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name}=0.0"):
-        Limits(**{name: 0.0})
+        SafetyLimits(**{name: 0.0})

@@ -58,7 +58,7 @@ def test_measured_latency_is_that_of_the_call() -> None:
     loop = graph(Source("camera", "frame", rate=10.0, latency=MEASURED))
     loop.observers.append(lambda topic, message, now: seen.append(now))
     loop.run_until(0.05, Clock())
-    assert seen == pytest.approx(loop.timings["camera"].seconds[:1])
+    assert seen == pytest.approx(loop.seconds["camera"][:1])
 
 
 def test_a_fault_is_told_until_the_next_success() -> None:
@@ -148,7 +148,7 @@ def test_nothing_is_seen_too_early_or_out_of_order(
     [
         ((Source("a", "x", rate=1.0), Source("a", "y", rate=1.0)), "name 'a' is used twice"),
         ((Source("a", "x", rate=1.0), Source("b", "x", rate=1.0)), "output 'x' is used twice"),
-        ((Relay("a", "x", ("nothing",)),), "reads 'nothing', which nobody writes; there are x"),
+        ((Relay("a", "x", ("nothing",)),), "reads 'nothing', which no stage writes; there are x"),
     ],
 )
 def test_a_graph_that_cannot_be_is_refused(stages: tuple[Source, ...], words: str) -> None:

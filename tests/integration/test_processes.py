@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from saver_advisors.integration.assembly import LoopSettings, build_loop
-from saver_advisors.integration.bench import Cell, EpisodesBench
-from saver_advisors.integration.safety import Limits
+from saver_advisors.integration.bench import BenchGeometry, EpisodesBench
+from saver_advisors.integration.safety import SafetyLimits
 from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
 from saver_envs.registration import make_episodes
 
 SETTINGS = LoopSettings(
     seeing=False,
     learned_kinematics=False,
-    limits=Limits(max_speed=0.5, clearance=0.0),
+    limits=SafetyLimits(max_speed=0.5, clearance=0.0),
     silent_periods=SILENT_PERIODS,
 )
 #: Simulated seconds within which a process must be back; it begins in a few real ones.
@@ -74,16 +74,16 @@ def test_places_that_cannot_be_are_refused(
         ProcessLoop(SETTINGS, bench, computers)
 
 
-def test_settings_and_cell_survive_the_way_to_another_process() -> None:
+def test_settings_and_geometry_survive_the_way_to_another_process() -> None:
     assert LoopSettings.from_mapping(SETTINGS.to_mapping()) == SETTINGS
     measured = replace(SETTINGS, seeing=True).measured()
     assert LoopSettings.from_mapping(measured.to_mapping()) == measured
-    cell = EpisodesBench(make_episodes("DualMicoPush-v0")).cell
-    again = Cell.from_mapping(cell.to_mapping())
-    assert (again.robot, again.held_height) == (cell.robot, cell.held_height)
-    np.testing.assert_array_equal(again.base_position, cell.base_position)
+    geometry = EpisodesBench(make_episodes("DualMicoPush-v0")).geometry
+    again = BenchGeometry.from_mapping(geometry.to_mapping())
+    assert (again.robot, again.held_height) == (geometry.robot, geometry.held_height)
+    np.testing.assert_array_equal(again.base_position, geometry.base_position)
     points = np.array([[0.9, -0.3, 0.1], [0.1, 0.9, 0.9]])
-    np.testing.assert_array_equal(again.workspace.clip(points), cell.workspace.clip(points))
+    np.testing.assert_array_equal(again.workspace.clip(points), geometry.workspace.clip(points))
 
 
 @pytest.mark.parametrize(

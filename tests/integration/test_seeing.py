@@ -17,7 +17,7 @@ from saver_advisors.integration.faults import FAULTS, with_fault
 from saver_advisors.integration.injections import ALLOWED, DURATION, inject
 from saver_advisors.integration.messages import Message, Person
 from saver_advisors.integration.perception_stages import Estimator, PictureCheckStage, PoseStage
-from saver_advisors.integration.stage import Stage
+from saver_advisors.integration.stage import LoopStage
 from saver_advisors.integration.wrist_bench import WristBench
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
 from saver_envs.people.bench import CAMERA
@@ -132,6 +132,6 @@ def test_the_network_sees_a_person_and_nobody(bench: WristBench) -> None:
 
 
 def test_a_fault_needs_its_stage() -> None:
-    check: Callable[[list[Stage]], list[Stage]] = with_fault(FAULTS["frames lost"], [])
+    check: Callable[[list[LoopStage]], list[LoopStage]] = with_fault(FAULTS["frames lost"], [])
     with pytest.raises(ValueError, match="this loop has no stage 'camera'"):
         check([PictureCheckStage(), PoseStage(lambda rgb: Poses.none())])

@@ -53,7 +53,7 @@ class Feed:
     def __init__(self, tool: tuple[float, float, float] = (0.6, 0.0, 0.3)) -> None:
         self.stage = FilterStage(BASE, settings=FilterSettings(hold_hidden=HOLD_HIDDEN))
         self.boxes = {"bench_pose": Mailbox(), "arms": Mailbox()}
-        self.boxes["arms"].put(reading(tool), 0.0)
+        self.boxes["arms"].put(reading(tool))
         self.number = 0
 
     def __call__(self, positions: np.ndarray):
@@ -61,7 +61,7 @@ class Feed:
         time = self.number * PERIOD
         scores = np.isfinite(positions).all(axis=1).astype(float)
         pose = SpacePose(Stamp(time, self.number, "bench frame"), positions, scores)
-        self.boxes["bench_pose"].put(pose, time)
+        self.boxes["bench_pose"].put(pose)
         return self.stage.process(Inputs(self.boxes), time)
 
 
