@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, Final
 
@@ -89,7 +90,7 @@ def work(job: Job) -> dict[str, Any]:
     what, mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if what == "inject":
-        return {"injections": [inject(settings, bench, fault, s).to_mapping() for s in seeds]}
+        return {"injections": [asdict(inject(settings, bench, fault, s)) for s in seeds]}
     return _play(build_loop(settings, bench), seeds)
 
 

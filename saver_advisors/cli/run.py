@@ -186,7 +186,7 @@ def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialR
         for seed in range(args.seed, args.seed + args.trials):
             records.append(run_trial(processes.loop, seed, advance=processes.run_until))
             _tell(records[-1])
-        for name, (calls, mean) in processes.timings().items():
+        for name, (calls, mean) in processes.timings.items():
             print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
     return records
 

@@ -4,32 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from saver_advisors.integration import casualty
+from saver_advisors.integration import control_stages as control
+from saver_advisors.integration import perception_stages as perception
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
-from saver_advisors.integration.control_stages import (
-    ENCODER_RATE,
-    POLICY_RATE,
-    KinematicsStage,
-    LoopPolicy,
-    PolicyStage,
-    ServoStage,
-    SetPointStage,
-)
 from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import SILENT_PERIODS, Health, allowed_silence
-from saver_advisors.integration.messages import Picture, Stamp
-from saver_advisors.integration.perception_stages import (
-    BenchFrameStage,
-    LiftStage,
-    PictureCheckStage,
-    PoseStage,
-    shipped_estimator,
-)
+from saver_advisors.integration.messages import Message, Picture, Stamp
 from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
 from saver_advisors.integration.stage import MEASURED, Latency, LoopStage, SensorStage
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
@@ -134,11 +119,11 @@ class LoopSettings:
 
     def silence(self) -> dict[str, float]:
         """Return the seconds after which each stage counts as silent."""
-        allowed = {"encoders": allowed_silence(ENCODER_RATE, 2 * self.silent_periods)}
+        allowed = {"encoders": allowed_silence(control.ENCODER_RATE, 2 * self.silent_periods)}
         slowest = 1 / KINECT_V2.rate
         for name in self.order[1:-1]:
             if name not in SEEING:
-                allowed[name] = allowed_silence(POLICY_RATE, self.silent_periods)
+                allowed[name] = allowed_silence(control.POLICY_RATE, self.silent_periods)
                 continue
             latency = self.latency(name)
             if name != "camera" and not isinstance(latency, str):
@@ -219,19 +204,17 @@ def _bench_stage(
 ) -> LoopStage:
     """Build any stage, with the bench for those that need it."""
     latency = settings.latency(name)
-    if name == "encoders":
-        return SensorStage(name, "arms", bench.reading, ENCODER_RATE, latency)
-    if name == "true state":
-        return SensorStage(name, "person", bench.truth, POLICY_RATE, latency)
-    if name == "camera":
-        return SensorStage(name, "frame", partial(_frame, bench), KINECT_V2.rate, latency)
+    sensors: dict[str, tuple[str, Callable[[Stamp], Message], float]] = {
+        "encoders": ("arms", bench.reading, control.ENCODER_RATE),
+        "true state": ("person", bench.truth, control.POLICY_RATE),
+        "camera": ("frame", lambda stamp: Picture(stamp, *bench.picture()), KINECT_V2.rate),
+    }
+    if name in sensors:
+        topic, measure, rate = sensors[name]
+        return SensorStage(name, topic, rate=rate, latency=latency, measure=measure)
     if name == "servos":
-        return ServoStage(bench, health, stop)
+        return control.ServoStage(bench, health, stop)
     return build_stage(name, settings, bench.geometry, health)
-
-
-def _frame(bench: RobotBench, stamp: Stamp) -> Picture:
-    return Picture(stamp, *bench.picture())
 
 
 def build_stage(
@@ -249,21 +232,23 @@ def build_stage(
     trained_on = None if settings.trained_on is None else ROBOTS[settings.trained_on]
     height = settings.wrist_height
     builders: dict[str, Callable[[], LoopStage]] = {
-        "picture check": lambda: PictureCheckStage(latency),
-        "pose": lambda: PoseStage(shipped_estimator(), latency),
-        "lift": lambda: LiftStage(latency=latency),
-        "bench frame": lambda: BenchFrameStage(latency=latency),
+        "picture check": lambda: perception.PictureCheckStage(latency),
+        "pose": lambda: perception.PoseStage(perception.shipped_estimator(), latency),
+        "lift": lambda: perception.LiftStage(latency=latency),
+        "bench frame": lambda: perception.BenchFrameStage(latency=latency),
         "filter": lambda: FilterStage(base, settings=settings.filter, latency=latency),
-        "policy": lambda: PolicyStage(_policy(settings), geometry, trained_on, height, latency),
-        "set-points": lambda: SetPointStage(geometry, settings.limits, health, latency),
-        "kinematics": lambda: KinematicsStage(_kinematics(settings, geometry), latency),
+        "policy": lambda: control.PolicyStage(
+            _policy(settings), geometry, trained_on, height, latency
+        ),
+        "set-points": lambda: control.SetPointStage(geometry, settings.limits, health, latency),
+        "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry), latency),
     }
     if name not in builders:
         raise ValueError(f"stage {name!r} is unknown; there are {', '.join(builders)}")
     return builders[name]()
 
 
-def _policy(settings: LoopSettings) -> LoopPolicy:
+def _policy(settings: LoopSettings) -> control.LoopPolicy:
     if settings.policy == EXPERT:
         from saver_envs.experts import make_expert
 

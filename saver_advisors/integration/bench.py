@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -38,26 +38,18 @@ class BenchGeometry:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        space = self.workspace
         return {
             "robot": self.robot.name,
             "base_position": self.base_position.tolist(),
-            "lower": space.lower.tolist(),
-            "upper": space.upper.tolist(),
-            "hand_reach": space.hand_reach if np.isfinite(space.hand_reach) else None,
-            "shoulder_height": space.shoulder_height,
+            "workspace": [np.asarray(value).tolist() for value in astuple(self.workspace)],
             "held_height": self.held_height,
         }
 
     @staticmethod
     def from_mapping(values: Mapping[str, Any]) -> BenchGeometry:
         """Restore what :meth:`to_mapping` returned."""
-        workspace = Workspace(
-            np.array(values["lower"]),
-            np.array(values["upper"]),
-            np.inf if values["hand_reach"] is None else values["hand_reach"],
-            values["shoulder_height"],
-        )
+        lower, upper, *reach = values["workspace"]
+        workspace = Workspace(np.array(lower), np.array(upper), *reach)
         base = np.array(values["base_position"])
         return BenchGeometry(ROBOTS[values["robot"]], base, workspace, values["held_height"])
 

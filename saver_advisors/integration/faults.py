@@ -20,14 +20,17 @@ JUMP: Final = 70.0
 TOO_FAR: Final = 50.0
 
 
+#: Turns a result and the last result before the fault into the message that is passed on.
+Spoil = Callable[[Any, Any], Message | None]
+
+
 @dataclass(frozen=True)
 class Fault:
     """Describe a fault.
 
     :param name: in the table of results.
     :param stage: whose results are wrong.
-    :param spoil: turns a result and the last result before the fault into the message that is
-        passed on, or None for no message.
+    :param spoil: replaces a result; returns None for no message.
     :param words: description for the table.
     :param detected_by: the stage that detects the fault, if it is not the faulty one: pictures are
         checked by the stages that read them, actions by the stage that applies them.
@@ -35,79 +38,80 @@ class Fault:
 
     name: str
     stage: str
-    spoil: Callable[[Any, Any], Message | None]
+    spoil: Spoil
     words: str
     detected_by: str = ""
 
 
-def _lost(message: Message, before: Message | None) -> None:
+#: Name -> fault, in the order of the table.
+FAULTS: Final[dict[str, Fault]] = {}
+
+
+def _fault(name: str, stage: str, words: str, detected_by: str = "") -> Callable[[Spoil], Spoil]:
+    """Return a decorator that registers a function as a fault, see `Fault`."""
+
+    def register(spoil: Spoil) -> Spoil:
+        FAULTS[name] = Fault(name, stage, spoil, words, detected_by)
+        return spoil
+
+    return register
+
+
+@_fault("frames lost", "camera", "the camera delivers nothing")
+def _lost(picture: Picture, before: Picture | None) -> None:
     return None
 
 
+@_fault("frames frozen", "camera", "the camera delivers its last picture again", "picture check")
 def _frozen(picture: Picture, before: Picture | None) -> Picture:
     old = picture if before is None else before
     return replace(picture, rgb=old.rgb, depth=old.depth)
 
 
+@_fault("frames black", "camera", "the picture is black", "picture check")
 def _black(picture: Picture, before: Picture | None) -> Picture:
     return replace(picture, rgb=np.zeros_like(picture.rgb))
 
 
+@_fault("no person", "camera", "there is nobody in the picture", "pose")
 def _nobody(picture: Picture, before: Picture | None) -> Picture:
     """Return a uniform grey picture with unchanged depth: there is light but no person."""
     return replace(picture, rgb=np.full_like(picture.rgb, 120))
 
 
+@_fault("wrist hidden", "pose", "the right wrist is not found", "filter")
 def _hidden(pose: PixelPose, before: PixelPose | None) -> PixelPose:
     joints, scores = pose.joints.copy(), pose.scores.copy()
     joints[WRISTS[0]], scores[WRISTS[0]] = np.nan, 0.0
     return replace(pose, joints=joints, scores=scores)
 
 
+@_fault("pose jumps", "pose", "the right wrist is found 0.2 m away", "filter")
 def _jumped(pose: PixelPose, before: PixelPose | None) -> PixelPose:
     joints = pose.joints.copy()
     joints[WRISTS[0], 1] += JUMP if joints[WRISTS[0], 1] < KINECT_V2.height / 2 else -JUMP
     return replace(pose, joints=joints)
 
 
+@_fault("unreachable point", "policy", "the policy asks for a point 1 m away", "set-points")
 def _unreachable(action: Action, before: Action | None) -> Action:
     length = max(float(np.abs(action.motion).max()), 0.1)
     return replace(action, motion=action.motion / length * TOO_FAR)
 
 
+@_fault("not a number", "policy", "the policy asks for NaN", "set-points")
 def _not_finite(action: Action, before: Action | None) -> Action:
     return replace(action, motion=np.full_like(action.motion, math.nan))
 
 
-def _crash(message: Message, before: Message | None) -> None:
+@_fault("stage crashes", "pose", "the pose stage raises an exception at every call")
+def _crash(pose: PixelPose, before: PixelPose | None) -> None:
     raise RuntimeError("injected")
 
 
-_FAULTS: Final = (
-    Fault("frames lost", "camera", _lost, "the camera delivers nothing"),
-    Fault(
-        "frames frozen",
-        "camera",
-        _frozen,
-        "the camera delivers its last picture again",
-        "picture check",
-    ),
-    Fault("frames black", "camera", _black, "the picture is black", "picture check"),
-    Fault("no person", "camera", _nobody, "there is nobody in the picture", "pose"),
-    Fault("wrist hidden", "pose", _hidden, "the right wrist is not found", "filter"),
-    Fault("pose jumps", "pose", _jumped, "the right wrist is found 0.2 m away", "filter"),
-    Fault(
-        "unreachable point",
-        "policy",
-        _unreachable,
-        "the policy asks for a point 1 m away",
-        "set-points",
-    ),
-    Fault("not a number", "policy", _not_finite, "the policy asks for NaN", "set-points"),
-    Fault("stage crashes", "pose", _crash, "the pose stage raises an exception at every call"),
-    Fault("policy silent", "policy", _lost, "the policy does not answer"),
-)
-FAULTS: Final = {fault.name: fault for fault in _FAULTS}
+@_fault("policy silent", "policy", "the policy does not answer")
+def _silent(action: Action, before: Action | None) -> None:
+    return None
 
 
 class FaultyStage(LoopStage):

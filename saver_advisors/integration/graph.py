@@ -154,14 +154,14 @@ class Graph:
         try:
             message = stage.process(self._inputs, self.now)
         except StageFault as fault:
-            self.health.fault(stage.name, str(fault))
+            self.health.faults[stage.name] = str(fault)
         except Exception as error:
             reason = f"crashed: {type(error).__name__}: {error}"
-            self.health.fault(stage.name, reason)
+            self.health.faults[stage.name] = reason
             self.health.note(self.now, "crashed", stage.name, reason)
             self._schedules[stage.name].down_until = self.now + RESTART_AFTER
         else:
-            self.health.well(stage.name)
+            self.health.faults.pop(stage.name, None)
             return message
         return None
 

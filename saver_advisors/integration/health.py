@@ -66,25 +66,14 @@ class Health:
     def reset(self) -> None:
         """Begin a trial."""
         self.log.clear()
-        self._faults: dict[str, str] = {}
+        #: Why stages fail at present, by stage.
+        self.faults: dict[str, str] = {}
         self._heard = dict.fromkeys(self._silence, GRACE)
 
     def heard(self, stage: str, now: float) -> None:
         """Record that a result of a stage has arrived."""
         if stage in self._heard:
             self._heard[stage] = now
-
-    def well(self, stage: str) -> None:
-        """Record that a stage has succeeded."""
-        self._faults.pop(stage, None)
-
-    def fault(self, stage: str, reason: str) -> None:
-        """Record why a stage fails at present."""
-        self._faults[stage] = reason
-
-    def faults(self) -> dict[str, str]:
-        """Return the reasons of the stages that fail at present, by stage."""
-        return dict(self._faults)
 
     def note(self, now: float, kind: str, stage: str, reason: str) -> None:
         """Write a line into the log."""
@@ -97,8 +86,8 @@ class Health:
         they get no input, so the first one is the cause.
         """
         for stage in self._order:
-            if stage in self._faults:
-                return Cause(stage, self._faults[stage])
+            if stage in self.faults:
+                return Cause(stage, self.faults[stage])
             if stage in self._heard:
                 silent = now - self._heard[stage]
                 if silent > self._silence[stage] + _TOLERANCE:

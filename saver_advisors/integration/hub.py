@@ -6,7 +6,8 @@ ones that they write. Sockets are bound to this machine alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, Final
 
 import zmq
@@ -19,9 +20,6 @@ HOST: Final = "tcp://127.0.0.1"
 WAITING: Final = 16
 #: First part of a sign of life, which is not a message.
 ALIVE: Final = b"!alive"
-
-Arrival = Callable[[str, Message], None]
-SignOfLife = Callable[[dict[str, Any]], None]
 
 
 def open_socket(context: zmq.Context[Any], kind: int) -> zmq.Socket[bytes]:
@@ -50,31 +48,30 @@ class Hub:
         self.publisher_port = int(self._publisher.bind_to_random_port(HOST))
         self.results_port = int(self._results.bind_to_random_port(HOST))
         #: Errors of the last ten messages that could not be decoded, newest last.
-        self.refused: list[str] = []
+        self.refused: deque[str] = deque(maxlen=10)
 
     def forward(self, topic: str, message: Message, now: float) -> None:
         """Send a message to the subscribers of its topic; an observer of the graph."""
         if topic in self._topics:
             self._publisher.send_multipart(encode(topic, message, now), copy=True)
 
-    def poll(self, arrival: Arrival, sign_of_life: SignOfLife) -> None:
-        """Process everything that has arrived, without waiting.
+    def received(
+        self, sign_of_life: Callable[[dict[str, Any]], None]
+    ) -> Iterator[tuple[str, Message]]:
+        """Yield topic and message of everything that has arrived, without waiting.
 
-        :param arrival: called with topic and message.
-        :param sign_of_life: called with the content of a sign of life.
+        :param sign_of_life: called with the content of each sign of life.
         """
         while self._results.poll(0):
             parts = self._results.recv_multipart()
             try:
                 if parts[0] == ALIVE and len(parts) == 2:
                     sign_of_life(read_json(parts[1]))
-                    continue
-                topic, message, _ = decode(parts)
+                else:
+                    yield decode(parts)[:2]
             except WireError as error:
                 # Third-party bytes, or a stage of another version, must not end the loop.
-                self.refused = [*self.refused[-9:], str(error)]
-                continue
-            arrival(topic, message)
+                self.refused.append(str(error))
 
     def close(self) -> None:
         """Close both sockets."""

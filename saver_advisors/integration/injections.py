@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -52,10 +52,6 @@ class Injection:
     recovered_after: float | None
     torso_force: float
     torso_displacement: float
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
-        return asdict(self)
 
 
 def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> Injection:

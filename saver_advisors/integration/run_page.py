@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 from saver_advisors.integration.assembly import ControlLoop
 from saver_advisors.integration.recording import VideoRecorder
@@ -29,35 +28,23 @@ def write_report(folder: Path, loop: ControlLoop, records: list[TrialRecord]) ->
 
     origin = provenance()  # before videos are added to the checkout
     folder.mkdir(parents=True, exist_ok=True)
+    failed = [one for one in records if one.outcome != SUCCEEDED]
+    videos = {one.seed: _film(folder, loop, one) for one in failed}
     templates = Environment(
         loader=PackageLoader("saver_advisors.integration"),
         undefined=StrictUndefined,
         autoescape=True,
     )
     page = templates.get_template("run.html.j2").render(
-        rows=[_row(folder, loop, one) for one in records],
+        records=records,
+        videos=videos,
         counts=Counter(one.outcome for one in records).most_common(),
-        trials=len(records),
         settings=loop.settings,
         provenance=origin,
     )
     path = folder / "index.html"
     path.write_text(page, encoding="utf-8")
     return path
-
-
-def _row(folder: Path, loop: ControlLoop, record: TrialRecord) -> dict[str, Any]:
-    return {
-        "seed": record.seed,
-        "outcome": record.outcome,
-        "cause": record.cause,
-        "distance": " / ".join(f"{100 * one:.1f}" for one in record.distance[-1]),
-        "force": f"{record.torso_force.max():.0f}",
-        "displacement": f"{1000 * record.torso_displacement.max():.1f}",
-        "held": f"{100 * record.holding.mean():.0f}",
-        "log": [str(event) for event in record.log],
-        "video": "" if record.outcome == SUCCEEDED else _film(folder, loop, record),
-    }
 
 
 def _film(folder: Path, loop: ControlLoop, record: TrialRecord) -> str:

@@ -102,6 +102,7 @@ class Inputs:
         raise StageFault(f"message {sequence} of topic {topic!r} is not available")
 
 
+@dataclass(eq=False)
 class LoopStage(ABC):
     """Process messages: one step on the way from the camera to the servos.
 
@@ -117,15 +118,15 @@ class LoopStage(ABC):
     :raises ValueError: for an invalid rate or latency.
     """
 
-    def __init__(
-        self,
-        name: str,
-        output: str,
-        inputs: tuple[str, ...] = (),
-        rate: float | None = None,
-        latency: Latency = 0.0,
-    ) -> None:
-        if rate is None and not inputs:
+    name: str
+    output: str
+    inputs: tuple[str, ...] = ()
+    rate: float | None = None
+    latency: Latency = 0.0
+
+    def __post_init__(self) -> None:
+        name, rate, latency = self.name, self.rate, self.latency
+        if rate is None and not self.inputs:
             raise ValueError(f"rate=None: {name!r} has no inputs, so it needs a rate in Hz")
         if rate is not None and not 0 < rate < math.inf:
             raise ValueError(f"rate={rate!r} of {name!r}: must be above 0 Hz")
@@ -134,11 +135,6 @@ class LoopStage(ABC):
                 raise ValueError(f"latency={latency!r} of {name!r}: seconds, or {MEASURED!r}")
         elif not 0 <= latency < math.inf:
             raise ValueError(f"latency={latency!r} of {name!r}: must be 0 s or more")
-        self.name = name
-        self.output = output
-        self.inputs = inputs
-        self.rate = rate
-        self.latency = latency
 
     @abstractmethod
     def process(self, inputs: Inputs, now: float) -> Message | None:
@@ -158,27 +154,15 @@ class LoopStage(ABC):
         return Stamp(of.time, of.sequence, self.name)
 
 
+@dataclass(eq=False)
 class SensorStage(LoopStage):
     """Read a sensor at a fixed rate, and number its measurements from 1.
 
-    :param name: name of the stage.
-    :param output: topic that it writes.
     :param measure: returns a message with the stamp that it is passed.
-    :param rate: measurements per second.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(
-        self,
-        name: str,
-        output: str,
-        measure: Callable[[Stamp], Message],
-        rate: float,
-        latency: Latency = 0.0,
-    ) -> None:
-        super().__init__(name, output, (), rate, latency)
-        self._measure = measure
-        self._sequence = 0
+    measure: Callable[[Stamp], Message] = field(kw_only=True)
+    _sequence: int = field(default=0, init=False)
 
     def reset(self) -> None:
         """Restart the numbering."""
@@ -187,4 +171,4 @@ class SensorStage(LoopStage):
     def process(self, inputs: Inputs, now: float) -> Message:
         """Read the sensor once."""
         self._sequence += 1
-        return self._measure(Stamp(now, self._sequence, self.name))
+        return self.measure(Stamp(now, self._sequence, self.name))

@@ -7,8 +7,10 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 from saver_advisors.integration.assembly import (
@@ -20,7 +22,6 @@ from saver_advisors.integration.assembly import (
 )
 from saver_advisors.integration.bench import RobotBench
 from saver_advisors.integration.hub import Hub
-from saver_advisors.integration.messages import Message
 
 #: The three computers of the dissertation: one for perception, one for planning, one for motion.
 #: Camera, encoders and servos belong to the bench's own process.
@@ -48,15 +49,18 @@ class SupervisorError(RuntimeError):
 
 @dataclass
 class _Computer:
-    """The state of a process."""
+    """The state of a process.
+
+    :param heard: time of its start or its last sign of life, seconds of the monotonic clock.
+    :param ready: whether it has given a sign of life.
+    """
 
     name: str
     stages: tuple[str, ...]
     process: subprocess.Popen[bytes]
-    started: float
-    signed: float | None = None
+    heard: float
+    ready: bool = False
     restarts: int = 0
-    timings: dict[str, list[float]] = field(default_factory=dict)
 
 
 class ProcessLoop:
@@ -82,6 +86,8 @@ class ProcessLoop:
         self.loop: ControlLoop = build_loop(settings, bench, change, elsewhere)
         self.hub = Hub([*self.loop.graph.boxes])
         self.loop.graph.observers.append(self.hub.forward)
+        #: Calls and mean wall-clock seconds of each remote stage.
+        self.timings: dict[str, list[float]] = {}
         self._computers: dict[str, _Computer] = {}
 
     def __enter__(self) -> ProcessLoop:
@@ -103,7 +109,7 @@ class ProcessLoop:
         for name, stages in self._computers_stages.items():
             self._computers[name] = self._begin(name, stages)
         end = time.monotonic() + BEGIN_WITHIN
-        while not all(one.signed is not None for one in self._computers.values()):
+        while not all(one.ready for one in self._computers.values()):
             self._poll()
             for one in self._computers.values():
                 status = one.process.poll()
@@ -115,11 +121,10 @@ class ProcessLoop:
         """Begin a trial, drawn from a seed."""
         self.loop.reset(seed)
 
-    def run_until(self, end: float, pace: float = 1.0) -> None:
+    def run_until(self, end: float) -> None:
         """Continue the trial, no faster than real time.
 
         :param end: seconds of the trial.
-        :param pace: greatest number of simulated seconds per second.
         """
         graph, bench = self.loop.graph, self.loop.bench
         begin, start = time.monotonic(), graph.now
@@ -127,7 +132,7 @@ class ProcessLoop:
             self._poll()
             self._watch()
             graph.run_until(min(graph.now + LOOK_EVERY, end), bench)
-            ahead = (graph.now - start) / pace - (time.monotonic() - begin)
+            ahead = graph.now - start - (time.monotonic() - begin)
             if ahead > 0:
                 time.sleep(ahead)
             elif ahead < -0.1:  # slower than real time: do not catch up
@@ -137,23 +142,10 @@ class ProcessLoop:
         """Return the process id of a computer, by its name."""
         return self._computers[computer].process.pid
 
-    def timings(self) -> dict[str, list[float]]:
-        """Return calls and mean wall-clock seconds of each remote stage."""
-        return {
-            name: list(timing)
-            for one in self._computers.values()
-            for name, timing in one.timings.items()
-        }
-
     def close(self) -> None:
         """End all processes and close the sockets."""
         for one in self._computers.values():
-            one.process.terminate()
-        for one in self._computers.values():
-            try:
-                one.process.wait(5)
-            except subprocess.TimeoutExpired:
-                _kill(one.process)
+            _kill(one.process)
         self._computers.clear()
         self.hub.close()
 
@@ -172,44 +164,38 @@ class ProcessLoop:
         assert process.stdin is not None
         with process.stdin as stdin:
             stdin.write(json.dumps(job).encode())
-        return _Computer(name, stages, process, time.monotonic(), restarts=restarts)
+        return _Computer(name, stages, process, heard=time.monotonic(), restarts=restarts)
 
     def _poll(self) -> None:
         graph = self.loop.graph
-
-        def arrival(topic: str, message: Message) -> None:
+        for topic, message in self.hub.received(self._sign_of_life):
             if topic in graph.boxes:
                 graph.publish(topic, message, graph.now)
-
-        self.hub.poll(arrival, self._sign_of_life)
 
     def _sign_of_life(self, sign: dict[str, Any]) -> None:
         one = self._computers.get(str(sign.get("group")))
         if one is None or sign.get("process") != one.process.pid:
             return
         health, now = self.loop.health, self.loop.graph.now
-        if one.signed is None and one.restarts:
+        if one.restarts and not one.ready:
             health.note(now, "restarted", one.name, f"process {one.process.pid} is ready")
-        one.signed = time.monotonic()
-        one.timings = sign.get("stages", {})
+        one.ready, one.heard = True, time.monotonic()
+        self.timings.update(sign.get("stages", {}))
         faults = sign.get("faults", {})
         for stage in one.stages:
+            health.faults.pop(stage, None)
             if stage in faults:
-                health.fault(stage, str(faults[stage]))
-            else:
-                health.well(stage)
+                health.faults[stage] = str(faults[stage])
         for kind, stage, reason in sign.get("events", ()):
             health.note(now, str(kind), str(stage), str(reason))
 
     def _watch(self) -> None:
         """Restart processes that have ended or give no sign of life."""
         for one in list(self._computers.values()):
-            status, now = one.process.poll(), time.monotonic()
-            allowed = BEGIN_WITHIN if one.signed is None else SIGN_WITHIN
-            silent = now - (one.started if one.signed is None else one.signed)
+            status, silent = one.process.poll(), time.monotonic() - one.heard
             if status is not None:
                 self._replace(one, _ending(status))
-            elif silent > allowed:
+            elif silent > (SIGN_WITHIN if one.ready else BEGIN_WITHIN):
                 _kill(one.process)
                 self._replace(one, f"gave no sign of life for {silent:.1f} s")
 
@@ -218,7 +204,7 @@ class ProcessLoop:
         reason = f"process {one.process.pid} {ending}"
         health.note(self.loop.graph.now, "crashed", name, reason)
         for stage in one.stages:
-            health.fault(stage, reason)
+            health.faults[stage] = reason
         if one.restarts >= RESTARTS:
             raise SupervisorError(f"{name!r}: {reason}, after {RESTARTS} restarts")
         self._computers[name] = self._begin(name, one.stages, one.restarts + 1)
@@ -228,22 +214,17 @@ def _checked(
     settings: LoopSettings, computers: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, ...]]:
     """Return each process's stages that this loop has; processes without any are left out."""
-    assigned: set[str] = set()
-    result = {}
-    for name, stages in computers.items():
-        for stage in stages:
-            if stage not in OUTPUTS:
-                raise ValueError(
-                    f"computers[{name!r}]: stage {stage!r} cannot be elsewhere; those that can are "
-                    f"{', '.join(OUTPUTS)}"
-                )
-            if stage in assigned:
-                raise ValueError(f"computers: stage {stage!r} is in two places")
-            assigned.add(stage)
-        own = tuple(stage for stage in settings.order if stage in stages)
-        if own:
-            result[name] = own
-    return result
+    for stage, count in Counter(chain.from_iterable(computers.values())).items():
+        if stage not in OUTPUTS:
+            possible = ", ".join(OUTPUTS)
+            raise ValueError(f"computers: stage {stage!r} cannot be elsewhere, only {possible}")
+        if count > 1:
+            raise ValueError(f"computers: stage {stage!r} is in two places")
+    own = {
+        name: tuple(stage for stage in settings.order if stage in stages)
+        for name, stages in computers.items()
+    }
+    return {name: stages for name, stages in own.items() if stages}
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -234,16 +234,9 @@ class FilterStage(LoopStage):
         targets[:, 1] += np.where(self._base[:, 1] < 0, -self._standoff, self._standoff)
         velocity = np.stack([track.velocity for track in self._wrists])
         quaternion, angular = self._forearms(wrists, velocity)
-        return Person(
-            stamp=self.stamp(pose.stamp),
-            wrists=wrists,
-            wrist_velocity=velocity,
-            wrist_quaternion=quaternion,
-            wrist_angular_velocity=angular,
-            hips=hips,
-            targets=targets,
-            held=np.array([bool(track.lost) for track in self._wrists]),
-        )
+        held = np.array([bool(track.lost) for track in self._wrists])
+        stamp = self.stamp(pose.stamp)
+        return Person(stamp, wrists, velocity, quaternion, angular, hips, targets, held)
 
     def _forearms(self, wrists: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Compute the forearms' orientation and angular velocity.

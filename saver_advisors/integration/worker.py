@@ -96,7 +96,7 @@ class Worker:
     def _sign(self) -> None:
         """Send a sign of life with faults and events, at once when these change."""
         news = {
-            "faults": self._health.faults(),
+            "faults": dict(self._health.faults),
             "events": [[one.kind, one.stage, one.reason] for one in self._health.log],
         }
         now = time.monotonic()

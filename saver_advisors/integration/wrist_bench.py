@@ -46,9 +46,8 @@ class WristBench(EpisodesBench):
         self._data: mujoco.MjData | None = None
         self._random = np.random.default_rng()
         self._force = 0.0
-        #: Peaks at the torso since the last call of :meth:`taken_peaks`: newtons, metres.
-        self.peak_force = 0.0
-        self.displacement = 0.0
+        #: Peak force (N) and displacement (m) of the torso since the last :meth:`taken_peaks`.
+        self._peaks = 0.0, 0.0
         #: The peak force that the last call of :meth:`taken_peaks` returned, for drawing.
         self.last_peak = 0.0
 
@@ -56,21 +55,21 @@ class WristBench(EpisodesBench):
         """Begin a trial, drawn from a seed, with the camera's noise."""
         super().reset(seed)
         self._random = np.random.default_rng(seed + _CAMERA_SEED)
-        self._force = self.peak_force = self.displacement = self.last_peak = 0.0
+        self._force = self.last_peak = 0.0
+        self._peaks = 0.0, 0.0
 
     def _after_substeps(self) -> None:
         if self.substeps % _SAMPLE_EVERY:
             return
         readings = self._patient.readings()
         self._force = float(readings["torso_force"][0])
-        self.peak_force = max(self.peak_force, self._force)
-        self.displacement = max(self.displacement, float(readings["torso_displacement"][0]))
+        displacement = float(readings["torso_displacement"][0])
+        self._peaks = max(self._peaks[0], self._force), max(self._peaks[1], displacement)
 
     def taken_peaks(self) -> tuple[float, float]:
         """Return the peak torso force (N) and displacement (m) since the last call."""
-        peaks = self.peak_force, self.displacement
-        self.last_peak = self.peak_force
-        self.peak_force = self.displacement = 0.0
+        peaks, self._peaks = self._peaks, (0.0, 0.0)
+        self.last_peak = peaks[0]
         return peaks
 
     def torso_force(self) -> float:

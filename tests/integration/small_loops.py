@@ -100,8 +100,8 @@ def build_loop(policy: LoopPolicy, limits: SafetyLimits | None = None) -> SmallL
     stop = EmergencyStop()
     limits = limits or SafetyLimits(max_speed=0.5, hand_force=1e6, clearance=0.0)
     stages = [
-        SensorStage("encoders", "arms", bench.reading, ENCODER_RATE),
-        SensorStage("true state", "person", bench.truth, POLICY_RATE),
+        SensorStage("encoders", "arms", rate=ENCODER_RATE, measure=bench.reading),
+        SensorStage("true state", "person", rate=POLICY_RATE, measure=bench.truth),
         PolicyStage(policy, bench.geometry, JACO),
         SetPointStage(bench.geometry, limits, health),
         KinematicsStage(DampedLeastSquares(bench.geometry.robot)),

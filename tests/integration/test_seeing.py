@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saver_advisors.integration import assembly
+from saver_advisors.integration import perception_stages
 from saver_advisors.integration.assembly import LoopSettings, build_loop, settings_for
 from saver_advisors.integration.faults import FAULTS, with_fault
 from saver_advisors.integration.injections import ALLOWED, DURATION, inject
@@ -52,7 +52,7 @@ def true_joints(bench: WristBench, monkeypatch: pytest.MonkeyPatch) -> None:
     def shipped() -> Estimator:
         return look
 
-    monkeypatch.setattr(assembly, "shipped_estimator", shipped)
+    monkeypatch.setattr(perception_stages, "shipped_estimator", shipped)
 
 
 def settings() -> LoopSettings:
@@ -122,7 +122,7 @@ def test_without_a_fault_the_arms_are_free(bench: WristBench) -> None:
 @pytest.mark.slow
 def test_the_network_sees_a_person_and_nobody(bench: WristBench) -> None:
     bench.reset(5)
-    estimator = assembly.shipped_estimator()
+    estimator = perception_stages.shipped_estimator()
     rgb, _ = bench.picture()
     people = estimator(rgb)
     truth = bench.truth()
