@@ -1,10 +1,10 @@
 """The closed loop of chapter 8: a camera, a person, a policy and two arms, stage by stage.
 
-A `graph.Graph` of `stage.Stage`s runs on the clock of a `bench.Bench`, each stage at its rate and
-with its latency. See docs/integration.md.
+A `graph.Graph` of `stage.LoopStage`s runs on the clock of a `bench.RobotBench`, each stage at its
+rate and with its latency. See docs/integration.md.
 """
 
 from typing import Final
 
 POLICY: Final = "wrist-push"
-"""The shipped policy that drives the loop unless another is asked for."""
+"""The shipped policy that drives the loop by default."""
