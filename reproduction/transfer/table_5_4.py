@@ -199,10 +199,9 @@ def _check_policy(attempt: Attempt) -> None:
 def _row(
     attempt: Attempt, trials: Sequence[Trajectory], failures: Sequence[Failure | None]
 ) -> dict[str, Any]:
-    from scipy.stats import binomtest
+    from saver_advisors.evaluation.statistics import success_interval
 
     successes = sum(one.success for one in trials)
-    interval = binomtest(successes, len(trials)).proportion_ci(method="wilson")
     causes = Counter(one.cause for one in failures if one is not None)
     return {
         "task": attempt.task,
@@ -213,7 +212,7 @@ def _row(
         "env": attempt.env_id,
         "trials": len(trials),
         "successes": successes,
-        "ci95": [float(interval.low), float(interval.high)],
+        "ci95": list(success_interval(successes, len(trials))),
         "causes": dict(sorted(causes.items())),
         "touched": sum(bool(one.collided.any()) for one in trials),
         "final_distance_mean": float(sum(one.distance[-1].mean() for one in trials) / len(trials)),

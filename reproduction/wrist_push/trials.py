@@ -158,14 +158,12 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
 
 
 def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    from scipy.stats import binomtest
-
+    from saver_advisors.evaluation.statistics import success_interval
     from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
     from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT
 
     outcomes = [one["outcome"] for one in played]
     succeeded = outcomes.count(SUCCEEDED)
-    interval = binomtest(succeeded, len(played)).proportion_ci(method="wilson")
     harmed = sum(
         one["torso_force_n"] > FORCE_LIMIT or one["torso_displacement_m"] > DISPLACEMENT_LIMIT
         for one in played
@@ -175,7 +173,7 @@ def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "succeeded": succeeded,
         "failed_reaching": outcomes.count(REACHING),
         "failed_pushing": outcomes.count(PUSHING),
-        "ci95": [float(interval.low), float(interval.high)],
+        "ci95": list(success_interval(succeeded, len(played))),
         "harmed": harmed,
         "held_share": float(np.mean([one["held_share"] for one in played])),
     }

@@ -1,79 +1,148 @@
-"""Evaluation episodes: fixed seeds, deterministic actions, nothing but the policy under test
-acting.
+"""Play evaluation episodes: fixed seeds, deterministic actions, only the policy under test.
 
-Episode i starts from `seed + i`, whatever the number of environments that run side by side, so two
-policies meet the same starts and a figure can be reproduced one episode at a time.
+Episode i starts from ``seed + i``, regardless of the number of parallel environments. Two policies
+therefore see the same initial states, and each episode can be reproduced alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
+
+from saver_advisors.evaluation.statistics import success_interval
 
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 """From a batched Dict observation (n, size) to actions (n, action_size)."""
-FrameCallback = Callable[["EpisodeVecEnv", int, int], None]
-"""Called before each step with the vector env, the index of the episode in its environment 0, and
-the step.
-"""
 
 POINT_SIZE: Final = 3
-"""Numbers of one object's position in a goal; entries beyond whole points (a distance) are no
-position.
+"""Size of one object's position in a goal; an entry beyond the last whole point is a constraint
+value such as a distance.
 """
 GOALS: Final = ("achieved_goal", "desired_goal")
 DEFAULT_N_ENVS: Final = 16
 CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
-"""What a summary tells of a task with a constraint beside its success rate."""
+"""Entries of a summary that only tasks with a constraint have."""
 
 LONGEST_EPISODE: Final = 10_000
-"""Steps after which an episode counts as never ending: every id truncates at its horizon, long
-before this.
-"""
+"""Step limit of the player; every registered id truncates long before it."""
 
 
 class EpisodeVecEnv(Protocol):
-    """What is needed of the vector env: SB3's stepping, with same-step autoreset, and seeds for
-    single episodes.
-    """
+    """A vector env with SB3's ``step``, same-step autoreset and a seed for each episode."""
 
     num_envs: int
 
     def reset_episodes(self, seeds: Sequence[int]) -> Observation:
-        """Start an episode in every environment k from seeds[k]."""
+        """Start an episode in every environment k from ``seeds[k]``."""
 
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
-        """Observation, rewards, dones, infos with `terminal_observation` where an episode ended."""
+        """Return observation, rewards, dones and infos; an info of an episode that ended has
+        ``terminal_observation``.
+        """
 
-    def close(self) -> None:
-        """Release the simulation."""
+
+class SingleEpisodeEnv:
+    """Present one Gymnasium env to :func:`play`, without autoreset.
+
+    After the last step the env still shows the terminal state, so it can be rendered.
+
+    :param env: a goal environment of this suite
+    """
+
+    num_envs = 1
+
+    def __init__(self, env: Any) -> None:
+        self.env = env
+
+    def reset_episodes(self, seeds: Sequence[int]) -> Observation:
+        """Start the episode of ``seeds[0]``."""
+        return self._batch(self.env.reset(seed=seeds[0])[0])
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+        """Step the env; see :class:`EpisodeVecEnv`."""
+        observation, reward, terminated, truncated, info = self.env.step(actions[0])
+        done = terminated or truncated
+        if done:
+            info = {**info, "terminal_observation": observation}
+        return self._batch(observation), np.array([reward]), np.array([done]), [info]
+
+    @staticmethod
+    def _batch(observation: Observation) -> Observation:
+        return {name: values[None] for name, values in observation.items()}
+
+
+@dataclass(frozen=True)
+class EpisodeStep:
+    """One step of every environment that :func:`play` drives.
+
+    :param number: of the step; 0 is the reset, which has no rewards, dones or infos
+    :param running: (n,) environments whose episode had not ended before this step
+    :param observation: after the step, (n, size) each
+    :param rewards: (n,)
+    :param dones: (n,)
+    :param infos: one mapping per environment
+    """
+
+    number: int
+    running: NDArray[np.bool_]
+    observation: Observation
+    rewards: NDArray[Any]
+    dones: NDArray[Any]
+    infos: Sequence[Mapping[str, Any]]
+
+
+def play(predict: Predict, vec_env: EpisodeVecEnv, seeds: Sequence[int]) -> Iterator[EpisodeStep]:
+    """Play one episode in every environment; stop when the last of them has ended.
+
+    Episodes that an autoreset starts are stepped too, and marked as not running.
+
+    :param predict: batched Dict observation (n, size) -> actions (n, action_size)
+    :param vec_env: the environments
+    :param seeds: (n,) the seed of each episode
+    :return: the reset, then every step
+    :raises RuntimeError: for an episode that does not end
+    """
+    n = vec_env.num_envs
+    running = np.ones(n, bool)
+    observation = vec_env.reset_episodes(seeds)
+    yield EpisodeStep(0, running, observation, np.zeros(n), np.zeros(n, bool), [{}] * n)
+    for number in range(1, LONGEST_EPISODE + 1):
+        observation, rewards, dones, infos = vec_env.step(predict(observation))
+        yield EpisodeStep(number, running, observation, rewards, dones, infos)
+        running = running & ~np.asarray(dones, bool)
+        if not running.any():
+            return
+    raise RuntimeError(
+        f"an episode did not end within {LONGEST_EPISODE} steps: the environment must truncate"
+    )
 
 
 @dataclass(frozen=True)
 class EpisodeOutcomes:
-    """What happened, one entry an episode.
+    """Outcomes of evaluation episodes, one entry per episode.
 
-    :param env_id: the environment
-    :param seed: of episode 0; episode i had seed + i
+    :param env_id: id of the environment
+    :param seed: of episode 0; episode i has ``seed + i``
     :param success: (episodes,) `is_success` of the last step
     :param returns: (episodes,) sum of rewards
-    :param cost_sums: each cost's sum over the episode, by name, (episodes,)
-    :param cost_maxima: each cost's largest value in the episode, by name, (episodes,)
+    :param cost_sums: (episodes,) sum of each cost over the episode, by name
+    :param cost_maxima: (episodes,) maximum of each cost in the episode, by name
     :param final_distances: (episodes, objects) from each object to its target at the end, metres
     :param lengths: (episodes,) steps
-    :param diverged: (episodes,) whether the simulation broke down
-    :param deviations: (episodes, 2) mean over the episode and largest, of how far a constraint's
-        value is from the required one, metres; None for tasks without a constraint
+    :param diverged: (episodes,) whether the simulation diverged
     :param goal_reached: (episodes,) every object at its target at the end, where the environment
-        tells it apart from success (constrained tasks); else None
+        distinguishes it from success (tasks with a constraint); else None
+    :param deviations: (episodes, 2) mean and maximum over the episode of the deviation of the
+        constraint's value from the required one, metres; None for tasks without a constraint
     """
 
     env_id: str
@@ -90,44 +159,42 @@ class EpisodeOutcomes:
 
     @property
     def episodes(self) -> int:
-        """How many episodes were run."""
+        """Number of episodes."""
         return len(self.success)
 
     @property
     def success_rate(self) -> float:
-        """SR: share of episodes that ended in success."""
+        """SR: fraction of episodes that end in success."""
         return float(self.success.mean())
 
     @property
     def confidence_interval(self) -> tuple[float, float]:
         """95% Wilson score interval of the success rate."""
-        interval = binomtest(int(self.success.sum()), self.episodes).proportion_ci(method="wilson")
-        return float(interval.low), float(interval.high)
+        return success_interval(int(self.success.sum()), self.episodes)
 
     @property
     def constraint_met_rate(self) -> float | None:
-        """CMR: share of episodes without any `cost_distance`, that is in the band at every step;
-        None without one.
+        """CMR: fraction of episodes without ``cost_distance`` at any step; None for tasks without
+        that cost.
         """
         distance = self.cost_sums.get("cost_distance")
         return None if distance is None else float((distance == 0.0).mean())
 
     @property
     def goal_success_rate(self) -> float | None:
-        """GSR: share of episodes with the goal reached at the end, constraint or not; None where
-        not told apart.
+        """GSR: fraction of episodes that end with the goal reached, whether or not the constraint
+        is met; None where the environment does not distinguish the two.
         """
         return None if self.goal_reached is None else float(self.goal_reached.mean())
 
     def summary(self) -> dict[str, Any]:
-        """:return: JSON-able figures; a rate that the environment does not define is left out"""
-        low, high = self.confidence_interval
+        """Return JSON-able means and rates, without the rates that the environment lacks."""
         values: dict[str, Any] = {
             "env": self.env_id,
             "seed": self.seed,
             "episodes": self.episodes,
             "success_rate": self.success_rate,
-            "ci95": [low, high],
+            "ci95": list(self.confidence_interval),
             "return_mean": float(self.returns.mean()),
             "length_mean": float(self.lengths.mean()),
             "final_distance_mean": self.final_distances.mean(axis=0).tolist(),
@@ -137,11 +204,8 @@ class EpisodeOutcomes:
         if self.deviations is not None:
             values["deviation_mean"] = float(self.deviations[:, 0].mean())
             values["deviation_worst"] = float(self.deviations[:, 1].max())
-        for name in CONSTRAINT_RATES:
-            rate = getattr(self, name)
-            if rate is not None:
-                values[name] = rate
-        return values
+        rates = {name: getattr(self, name) for name in CONSTRAINT_RATES}
+        return values | {name: rate for name, rate in rates.items() if rate is not None}
 
 
 def evaluate_policy(
@@ -153,38 +217,30 @@ def evaluate_policy(
     env_kwargs: Mapping[str, Any] | None = None,
     n_envs: int | None = None,
     threads: int = 1,
-    frame_callback: FrameCallback | None = None,
     progress: bool = False,
 ) -> EpisodeOutcomes:
-    """Run evaluation episodes of one policy.
+    """Evaluate a policy on an environment.
 
     :param predict: batched Dict observation (n, size) -> actions (n, action_size); deterministic
     :param env_id: a registered id such as "DualJacoPush-v0"
-    :param episodes: how many
-    :param seed: of episode 0; episode i starts from seed + i
-    :param env_kwargs: further arguments of the environment
-    :param n_envs: environments side by side, by default at most 16; does not change which episodes
-        are run
-    :param threads: native threads of the simulation; does not change what happens in it
-    :param frame_callback: for recording; see `FrameCallback`
+    :param episodes: number of episodes
+    :param seed: of episode 0; episode i starts from ``seed + i``
+    :param env_kwargs: keyword arguments of the environment
+    :param n_envs: parallel environments, by default at most 16; has no effect on the outcomes
+    :param threads: native threads of the simulation; has no effect on the outcomes
     :param progress: show a progress bar
-    :raises ValueError: for a number of episodes, environments or threads below 1
+    :return: the outcomes
+    :raises ValueError: for fewer than 1 episode, environment or thread
     """
     _check_counts(episodes=episodes, n_envs=n_envs)
-    # Imported here: only this function needs a simulator, the outcomes can be read without one.
+    # Imported here: only this function needs a simulator.
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     n_envs = min(episodes, DEFAULT_N_ENVS if n_envs is None else n_envs)
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
     try:
         return run_episodes(
-            predict,
-            vec_env,
-            env_id=env_id,
-            episodes=episodes,
-            seed=seed,
-            frame_callback=frame_callback,
-            progress=progress,
+            predict, vec_env, env_id=env_id, episodes=episodes, seed=seed, progress=progress
         )
     finally:
         vec_env.close()
@@ -197,26 +253,32 @@ def run_episodes(
     env_id: str,
     episodes: int,
     seed: int = 0,
-    frame_callback: FrameCallback | None = None,
     progress: bool = False,
 ) -> EpisodeOutcomes:
-    """The same on a vector env of yours, which stays open.
+    """Evaluate a policy on an existing vector env, which stays open.
 
-    :param predict: as for `evaluate_policy`
+    :param predict: as for :func:`evaluate_policy`
     :param vec_env: the environments
-    :param env_id: what to call them in the outcomes
-    :param episodes: how many
+    :param env_id: name of the environment in the outcomes
+    :param episodes: number of episodes
     :param seed: of episode 0
-    :param frame_callback: see `FrameCallback`
     :param progress: show a progress bar
-    :raises ValueError: for a number of episodes below 1
+    :return: the outcomes
+    :raises ValueError: for fewer than 1 episode
     """
+    from tqdm import tqdm
+
     _check_counts(episodes=episodes)
-    records: list[_Record] = []
-    with _progress_bar(episodes, progress) as bar:
+    records: list[_EpisodeRecord] = []
+    with tqdm(total=episodes, unit="episode", disable=not progress) as bar:
         while len(records) < episodes:
-            batch = _run_batch(predict, vec_env, len(records), seed, frame_callback)
-            # The last batch may run more episodes than were asked for; they are not counted.
+            first = seed + len(records)
+            batch = [_EpisodeRecord() for _ in range(vec_env.num_envs)]
+            for step in play(predict, vec_env, range(first, first + vec_env.num_envs)):
+                if step.number > 0:
+                    for index in np.flatnonzero(step.running):
+                        batch[index].add(step, index)
+            # The last batch may contain surplus episodes.
             batch = batch[: episodes - len(records)]
             records += batch
             bar.update(len(batch))
@@ -224,12 +286,11 @@ def run_episodes(
 
 
 @dataclass
-class _Record:
-    """One episode while it runs."""
+class _EpisodeRecord:
+    """Sums over one episode."""
 
     total: float = 0.0
     length: int = 0
-    done: bool = False
     cost_sums: dict[str, float] = field(default_factory=dict)
     cost_maxima: dict[str, float] = field(default_factory=dict)
     diverged: bool = False
@@ -237,8 +298,13 @@ class _Record:
     deviation_largest: float = 0.0
     final_info: Mapping[str, Any] = field(default_factory=dict)
 
-    def add(self, reward: float, done: bool, info: Mapping[str, Any], deviation: float) -> None:
-        self.total += reward
+    def add(self, step: EpisodeStep, index: int) -> None:
+        """Add the step of environment ``index``."""
+        info, done = step.infos[index], bool(step.dones[index])
+        # After an autoreset the batch holds the next episode's observation.
+        goals = info.get("terminal_observation") if done else None
+        deviation = _deviation(goals or {key: step.observation[key][index] for key in GOALS})
+        self.total += float(step.rewards[index])
         self.length += 1
         self.deviation_sum += deviation
         self.deviation_largest = max(self.deviation_largest, deviation)
@@ -248,98 +314,48 @@ class _Record:
                 self.cost_sums[name] = self.cost_sums.get(name, 0.0) + float(value)
                 self.cost_maxima[name] = max(self.cost_maxima.get(name, -np.inf), float(value))
         if done:
-            self.done = True
             self.final_info = info
 
 
-def _run_batch(
-    predict: Predict,
-    vec_env: EpisodeVecEnv,
-    first: int,
-    seed: int,
-    frame_callback: FrameCallback | None,
-) -> list[_Record]:
-    """Run one episode in every environment, of numbers first, first + 1, ...; the autoreset ones
-    are ignored.
-    """
-    records = [_Record() for _ in range(vec_env.num_envs)]
-    observation = vec_env.reset_episodes([seed + first + k for k in range(vec_env.num_envs)])
-    for step in range(LONGEST_EPISODE):
-        if frame_callback is not None:
-            frame_callback(vec_env, first, step)
-        observation, rewards, dones, infos = vec_env.step(predict(observation))
-        for index, (record, info) in enumerate(zip(records, infos, strict=True)):
-            if not record.done:
-                reached = info.get("terminal_observation") if dones[index] else None
-                if reached is None:
-                    reached = {key: observation[key][index] for key in GOALS}
-                deviation = _deviation(reached)
-                record.add(float(rewards[index]), bool(dones[index]), info, deviation)
-        if all(record.done for record in records):
-            return records
-    raise RuntimeError(
-        f"an episode did not end within {LONGEST_EPISODE} steps: the environment must truncate"
-    )
-
-
-def _outcomes(records: list[_Record], env_id: str, seed: int) -> EpisodeOutcomes:
+def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeOutcomes:
     infos = [record.final_info for record in records]
     names = records[0].cost_sums
-    reached_key = next((key for key in ("goal_reached", "goal_success") if key in infos[0]), None)
+    reached = next((key for key in ("goal_reached", "goal_success") if key in infos[0]), None)
+    deviations = [(one.deviation_sum / one.length, one.deviation_largest) for one in records]
     return EpisodeOutcomes(
         env_id=env_id,
         seed=seed,
         success=np.array([bool(info["is_success"]) for info in infos]),
-        returns=np.array([record.total for record in records]),
-        cost_sums={
-            name: np.array([record.cost_sums[name] for record in records]) for name in names
-        },
-        cost_maxima={
-            name: np.array([record.cost_maxima[name] for record in records]) for name in names
-        },
-        final_distances=np.stack(
-            [_final_distances(info["terminal_observation"]) for info in infos]
-        ),
-        lengths=np.array([record.length for record in records]),
-        diverged=np.array([record.diverged for record in records]),
-        deviations=np.array(
-            [(record.deviation_sum / record.length, record.deviation_largest) for record in records]
-        )
-        if "cost_distance" in names
-        else None,
+        returns=np.array([one.total for one in records]),
+        cost_sums={name: np.array([one.cost_sums[name] for one in records]) for name in names},
+        cost_maxima={name: np.array([one.cost_maxima[name] for one in records]) for name in names},
+        final_distances=np.stack([_final_distances(one["terminal_observation"]) for one in infos]),
+        lengths=np.array([one.length for one in records]),
+        diverged=np.array([one.diverged for one in records]),
+        deviations=np.array(deviations) if "cost_distance" in names else None,
         goal_reached=None
-        if reached_key is None
-        else np.array([bool(info[reached_key]) for info in infos]),
+        if reached is None
+        else np.array([bool(info[reached]) for info in infos]),
     )
 
 
 def _deviation(observation: Mapping[str, NDArray[Any]]) -> float:
-    """:return: metres between a constraint's value, the goal's last entry, and the required one; 0
-    without a constraint
+    """Return the distance (m) between a constraint's value, the goal's last entry, and the required
+    one; 0 without a constraint.
     """
     achieved, desired = (observation[key] for key in GOALS)
     return float(abs(achieved[-1] - desired[-1])) if len(achieved) % POINT_SIZE else 0.0
 
 
 def _final_distances(observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
-    """:return: (objects,) metres between each object and its target"""
-    difference = np.asarray(observation["achieved_goal"], float) - np.asarray(
-        observation["desired_goal"], float
-    )
-    objects = len(difference) // POINT_SIZE
-    distances: NDArray[np.float64] = np.linalg.norm(
-        difference[: objects * POINT_SIZE].reshape(objects, POINT_SIZE), axis=1
-    )
-    return distances
+    """Return the distance (m) between each object and its target, (objects,)."""
+    achieved, desired = (np.asarray(observation[key], float) for key in GOALS)
+    objects = len(achieved) // POINT_SIZE
+    difference = (achieved - desired)[: objects * POINT_SIZE].reshape(objects, POINT_SIZE)
+    return np.asarray(np.linalg.norm(difference, axis=1), np.float64)
 
 
 def _check_counts(**counts: int | None) -> None:
     for name, value in counts.items():
         if value is not None and value < 1:
             raise ValueError(f"{name}={value} must be at least 1")
-
-
-def _progress_bar(total: int, shown: bool) -> Any:
-    from tqdm import tqdm
-
-    return tqdm(total=total, unit="episode", disable=not shown)

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import bootstrap, trim_mean
+from scipy.stats import binomtest, bootstrap, trim_mean
 
 CONFIDENCE: Final = 0.95
 RESAMPLES: Final = 10_000
@@ -73,6 +73,18 @@ class Estimate:
         """:return: plain values, for JSON; ``ci95`` is None where there is no interval"""
         ends = None if self.interval is None else list(self.interval)
         return {"value": self.value, "ci95": ends, "n": self.n}
+
+
+def success_interval(successes: int, episodes: int) -> tuple[float, float]:
+    """Compute the 95% Wilson score interval of a success rate.
+
+    :param successes: number of successful episodes
+    :param episodes: number of episodes, at least 1
+    :return: lower and upper end
+    :raises ValueError: for more successes than episodes, or no episode
+    """
+    found = binomtest(successes, episodes).proportion_ci(CONFIDENCE, method="wilson")
+    return float(found.low), float(found.high)
 
 
 def interquartile_mean(values: ArrayLike) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.episodes import Predict
+from saver_advisors.evaluation.episodes import Predict, SingleEpisodeEnv, play
 from saver_advisors.reporting.curve_style import COLOURS, GREY
 
 if TYPE_CHECKING:
@@ -82,15 +82,10 @@ def follow(
     env = SaverGoalEnv(env_id, **(env_kwargs or {}))
     try:
         simulation = env.episodes.simulation
-        observation, info = env.reset(seed=seed)
-        hands, objects, truncated = [], [], False
-        while True:
+        hands, objects = [], []
+        for step in play(predict, SingleEpisodeEnv(env), [seed]):
             hands.append(simulation.to_world(simulation.arm_state().tool_position)[0])
             objects.append(env.episodes.object_state().world_position[0])
-            if truncated:
-                break
-            batch = {name: values[None] for name, values in observation.items()}
-            observation, _, _, truncated, info = env.step(predict(batch)[0])
         band = (REQUIRED_DISTANCE - DISTANCE_TOLERANCE, REQUIRED_DISTANCE + DISTANCE_TOLERANCE)
         return EpisodePaths(
             title=title,
@@ -98,7 +93,7 @@ def follow(
             hands=np.stack(hands),
             objects=np.stack(objects),
             targets=simulation.to_world(env.episodes.target)[0],
-            success=bool(info["is_success"]),
+            success=bool(step.infos[0]["is_success"]),
             band=band if isinstance(env.episodes.task, Distance) else None,
         )
     finally:

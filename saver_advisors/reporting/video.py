@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,8 +10,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.evaluation.episodes import Predict, SingleEpisodeEnv, play
+
 Frame = NDArray[np.uint8]
-Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
 
 FPS: Final = 25
 """Real time: an action lasts 0.04 s."""
@@ -24,7 +25,7 @@ GREEN, RED, GREY = (44, 140, 76), (190, 60, 50), (70, 74, 82)
 
 
 @dataclass(frozen=True)
-class Recording:
+class EpisodeVideo:
     """One episode that was drawn.
 
     :param seed: that it started from
@@ -48,7 +49,7 @@ def record(
     height: int = 480,
     every: int = 1,
     progress: bool = False,
-) -> list[Recording]:
+) -> list[EpisodeVideo]:
     """Play episodes and draw them; episode i starts from ``seed + i``, as in an evaluation.
 
     :param predict: batched observation -> actions
@@ -74,25 +75,20 @@ def record(
     )
     try:
         numbers = tqdm(range(episodes), unit="video episode", disable=not progress)
-        return [_record_one(predict, env, seed + number, every) for number in numbers]
+        return [_record_episode(predict, env, seed + number, every) for number in numbers]
     finally:
         env.close()
 
 
-def _record_one(predict: Predict, env: Any, seed: int, every: int) -> Recording:
-    observation, info = env.reset(seed=seed)
-    frames = [env.render()]
-    truncated, step = False, 0
-    while not truncated:
-        batch = {name: values[None] for name, values in observation.items()}
-        observation, _, _, truncated, info = env.step(predict(batch)[0])
-        step += 1
-        if truncated or step % every == 0:
+def _record_episode(predict: Predict, env: Any, seed: int, every: int) -> EpisodeVideo:
+    frames = []
+    for step in play(predict, SingleEpisodeEnv(env), [seed]):
+        if step.dones[0] or step.number % every == 0:
             frames.append(env.render())
-    return Recording(seed, frames, bool(info["is_success"]))
+    return EpisodeVideo(seed, frames, bool(step.infos[0]["is_success"]))
 
 
-def write_mp4(path: Path, recordings: list[Recording], title: str) -> None:
+def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     """Write recordings one after the other, each with a caption and, at its end, its outcome.
 
     :param path: ending in ``.mp4``

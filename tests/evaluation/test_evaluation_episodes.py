@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from saver_advisors.evaluation.episodes import evaluate_policy, run_episodes
+from saver_advisors.evaluation.episodes import evaluate_policy, play, run_episodes
 
 
 class FakeVecEnv:
@@ -102,17 +102,12 @@ def test_summary_and_rates():
     assert summary["ci95"] == pytest.approx([centre - half, centre + half])
 
 
-def test_frames_are_offered_before_each_step():
-    calls, env = [], FakeVecEnv(2)
-    run_episodes(
-        predict,
-        env,
-        env_id="fake",
-        episodes=3,
-        frame_callback=lambda seen, first, step: calls.append((seen is env, first, step)),
-    )
+def test_play_yields_the_reset_and_every_step_of_each_episode():
+    env = FakeVecEnv(2)
+    steps = [list(play(predict, env, seeds)) for seeds in ([0, 1], [2, 3])]
     # Seeds 0 and 1 last 2 and 3 steps; seeds 2 and 3 last 4 and 2.
-    assert calls == [(True, 0, k) for k in range(3)] + [(True, 2, k) for k in range(4)]
+    assert [[step.number for step in one] for one in steps] == [[0, 1, 2, 3], [0, 1, 2, 3, 4]]
+    assert [step.running.tolist() for step in steps[0]] == [[True, True]] * 3 + [[False, True]]
 
 
 def test_senseless_counts_are_refused():
