@@ -21,7 +21,7 @@ import numpy as np
 
 from saver_advisors.evaluation.metrics import RISEN
 from saver_advisors.evaluation.statistics import Estimate, difference, estimate
-from saver_advisors.experiments.summary import Row, success_resolution
+from saver_advisors.experiments.summary import MethodRow, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 Metric = Literal["inspired_epoch", "rise_time", "maximum_success_rate", "effective_learning_rate"]
@@ -284,7 +284,7 @@ def _contenders(others: Sequence[str], found: Mapping[str, Measured | None]) -> 
     return [name for name in others if (one := found[name]) is None or one.values]
 
 
-def table_of(rows: Iterable[Row]) -> Table:
+def table_of(rows: Iterable[MethodRow]) -> Table:
     """Look metrics up in summed-up runs.
 
     :param rows: of one task

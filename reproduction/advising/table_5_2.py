@@ -16,7 +16,7 @@ from saver_advisors.cli.result_files import add_result_arguments, read
 
 if TYPE_CHECKING:
     from reproduction.findings import Finding
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def tables(results: Results) -> dict[str, list[Row]]:
+def tables(results: Results) -> dict[str, list[MethodRow]]:
     """The rows of every task, the paper's tasks and the paper's rows first.
 
     :param results: of the files
@@ -73,7 +73,7 @@ def tables(results: Results) -> dict[str, list[Row]]:
     return {task: summarize(task, results.of_task(task), list(paper.labels)) for task in order}
 
 
-def judge_all(tasks: dict[str, list[Row]]) -> list[Finding]:
+def judge_all(tasks: dict[str, list[MethodRow]]) -> list[Finding]:
     """Every finding of the paper's about a task that there are runs of.
 
     :param tasks: as ``tables`` returns them
@@ -91,7 +91,7 @@ def judge_all(tasks: dict[str, list[Row]]) -> list[Finding]:
 
 
 def figures(
-    tasks: dict[str, list[Row]], findings: Sequence[Finding], results: Results
+    tasks: dict[str, list[MethodRow]], findings: Sequence[Finding], results: Results
 ) -> dict[str, Any]:
     """Everything that was computed, for JSON.
 

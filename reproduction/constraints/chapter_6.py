@@ -15,7 +15,7 @@ from saver_advisors.cli.result_files import add_result_arguments, read
 
 if TYPE_CHECKING:
     from reproduction.constraints.constraints_findings import ConstraintFinding
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def table(results: Results) -> list[Row]:
+def table(results: Results) -> list[MethodRow]:
     """The rows of the distance task, those with the highest success first.
 
     :param results: of the files
@@ -69,14 +69,14 @@ def table(results: Results) -> list[Row]:
     """
     from saver_advisors.experiments.summary import summarize
 
-    def success(row: Row) -> float:
+    def success(row: MethodRow) -> float:
         return -1.0 if row.final_success is None else row.final_success.value
 
     return sorted(summarize(TASK, results.of_task(TASK)), key=success, reverse=True)
 
 
 def figures(
-    rows: Sequence[Row], findings: Sequence[ConstraintFinding], results: Results
+    rows: Sequence[MethodRow], findings: Sequence[ConstraintFinding], results: Results
 ) -> dict[str, Any]:
     """Everything that was computed, for JSON.
 

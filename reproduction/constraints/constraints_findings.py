@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from reproduction.findings import Verdict
-from saver_advisors.experiments.summary import Row, success_resolution
+from saver_advisors.experiments.summary import MethodRow, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 PAPER_BEST: Final = 0.70
@@ -52,7 +52,7 @@ class ConstraintFinding:
         return {"text": self.text, "verdict": self.verdict, "evidence": self.evidence}
 
 
-def judge_all(rows: Sequence[Row]) -> list[ConstraintFinding]:
+def judge_all(rows: Sequence[MethodRow]) -> list[ConstraintFinding]:
     """Every finding, judged.
 
     :param rows: of the distance task
@@ -66,7 +66,7 @@ def judge_all(rows: Sequence[Row]) -> list[ConstraintFinding]:
     ]
 
 
-def _succeeds(row: Row | None) -> ConstraintFinding:
+def _succeeds(row: MethodRow | None) -> ConstraintFinding:
     text = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
     if row is None:
         return ConstraintFinding(text, "cannot be told", "no finished run")
@@ -78,7 +78,7 @@ def _succeeds(row: Row | None) -> ConstraintFinding:
     )
 
 
-def _never(label: str, row: Row | None) -> ConstraintFinding:
+def _never(label: str, row: MethodRow | None) -> ConstraintFinding:
     text = f"{label} never succeeds"
     if row is None:
         return ConstraintFinding(text, "cannot be told", "no finished run")
@@ -90,7 +90,7 @@ def _never(label: str, row: Row | None) -> ConstraintFinding:
     )
 
 
-def _decays(row: Row | None) -> ConstraintFinding:
+def _decays(row: MethodRow | None) -> ConstraintFinding:
     """A little success while the advice lasts, and less of it in the end."""
     text = "Advising without the third stage rises a little and decays"
     if row is None:
@@ -115,5 +115,5 @@ def _last(run: TrainingRun) -> float:
     return float(success[-max(1, len(success) // 4) :].mean())
 
 
-def _seeds(row: Row) -> str:
+def _seeds(row: MethodRow) -> str:
     return f"n = {row.n}"

@@ -16,7 +16,7 @@ from saver_advisors.benchmark.run_tables import (
 )
 from saver_advisors.evaluation.statistics import Estimate, estimate
 from saver_advisors.experiments.plots import Panel, draw_panels
-from saver_advisors.experiments.summary import MINUTE, Row
+from saver_advisors.experiments.summary import MINUTE, MethodRow
 from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.figures import Drawn, link
 from saver_advisors.reporting.tables import markdown
@@ -55,7 +55,7 @@ FINDINGS: Final = """\
 """
 
 
-def final_rate(row: Row, name: str) -> Estimate | None:
+def final_rate(row: MethodRow, name: str) -> Estimate | None:
     """A rate of the last policies on the report seeds.
 
     :param row: of the table
@@ -67,7 +67,7 @@ def final_rate(row: Row, name: str) -> Estimate | None:
 
 
 def page(
-    rows: Sequence[Row],
+    rows: Sequence[MethodRow],
     findings: Sequence[ConstraintFinding],
     results: Results,
     drawn: Sequence[Drawn],
@@ -99,7 +99,7 @@ def page(
     return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
-def method_table(rows: Sequence[Row]) -> str:
+def method_table(rows: Sequence[MethodRow]) -> str:
     """Every row with its rates and violations.
 
     :param rows: with finished runs
@@ -122,7 +122,7 @@ def method_table(rows: Sequence[Row]) -> str:
     return markdown(columns, [_cells(row) for row in rows])
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: MethodRow) -> list[str]:
     costs = [
         run.final["cost_means"]["cost_distance"]
         for run in row.runs
@@ -145,7 +145,7 @@ def _cells(row: Row) -> list[str]:
     ]
 
 
-def on_threads(row: Row) -> str:
+def on_threads(row: MethodRow) -> str:
     """How many threads a row's runs had, where that is more than one."""
     told = sorted({run.threads for run in row.runs})
     return "" if told == [1] else f" on {' or '.join(map(str, told))} threads"
@@ -176,7 +176,7 @@ def finding_table(findings: Sequence[ConstraintFinding]) -> str:
     )
 
 
-def equal_time_table(rows: Sequence[Row]) -> str:
+def equal_time_table(rows: Sequence[MethodRow]) -> str:
     """Mean and best success of each row, up to the same wall-clock time.
 
     :param rows: with finished runs
@@ -205,7 +205,7 @@ def equal_time_table(rows: Sequence[Row]) -> str:
     return markdown(("row", "minutes", "steps until then", "mean SR", "highest SR"), cells)
 
 
-def draw_all(rows: Sequence[Row], folder: Path) -> list[Drawn]:
+def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     """Curves of the three rates (Figures 6.1 and 6.2).
 
     :param rows: of the distance task
@@ -235,7 +235,9 @@ def _with(runs: Sequence[TrainingRun], column: str) -> list[TrainingRun]:
     return [run for run in runs if any(point.get(column) is not None for point in run.points)]
 
 
-def show(rows: Sequence[Row], findings: Sequence[ConstraintFinding], results: Results) -> None:
+def show(
+    rows: Sequence[MethodRow], findings: Sequence[ConstraintFinding], results: Results
+) -> None:
     """Print rates, findings, and what was left out.
 
     :param rows: of the distance task

@@ -65,7 +65,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
     """The page of an id and its dense twin.
 
     :param one: the sparse id's entry
-    :param results: as ``read_results`` returns them
+    :param results: as ``read_result_files`` returns them
     :return: Markdown
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined

@@ -14,7 +14,7 @@ from reproduction.pages.environments import (
     environments_page,
     environments_table,
 )
-from reproduction.pages.results import read_results, results_page, success_overview
+from reproduction.pages.results import read_result_files, results_page, success_overview
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
 from saver_advisors.reporting.tables import between_markers, markdown
@@ -28,7 +28,7 @@ def all_pages(output: Path) -> dict[str, str]:
     :param output: the documentation's folder; its ``results/*.json`` are read
     :return: text by path in that folder
     """
-    results = read_results(output / "results")
+    results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
     pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries) + GENERATED
@@ -52,7 +52,7 @@ def with_tables(readme: str, output: Path) -> str:
     folder = f"{output.name}/environments/"
     tables = {
         "envs": environments_table(entries, folder),
-        "success": success_overview(read_results(output / "results"), folder),
+        "success": success_overview(read_result_files(output / "results"), folder),
     }
     for name, table in tables.items():
         readme = between_markers(readme, f"<!-- {name}:begin -->", f"<!-- {name}:end -->", table)

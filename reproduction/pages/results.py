@@ -36,7 +36,7 @@ PAGES_OF_FILES: Final = {
 """The same by the file's name, where several files are of a kind."""
 
 
-def read_results(folder: Path) -> list[dict[str, Any]]:
+def read_result_files(folder: Path) -> list[dict[str, Any]]:
     """The results that programs left.
 
     :param folder: of JSON files
@@ -56,7 +56,7 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
     """The evaluations of one environment.
 
     :param env_id: its id
-    :param results: as ``read_results`` returns them
+    :param results: as ``read_result_files`` returns them
     :return: a table in Markdown, nothing where there are none
     """
     found = [one for one in _evaluations(results) if one["env"] == env_id]
@@ -64,10 +64,10 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
 
 
 def _evaluation_table(found: list[dict[str, Any]]) -> str:
-    columns = (*evaluation_table.COLUMNS, "collisions per episode")
+    columns = (*evaluation_table.EVALUATION_COLUMNS, "collisions per episode")
     rows = []
     for one in found:
-        rows.append([*evaluation_table.cells(one), _collisions(one)])
+        rows.append([*evaluation_table.evaluation_cells(one), _collisions(one)])
     return markdown(columns, rows)
 
 
@@ -79,7 +79,7 @@ def _collisions(one: dict[str, Any]) -> str:
 def success_overview(results: list[dict[str, Any]], folder: str) -> str:
     """The best shipped policy of each environment, beside what needs no training there.
 
-    :param results: as ``read_results`` returns them
+    :param results: as ``read_result_files`` returns them
     :param folder: of the environments' pages, as the reader sees it
     :return: a table in Markdown, of the environments that a policy ships for
     """
@@ -115,7 +115,7 @@ def _success(found: list[dict[str, Any]]) -> str:
 def results_page(results: list[dict[str, Any]]) -> str:
     """Every result as a table.
 
-    :param results: as ``read_results`` returns them
+    :param results: as ``read_result_files`` returns them
     :return: Markdown
     """
     lines = ["# Results", ""]
@@ -128,7 +128,9 @@ def results_page(results: list[dict[str, Any]]) -> str:
         lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
-            lines.append(markdown(runs.COLUMNS, [runs.cells(run) for run in one["runs"]]))
+            lines.append(
+                markdown(runs.CURVE_COLUMNS, [runs.curve_cells(run) for run in one["runs"]])
+            )
         elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"On [a page of its own]({page}).", ""]
         elif one.get("kind") == "modelling-search":

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.reporting.video import Frame, Recording, write_clip, write_mp4
+from saver_advisors.reporting.video import EpisodeVideo, Frame, write_clip, write_mp4
 
 if TYPE_CHECKING:
     from reproduction.transfer.attempts import Attempt
@@ -54,7 +54,7 @@ def record_each_kind(
             attempt = found[place][0]
             frames = _draw(attempt, [number for _, number in kinds], trials, seed)
             for kind, number in kinds:
-                recording = Recording(seed + number, frames[number], kind == "success")
+                recording = EpisodeVideo(seed + number, frames[number], kind == "success")
                 shown.append(_write(folder, attempt, kind, recording))
             advance()
     return sorted(shown, key=lambda one: str(one["file"]))
@@ -83,7 +83,7 @@ def _draw(
     return frames
 
 
-def _write(folder: Path, attempt: Attempt, kind: str, recording: Recording) -> dict[str, Any]:
+def _write(folder: Path, attempt: Attempt, kind: str, recording: EpisodeVideo) -> dict[str, Any]:
     from reproduction.transfer.failures import WORDS
 
     name = f"{attempt.task}-{kind.replace('_', '-')}"

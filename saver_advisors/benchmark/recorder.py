@@ -1,4 +1,4 @@
-"""A foreign training run's record: its evaluations as they come, its best weights, its end.
+"""Record of a third-party training run: its evaluations, its best weights and its final result.
 
 The file is written anew after every evaluation, as a whole, so that a run that is interrupted at
 any moment leaves what it had shown by then.
@@ -35,7 +35,7 @@ class Weights(Protocol):
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkPlan:
     """What a run shall do.
 
     :param name: of the run and its files
@@ -99,7 +99,7 @@ class Recorder:
     :param progress: called after each evaluation with its line of the curve
     """
 
-    plan: Plan
+    plan: BenchmarkPlan
     folder: Path
     progress: Callable[[dict[str, Any]], None] = lambda line: None
     steps: int = field(default=0, init=False)
@@ -241,7 +241,7 @@ def _untouched_random() -> Iterator[None]:
     """Hand the global generators back as they were: being watched must not change a run."""
     import torch
 
-    numbers, tensors = np.random.get_state(), torch.get_rng_state()  # noqa: NPY002  (foreign code's)
+    numbers, tensors = np.random.get_state(), torch.get_rng_state()  # noqa: NPY002  (third-party code)
     try:
         yield
     finally:

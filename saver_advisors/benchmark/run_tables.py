@@ -9,9 +9,9 @@ from typing import Any, Final
 from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
-from saver_advisors.experiments.summary import MINUTE, Censored, Row
+from saver_advisors.experiments.summary import MINUTE, Censored, MethodRow
 from saver_advisors.experiments.training_runs import Skipped, TrainingRun
-from saver_advisors.reporting.evaluation_table import COLUMNS
+from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
 from saver_advisors.reporting.tables import markdown
 
 NOTHING: Final = "-"
@@ -40,7 +40,7 @@ the other.
 """
 
 
-def measured(row: Row) -> list[str]:
+def measured(row: MethodRow) -> list[str]:
     """Seeds and the four figures of the paper's table.
 
     :param row: of a task
@@ -55,7 +55,7 @@ def measured(row: Row) -> list[str]:
     ]
 
 
-def metrics_table(rows: Sequence[Row]) -> str:
+def metrics_table(rows: Sequence[MethodRow]) -> str:
     """Seeds and the four figures of the paper's table, a row each.
 
     :param rows: of a task
@@ -66,7 +66,7 @@ def metrics_table(rows: Sequence[Row]) -> str:
     )
 
 
-def beyond(rows: Sequence[Row]) -> str:
+def beyond(rows: Sequence[MethodRow]) -> str:
     """What the paper's table does not have: costs, censored times, final success.
 
     :param rows: of a task
@@ -106,7 +106,7 @@ def beyond(rows: Sequence[Row]) -> str:
     return markdown(columns, cells)
 
 
-def beside(pairs: Sequence[tuple[Row, Row]]) -> str:
+def beside(pairs: Sequence[tuple[MethodRow, MethodRow]]) -> str:
     """Rows against others: how many times as soon, and how likely better.
 
     :param pairs: a row, and the one that it is compared with, of the same task
@@ -134,7 +134,7 @@ def beside(pairs: Sequence[tuple[Row, Row]]) -> str:
     return markdown(columns, cells)
 
 
-def likely_better(row: Row, reference: Row) -> str:
+def likely_better(row: MethodRow, reference: MethodRow) -> str:
     """How likely a run's mean success is higher than that of a run of another row.
 
     :param row: of a task
@@ -145,7 +145,7 @@ def likely_better(row: Row, reference: Row) -> str:
     return NOTHING if found.interval is None else found.text()
 
 
-def areas(row: Row) -> list[float]:
+def areas(row: MethodRow) -> list[float]:
     """Each seed's mean success over the task's common steps."""
     return [area_under_curve(run.curve, row.budget) for run in row.runs]
 
@@ -249,10 +249,10 @@ def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
                 NOTHING if collisions is None else f"{collisions:.2f}",
             ]
         )
-    return markdown((*COLUMNS[:5], "collisions per episode"), cells)
+    return markdown((*EVALUATION_COLUMNS[:5], "collisions per episode"), cells)
 
 
-def under_way_list(rows: Sequence[Row]) -> str:
+def under_way_list(rows: Sequence[MethodRow]) -> str:
     """The runs that are not finished, which no figure counts; nothing where there is none."""
     told = [
         f"{row.name} seed {run.seed} ({run.curve.steps[-1]:,.0f} steps, success "
@@ -300,7 +300,7 @@ def _time(figure: Censored | None, digits: int = 0, scale: float = 1.0) -> str:
     return NOTHING if figure is None else figure.text(digits, scale)
 
 
-def flat(row: Row) -> dict[str, Any]:
+def flat(row: MethodRow) -> dict[str, Any]:
     """A row's figures without their intervals.
 
     :param row: of a task

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-Tasks = dict[str, "tuple[list[Row], list[Row]]"]
+Tasks = dict[str, "tuple[list[MethodRow], list[MethodRow]]"]
 """By environment: the rows that are put beside the baselines, and the baselines."""
 
 
@@ -184,7 +184,7 @@ def draw(tasks: Tasks, path: Path) -> None:
     draw_panels(panels).savefig(path)
 
 
-def best(rows: Sequence[Row], count: int = DRAWN_BASELINES) -> list[Row]:
+def best(rows: Sequence[MethodRow], count: int = DRAWN_BASELINES) -> list[MethodRow]:
     """The rows with the highest mean success, in their old order.
 
     :param rows: of a task

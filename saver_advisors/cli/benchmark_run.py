@@ -21,7 +21,7 @@ from saver_advisors.evaluation.protocol import (
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from saver_advisors.benchmark.recorder import Plan
+    from saver_advisors.benchmark.recorder import BenchmarkPlan
 
 EXAMPLES: Final = """\
 examples:
@@ -123,14 +123,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
+def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> BenchmarkPlan:
     """What the command line asks for.
 
     :param args: the command line
     :param algorithm: the class that it names
     :return: the plan
     """
-    from saver_advisors.benchmark.recorder import Plan
+    from saver_advisors.benchmark.recorder import BenchmarkPlan
     from saver_advisors.benchmark.third_party import source_sha256
     from saver_advisors.cli.arguments import checked_env_kwargs, settings
     from saver_advisors.evaluation.protocol import training_seed
@@ -143,7 +143,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
         raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
     row = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{row}-seed{args.seed}")
-    return Plan(
+    return BenchmarkPlan(
         name=stem,
         row=row,
         env_id=args.env,
@@ -162,7 +162,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> Plan:
     )
 
 
-def _is_finished(path: Path, plan: Plan) -> bool:
+def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
     """Whether the file holds this very run, finished; one that is not, or is damaged, is redone.
 
     :raises UsageError: where it holds a finished run of other settings

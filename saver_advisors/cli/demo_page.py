@@ -23,14 +23,12 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    from saver_advisors.cli.runs import COLUMNS as RUN_COLUMNS
-    from saver_advisors.cli.runs import cells
-    from saver_advisors.cli.runs import cells as run_cells
-    from saver_advisors.reporting.evaluation_table import COLUMNS
+    from saver_advisors.cli.runs import CURVE_COLUMNS, curve_cells
+    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
 
     evaluations, learning = figures["evaluations"], figures["learning"]
     collisions = [f"{one['cost_means']['cost_collision']:.2f}" for one in evaluations]
-    rows = [[*cells(one), n] for one, n in zip(evaluations, collisions, strict=True)]
+    rows = [[*evaluation_cells(one), n] for one, n in zip(evaluations, collisions, strict=True)]
     templates = Environment(
         loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
     )
@@ -41,7 +39,7 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
         episodes=args.episodes,
         seed=args.seed,
         evaluations=evaluations,
-        result_columns=(*COLUMNS, "collisions per episode"),
+        result_columns=(*EVALUATION_COLUMNS, "collisions per episode"),
         result_rows=rows,
         baselines=_described_baselines(evaluations),
         bars=_figure_uri(_bars(evaluations)) if evaluations else "",
@@ -51,8 +49,8 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
             "env": LESSON_ENV,
             "teacher": TEACHER,
             "figure": _learning_figure(learning["runs"]),
-            "columns": RUN_COLUMNS,
-            "rows": [run_cells(one) for one in learning["runs"]],
+            "columns": CURVE_COLUMNS,
+            "rows": [curve_cells(one) for one in learning["runs"]],
         },
     )
 
@@ -69,11 +67,11 @@ def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
 
 
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:
-    from saver_advisors.cli.runs import PANELS, Run, draw
+    from saver_advisors.cli.runs import PANELS, RunCurve, draw
 
     if not summaries:
         return ""
-    runs = [Run(one["name"], {}, one["points"]) for one in summaries]
+    runs = [RunCurve(one["name"], {}, one["points"]) for one in summaries]
     return _figure_uri(draw(runs, PANELS[:2]))
 
 

@@ -19,7 +19,7 @@ from saver_advisors.cli.arguments import (
     write_json,
 )
 from saver_advisors.reporting.errors import user_mistakes
-from saver_advisors.reporting.evaluation_table import COLUMNS, cells
+from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -147,7 +147,9 @@ def show(figures: dict[str, Any]) -> None:
     from saver_advisors.reporting import tables
 
     costs = figures["cost_means"]
-    columns = [*COLUMNS, *(f"{name} per episode" for name in costs)]
-    tables.show(columns, [[*cells(figures), *(f"{mean:.2f}" for mean in costs.values())]])
+    columns = [*EVALUATION_COLUMNS, *(f"{name} per episode" for name in costs)]
+    tables.show(
+        columns, [[*evaluation_cells(figures), *(f"{mean:.2f}" for mean in costs.values())]]
+    )
     if figures["diverged"]:
         print(f"the simulation broke down in {figures['diverged']} episodes")

@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Work the grid off, or say how it stands."""
     from saver_advisors.experiments.grid import read_grid
-    from saver_advisors.experiments.progress import COLUMNS, rows
+    from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.scheduler import Places
     from saver_advisors.reporting import tables
 
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     with user_mistakes("argument --only"):
         grid = grid.only(args.only)
     status = 0 if args.action == "status" else _work(args, grid, places)
-    tables.show(COLUMNS, rows(grid, places), grid.title)
+    tables.show(PROGRESS_COLUMNS, rows(grid, places), grid.title)
     return status
 
 

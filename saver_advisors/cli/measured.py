@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 
-def read_figures(path: Path, kind: str) -> dict[str, Any]:
+def read_measurement(path: Path, kind: str) -> dict[str, Any]:
     """An earlier measurement, as ``--from`` asks for it.
 
     :param path: of its JSON file
@@ -40,12 +40,12 @@ def measured_or_read(
     :param args: with ``from_json``, as :func:`saver_advisors.cli.arguments.add_page` declares it
     :param kind: of the figures
     :param measure: takes the measurements
-    :raises UsageError: see :func:`read_figures`
+    :raises UsageError: see :func:`read_measurement`
     """
     from saver_advisors.reporting.provenance import provenance
 
     if args.from_json is not None:
-        return read_figures(args.from_json, kind)
+        return read_measurement(args.from_json, kind)
     origin = provenance()  # before what is measured leaves files in the checkout
     return {**measure(), "provenance": origin}
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from saver_advisors.cli.policies import Policy, resolve
+from saver_advisors.cli.policies import NamedPolicy, resolve
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.video import Frame, record
 
@@ -71,7 +71,7 @@ def clip_frames(env_id: str) -> list[Frame]:
     return recording.frames
 
 
-def best_policy(env_id: str) -> Policy:
+def best_policy(env_id: str) -> NamedPolicy:
     """The shipped policy of an environment, else its scripted expert, else random actions.
 
     :param env_id: a registered id

@@ -22,7 +22,7 @@ KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
 
 
 @dataclass(frozen=True)
-class Policy:
+class NamedPolicy:
     """Something that acts in one environment.
 
     :param name: what results call it
@@ -68,7 +68,7 @@ def sizes_of(env_id: str, env_kwargs: Mapping[str, Any]) -> Sizes:
     return Sizes(env_id, entries, episodes.action_size, episodes.task.n_arms)
 
 
-def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> Policy:
+def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> NamedPolicy:
     """The policy that a word means, checked against the environment that it shall act in.
 
     :param word: a shipped policy's name, a weight file, a run's folder (of ours or of RL Zoo),
@@ -82,18 +82,18 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
     sizes = sizes_of(env_id, env_kwargs)
     kind, _, rest = word.partition(":")
     if word == "random":
-        return Policy(word, _random(sizes.action, seed))
+        return NamedPolicy(word, _random(sizes.action, seed))
     if word in ("expert", BLIND):
-        return Policy(word, _expert(sizes, env_kwargs, coordinated=word == "expert"))
+        return NamedPolicy(word, _expert(sizes, env_kwargs, coordinated=word == "expert"))
     if kind == SIDE_BY_SIDE:
-        return Policy(word, _side_by_side(rest, sizes))
+        return NamedPolicy(word, _side_by_side(rest, sizes))
     if kind == FROZEN:
-        return Policy(word, _one_free_arm(rest, sizes, env_kwargs))
+        return NamedPolicy(word, _one_free_arm(rest, sizes, env_kwargs))
     if (folder := _run_folder(Path(word))) is not None:
-        return Policy(word, _trained(*folder, sizes))
+        return NamedPolicy(word, _trained(*folder, sizes))
     if Path(word).suffix == ".zip" or Path(word).is_dir():
-        return Policy(word, _trained_by_zoo(word, sizes))
-    return Policy(word, _weights(word, sizes))
+        return NamedPolicy(word, _trained_by_zoo(word, sizes))
+    return NamedPolicy(word, _weights(word, sizes))
 
 
 def _random(size: int, seed: int) -> Predict:

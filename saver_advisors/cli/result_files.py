@@ -42,11 +42,11 @@ def read(paths: Sequence[Path]) -> Results:
     :return: what they hold
     :raises UsageError: for a path that does not exist, or where there is no training run
     """
-    from saver_advisors.experiments.training_runs import read_results
+    from saver_advisors.experiments.training_runs import read_training_runs
     from saver_advisors.reporting.errors import UsageError, user_mistakes
 
     with user_mistakes("argument --results"):
-        results = read_results(paths)
+        results = read_training_runs(paths)
     if not results.runs:
         left_out = "; ".join(f"{one.file} {one.reason}" for one in results.skipped)
         raise UsageError(

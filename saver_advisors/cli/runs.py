@@ -24,7 +24,7 @@ PANELS: Final = (
 
 
 @dataclass(frozen=True)
-class Run:
+class RunCurve:
     """A run's curve.
 
     :param name: what the legend calls it
@@ -64,7 +64,7 @@ class Run:
         }
 
 
-COLUMNS: Final = (
+CURVE_COLUMNS: Final = (
     "run",
     "environment",
     "advice",
@@ -78,10 +78,10 @@ COLUMNS: Final = (
 )
 
 
-def cells(summary: dict[str, Any]) -> list[str]:
-    """A row of the table of runs, in the order of ``COLUMNS``.
+def curve_cells(summary: dict[str, Any]) -> list[str]:
+    """A row of the table of runs, in the order of ``CURVE_COLUMNS``.
 
-    :param summary: as ``Run.summary`` returns it
+    :param summary: as ``RunCurve.summary`` returns it
     :return: the cells
     """
     steps, seconds = summary["steps_to_solved"], summary["wall_clock_to_solved_s"]
@@ -99,7 +99,7 @@ def cells(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-def read_runs(folders: Sequence[Path]) -> list[Run]:
+def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
     """Read the curves of several runs.
 
     :param folders: of the runs
@@ -113,7 +113,7 @@ def read_runs(folders: Sequence[Path]) -> list[Run]:
     return [read_run(folder, name) for folder, name in zip(folders, names, strict=True)]
 
 
-def read_run(folder: Path, name: str) -> Run:
+def read_run(folder: Path, name: str) -> RunCurve:
     """Read one curve.
 
     :param folder: of the run
@@ -130,10 +130,10 @@ def read_run(folder: Path, name: str) -> Run:
         config = json.loads(record.read_text(encoding="utf-8"))["config"]
     except (json.JSONDecodeError, KeyError) as error:
         raise UsageError(f"argument RUN_DIR: {record} is damaged") from error
-    return Run(name, config, points)
+    return RunCurve(name, config, points)
 
 
-def draw(runs: Sequence[Run], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
+def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
     """Draw curves against environment steps, on the left, and against wall-clock, on the right.
 
     :param runs: at least one

@@ -277,7 +277,7 @@ def run_episodes(
             for step in play(predict, vec_env, range(first, first + vec_env.num_envs)):
                 if step.number > 0:
                     for index in np.flatnonzero(step.running):
-                        batch[index].add(step, index)
+                        batch[index].add(step, int(index))
             # The last batch may contain surplus episodes.
             batch = batch[: episodes - len(records)]
             records += batch
@@ -333,9 +333,7 @@ def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeO
         lengths=np.array([one.length for one in records]),
         diverged=np.array([one.diverged for one in records]),
         deviations=np.array(deviations) if "cost_distance" in names else None,
-        goal_reached=None
-        if reached is None
-        else np.array([bool(info[reached]) for info in infos]),
+        goal_reached=None if reached is None else np.array([bool(info[reached]) for info in infos]),
     )
 
 

@@ -11,13 +11,13 @@ from saver_advisors.experiments.grid import Grid
 from saver_advisors.experiments.results import RunState, state_of
 from saver_advisors.experiments.scheduler import Places, Progress
 
-COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
+PROGRESS_COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
 #: Seconds between two drawings: reading the curves costs a little.
 DRAW_EVERY: Final = 2.0
 
 
 def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[list[str]]:
-    """A row of cells a run, in the order of ``COLUMNS``.
+    """A row of cells a run, in the order of ``PROGRESS_COLUMNS``.
 
     :param grid: the runs
     :param places: where they lie
@@ -96,7 +96,7 @@ class ProgressTable:
         elif now - self._drawn_at >= DRAW_EVERY:
             from saver_advisors.reporting.tables import table
 
-            self._live.update(table(COLUMNS, rows(self.grid, self.places, progress)))
+            self._live.update(table(PROGRESS_COLUMNS, rows(self.grid, self.places, progress)))
             self._drawn_at = now
 
     def _tell_changes(self, progress: Progress) -> None:

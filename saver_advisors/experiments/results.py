@@ -65,7 +65,7 @@ def read_result(path: str | Path) -> dict[str, Any]:
     return values
 
 
-def read_results(folder: str | Path) -> tuple[list[dict[str, Any]], list[str]]:
+def read_grid_results(folder: str | Path) -> tuple[list[dict[str, Any]], list[str]]:
     """Read all results of a folder.
 
     :param folder: with a file a run; other JSON files are passed over

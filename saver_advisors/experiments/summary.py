@@ -50,7 +50,7 @@ class Censored:
 
 
 @dataclass(frozen=True)
-class Row:
+class MethodRow:
     """A method in a task.
 
     :param task: id of the environment
@@ -223,7 +223,7 @@ FIGURES: Final = (
 
 def summarize(
     task: str, by_row: Mapping[str, Sequence[TrainingRun]], order: Sequence[str] = ()
-) -> list[Row]:
+) -> list[MethodRow]:
     """The rows of a task's table.
 
     :param task: id of the environment
@@ -236,7 +236,7 @@ def summarize(
     names = [name for name in order if name in by_row]
     names += sorted(set(by_row) - set(names))
     return [
-        Row(
+        MethodRow(
             task,
             name,
             [run for run in by_row[name] if run.finished],

@@ -163,7 +163,7 @@ class Results:
         return rows
 
 
-def read_results(paths: Iterable[str | Path]) -> Results:
+def read_training_runs(paths: Iterable[str | Path]) -> Results:
     """Read training runs and evaluations.
 
     :param paths: JSON files, and folders whose JSON files are read in the order of their names

@@ -84,6 +84,7 @@ def follow(
         simulation = env.episodes.simulation
         hands, objects = [], []
         for step in play(predict, SingleEpisodeEnv(env), [seed]):
+            info = step.infos[0]
             hands.append(simulation.to_world(simulation.arm_state().tool_position)[0])
             objects.append(env.episodes.object_state().world_position[0])
         band = (REQUIRED_DISTANCE - DISTANCE_TOLERANCE, REQUIRED_DISTANCE + DISTANCE_TOLERANCE)
@@ -93,7 +94,7 @@ def follow(
             hands=np.stack(hands),
             objects=np.stack(objects),
             targets=simulation.to_world(env.episodes.target)[0],
-            success=bool(step.infos[0]["is_success"]),
+            success=bool(info["is_success"]),
             band=band if isinstance(env.episodes.task, Distance) else None,
         )
     finally:

@@ -6,11 +6,18 @@ from typing import Any
 
 from saver_advisors.evaluation.protocol import environment_text
 
-COLUMNS = ("environment", "policy", "episodes", "success", "95% interval", "final distance (cm)")
+EVALUATION_COLUMNS = (
+    "environment",
+    "policy",
+    "episodes",
+    "success",
+    "95% interval",
+    "final distance (cm)",
+)
 
 
-def cells(figures: dict[str, Any]) -> list[str]:
-    """A row of a table of results, in the order of ``COLUMNS``, then the costs.
+def evaluation_cells(figures: dict[str, Any]) -> list[str]:
+    """A row of a table of results, in the order of ``EVALUATION_COLUMNS``, then the costs.
 
     :param figures: as ``saver evaluate`` writes them
     :return: the cells

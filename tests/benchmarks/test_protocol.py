@@ -13,7 +13,7 @@ import pytest
 from gymnasium import make_vec
 from run_files import curve, write_run
 
-from saver_advisors.benchmark.recorder import Plan, Recorder
+from saver_advisors.benchmark.recorder import BenchmarkPlan, Recorder
 from saver_advisors.benchmark.third_party import (
     BudgetSpent,
     CountedVectorEnv,
@@ -32,7 +32,7 @@ from saver_advisors.evaluation.protocol import (
     TRAINING_SEED,
     training_seed,
 )
-from saver_advisors.experiments.training_runs import read_results
+from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.training.defaults import default_settings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,7 +85,7 @@ def test_a_plain_algorithm_is_trained_and_recorded(tmp_path: Path) -> None:
     assert content["chosen"] is None
     assert (content["final"]["seed"], content["final"]["episodes"]) == (0, 3)
     assert content["provenance"].keys() >= {"command", "versions"}
-    [run] = read_results([tmp_path]).runs
+    [run] = read_training_runs([tmp_path]).runs
     assert run.final_success == content["final"]["success_rate"]
 
 
@@ -105,7 +105,7 @@ def test_training_starts_are_from_training_seeds(tmp_path: Path) -> None:
     assert not np.allclose(report["observation"][0], same["observation"][0])
 
 
-def plan_of(**changes: Any) -> Plan:
+def plan_of(**changes: Any) -> BenchmarkPlan:
     """A plan of a tiny run."""
     values: dict[str, Any] = {
         "name": "run",
@@ -122,7 +122,7 @@ def plan_of(**changes: Any) -> Plan:
         "eval_episodes": 1,
         "report_episodes": 1,
     }
-    return Plan(**{**values, **changes})
+    return BenchmarkPlan(**{**values, **changes})
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])

@@ -25,7 +25,7 @@ from reproduction.program import main as reproduce
 from saver_advisors.cli.result_files import read
 from saver_advisors.experiments.plots import Panel, draw_panels, mean_curve
 from saver_advisors.experiments.summary import summarize
-from saver_advisors.experiments.training_runs import read_results
+from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.reporting.errors import UsageError
 
 PUSH, PICK = "DualJacoPush-v0", "DualJacoPickAndPlace-v0"
@@ -122,7 +122,7 @@ def test_missing_rows_can_refute_but_not_confirm() -> None:
 def test_rows_that_hardly_learned_do_not_rise_fast(tmp_path: Path) -> None:
     write_run(tmp_path, PUSH, "none", 0, curve(1, best=0.04, width=0.1))
     write_run(tmp_path, PUSH, "mc-act 0.01", 0, curve(20, width=1))
-    rows = summarize(PUSH, read_results([tmp_path]).of_task(PUSH))
+    rows = summarize(PUSH, read_training_runs([tmp_path]).of_task(PUSH))
     look_up = table_of(rows)
     assert rows[1].name == "none"
     assert rows[1].rise_time is not None  # by its definition: of its own maximum of 0.04
@@ -135,7 +135,7 @@ def test_rows_that_hardly_learned_do_not_rise_fast(tmp_path: Path) -> None:
 def test_a_row_sums_up_its_seeds_by_hand(tmp_path: Path) -> None:
     for seed, first in enumerate((4, 6)):
         write_run(tmp_path, PUSH, "early", seed, curve(first, width=0.01))
-    [row] = summarize(PUSH, read_results([tmp_path]).of_task(PUSH))
+    [row] = summarize(PUSH, read_training_runs([tmp_path]).of_task(PUSH))
     assert row.n == 2
     assert row.steps_to_solved is not None
     # Up at once, from half at the middle: 0.9 is first seen one evaluation later.
@@ -157,7 +157,7 @@ def test_a_row_sums_up_its_seeds_by_hand(tmp_path: Path) -> None:
 def test_censored_seeds_make_a_bound(tmp_path: Path) -> None:
     write_run(tmp_path, PUSH, "none", 0, curve(20, best=0.6))
     write_run(tmp_path, PUSH, "none", 1, curve(4, width=0.01))
-    [row] = summarize(PUSH, read_results([tmp_path]).of_task(PUSH))
+    [row] = summarize(PUSH, read_training_runs([tmp_path]).of_task(PUSH))
     assert row.unsolved_seeds == [0]
     assert row.steps_to_solved is not None
     assert row.steps_to_solved.text() == "> 562,500 (1 of 2 never)"
@@ -166,7 +166,7 @@ def test_censored_seeds_make_a_bound(tmp_path: Path) -> None:
 def test_unfinished_runs_are_not_counted(tmp_path: Path) -> None:
     write_run(tmp_path, PUSH, "early", 0, curve(20))
     write_run(tmp_path, PUSH, "early", 1, curve(2), finished=False)
-    [row] = summarize(PUSH, read_results([tmp_path]).of_task(PUSH))
+    [row] = summarize(PUSH, read_training_runs([tmp_path]).of_task(PUSH))
     assert (row.n, len(row.under_way)) == (1, 1)
     assert row.to_mapping()["under_way"] == [{"seed": 1, "steps": 40 * EVERY}]
 
@@ -177,7 +177,7 @@ def test_files_without_optional_entries_are_read(tmp_path: Path) -> None:
     config = {"env_id": PUSH, "seed": 3, "advice": advice, "total_steps": 30}
     bare = {"kind": "training-run", "config": config, "curve": points}
     (tmp_path / "bare.json").write_text(json.dumps(bare))
-    [run] = read_results([tmp_path]).runs
+    [run] = read_training_runs([tmp_path]).runs
     assert (run.name, run.task, run.row, run.seed) == ("bare", PUSH, "mc-q 0.05", 3)
     assert not run.finished
     assert run.final_success is None
@@ -195,7 +195,7 @@ def test_more_arms_are_another_task(tmp_path: Path) -> None:
         told = config | {"env_kwargs": options}
         path = write_run(tmp_path, PUSH, "early", 0, curve(9), config=told)
         path.rename(tmp_path / f"{name}.json")
-    results = read_results([tmp_path])
+    results = read_training_runs([tmp_path])
     assert set(results.of_task(PUSH)) == {"early"}
     assert set(results.of_task(f"{PUSH}, n_arms=3")) == {"early"}
     assert set(tables(results)) == {PUSH, f"{PUSH}, n_arms=3"}
@@ -222,7 +222,7 @@ def test_other_settings_of_a_row_are_told_apart(tmp_path: Path) -> None:
     # A setting that an older file does not have has its default.
     write("push-thresholds", "mc-q 0.01", advice=loose, relabel_probability=0.8)
     write("push-baselines", "cloned", imitation_weight=1.0)
-    results = read_results([tmp_path])
+    results = read_training_runs([tmp_path])
     assert not results.skipped
     assert set(results.of_task(PUSH)) == {
         *("none", "early", "mc-q 0.01", "cloned"),
@@ -230,7 +230,7 @@ def test_other_settings_of_a_row_are_told_apart(tmp_path: Path) -> None:
     }
     # A row that the main group has not run yet keeps its name free.
     (tmp_path / f"push-{PUSH}-early-0.json").unlink()
-    rows = read_results([tmp_path]).of_task(PUSH)
+    rows = read_training_runs([tmp_path]).of_task(PUSH)
     assert "early" not in rows
     assert "early (push-joint-value)" in rows
 
@@ -247,7 +247,7 @@ def test_damaged_files_are_named_and_left_out(tmp_path: Path) -> None:
     (tmp_path / "twin.json").write_text(good.read_text())
     (tmp_path / "run.json.partial").write_text("{")
     (tmp_path / "table.json").write_text('{"kind": "advising"}')  # our own, made from the others
-    results = read_results([tmp_path])
+    results = read_training_runs([tmp_path])
     assert [run.name for run in results.runs] == ["early-0"]
     reasons = {one.file: one.reason for one in results.skipped}
     assert len(reasons) == 8
@@ -332,7 +332,7 @@ def test_mean_curves_lie_between_their_seeds(tmp_path: Path) -> None:
     write_run(tmp_path, PUSH, "early", 1, curve(12))
     bare = [{**point, "mean_q": None} for point in curve(14)]
     write_run(tmp_path, PUSH, "early", 2, bare)
-    runs = read_results([tmp_path]).of_task(PUSH)["early"]
+    runs = read_training_runs([tmp_path]).of_task(PUSH)["early"]
     found = mean_curve(runs, "success_rate")
     assert found is not None
     steps, means = found
@@ -351,7 +351,7 @@ def test_panels_draw_every_seed_and_their_mean(tmp_path: Path) -> None:
     for seed in range(3):
         write_run(tmp_path, PUSH, "mc-q 0.1", seed, curve(6 + seed))
     write_run(tmp_path, PUSH, "none", 0, curve(12))
-    by_row = read_results([tmp_path]).of_task(PUSH)
+    by_row = read_training_runs([tmp_path]).of_task(PUSH)
     panels = strategies(by_row)
     assert [panel.title for panel in panels] == ["strategies", "mc-q, by threshold"]
     figure = draw_panels([*panels, Panel("empty", {})])
@@ -369,7 +369,7 @@ def test_panels_draw_every_seed_and_their_mean(tmp_path: Path) -> None:
 def test_a_row_has_the_same_colour_in_every_panel(tmp_path: Path) -> None:
     for row in ("none", "early", "mc-q 0.1", "mc-act 0.1"):
         write_run(tmp_path, PUSH, row, 0, curve(6))
-    rows = read_results([tmp_path]).of_task(PUSH)
+    rows = read_training_runs([tmp_path]).of_task(PUSH)
     panels = [
         Panel("one", {name: rows[name] for name in ("none", "early", "mc-q 0.1")}, "none"),
         Panel("two", {name: rows[name] for name in ("none", "mc-act 0.1", "mc-q 0.1")}, "none"),
@@ -390,7 +390,7 @@ def test_curves_beyond_the_colours_are_told_apart_by_dashes(tmp_path: Path) -> N
     labels = [f"mc-q 0.{index}" for index in range(10)]
     for label in labels:
         write_run(tmp_path, PUSH, label, 0, curve(6))
-    rows = read_results([tmp_path]).of_task(PUSH)
+    rows = read_training_runs([tmp_path]).of_task(PUSH)
     (axes,) = draw_panels([Panel("many", {label: rows[label] for label in labels})]).axes
     drawn = {
         (line.get_color(), line.get_linestyle())
