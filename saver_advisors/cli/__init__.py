@@ -10,21 +10,21 @@ from typing import Final
 from saver_advisors.cli.program import Program
 
 COMMANDS: Final = {
-    "envs": "list the environments: sizes, horizon, what succeeds, what costs",
-    "train": "train a policy, alone or with the advice of a teacher",
-    "evaluate": "measure a policy over episodes with fixed seeds, and record it",
-    "export": "turn a training run into a weight file with a card",
-    "curves": "draw the learning curves of training runs",
-    "experiments": "run a grid of training runs, on this machine or a cluster",
-    "benchmark": "measure speed on this machine, and compare methods",
-    "pose": "find the people in a picture or a video",
-    "train-pose": "train a network that finds people",
-    "model": "model an arm: its data set, inverse models, their hyper-parameters",
-    "run": "run the whole robot, from camera to servos, in one closed loop",
-    "demo": "play the shipped policies, learn for two minutes, write a page about it",
+    "envs": "list the environments with their sizes, horizon, success and costs",
+    "train": "train a policy, with or without advice from a teacher",
+    "evaluate": "evaluate a policy on episodes with fixed seeds, and record videos",
+    "export": "export a training run as a weight file with a card",
+    "curves": "plot the learning curves of training runs",
+    "experiments": "run a grid of training runs on this machine or on a cluster",
+    "benchmark": "measure speed on this machine and compare algorithms",
+    "pose": "estimate the poses of people in a picture or a video",
+    "train-pose": "train a pose estimation network",
+    "model": "make an arm's data set, train inverse models, search hyper-parameters",
+    "run": "run the whole robot in a closed loop, from camera to servos",
+    "demo": "play the shipped policies, train for two minutes and write a report page",
 }
 
-#: What reproduces the dissertation left the installed package.
+#: Commands that moved to the reproduction package.
 MOVED: Final = {
     **{
         f"benchmark {name}": f"python -m reproduction {name}"
@@ -50,12 +50,12 @@ Environments for robots that move injured people, and a kit that trains policies
 
 EXAMPLES: Final = """\
 examples:
-  saver envs                                             what is there
-  saver evaluate --env JacoPush-v0 --policy jaco-push    how good a shipped policy is
-  saver train --env JacoPush-v0 --output runs/push       a policy of your own
-  saver demo --output demo_output                        all of it in six minutes
+  saver envs                                             list the environments
+  saver evaluate --env JacoPush-v0 --policy jaco-push    evaluate a shipped policy
+  saver train --env JacoPush-v0 --output runs/push       train a policy
+  saver demo --output demo_output                        a tour in six minutes
 
-`saver COMMAND --help` explains a command, with examples."""
+`saver COMMAND --help` describes a command and shows examples."""
 
 
 def _version() -> str:

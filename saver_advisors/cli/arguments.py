@@ -1,4 +1,4 @@
-"""Arguments that several commands share, and how their values are read."""
+"""Arguments that several commands share, and the types that parse them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from saver_advisors.reporting.errors import UsageError, unknown
 
 
 def env_id(text: str) -> str:
-    """A registered id, for argparse.
+    """Parse a registered id for argparse.
 
     :param text: as given
     :return: the id, without a module's prefix
@@ -26,7 +26,7 @@ def env_id(text: str) -> str:
 
 
 def teacher(text: str) -> str:
-    """A shipped policy's name or a weight file, for argparse.
+    """Check the name of a shipped policy or the path of a weight file for argparse.
 
     :param text: as given
     :return: the same
@@ -40,10 +40,10 @@ def teacher(text: str) -> str:
 
 
 def at_least(least: int) -> Any:
-    """A whole number with a lower bound, for argparse.
+    """Make an argparse type for integers with a lower bound.
 
-    :param least: the smallest that is allowed
-    :return: a function of the text
+    :param least: smallest allowed value
+    :return: the type
     """
 
     def read(text: str) -> int:
@@ -59,7 +59,7 @@ def at_least(least: int) -> Any:
 
 
 def positive_seconds(text: str) -> float:
-    """A time, for argparse.
+    """Parse a positive duration for argparse.
 
     :param text: as given
     :return: seconds
@@ -74,10 +74,10 @@ def positive_seconds(text: str) -> float:
 
 
 def new_file(*suffixes: str) -> Any:
-    """A file that can be written, for argparse: found out before the work, not after it.
+    """Make an argparse type for a file to write, checked before the work starts.
 
-    :param suffixes: allowed endings; any where none is given
-    :return: a function of the text
+    :param suffixes: allowed file name extensions; all where none is given
+    :return: the type
     """
 
     def read(text: str) -> Path:
@@ -94,11 +94,12 @@ def new_file(*suffixes: str) -> Any:
 
 
 def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
-    """Values by name from ``name=value`` words; values are read as YAML, 1e-3 as a number.
+    """Parse ``name=value`` words; values are YAML, and 1e-3 is a number.
 
     :param pairs: the words
-    :param argument: which argument they belong to, for messages
-    :return: the values
+    :param argument: name of the argument, for error messages
+    :return: the values by name
+    :raises UsageError: for a word of another form
     """
     import yaml
 
@@ -121,28 +122,28 @@ def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """``--json FILE``, as everything that measures has it."""
+    """Add ``--json FILE``, which every measuring command accepts."""
     parser.add_argument(
         "--json",
         type=new_file(".json"),
         metavar="FILE",
-        help="write the figures there too, with command, commit, seed, versions and machine",
+        help="also write the results as JSON, with command, commit, seed, versions and machine",
     )
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
-    """``--threads N``, as everything that trains in our own loop has it."""
+    """Add ``--threads N``, which every training command accepts."""
     parser.add_argument(
         "--threads",
         type=at_least(1),
         default=1,
         metavar="N",
-        help="cores that a run takes, for the simulation and the networks (default: 1)",
+        help="cores per run, for simulation and networks (default: 1)",
     )
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:
-    """``--table [FILE]``, as everything has whose figures make a page."""
+    """Add ``--table [FILE]``, for commands that write a Markdown page."""
     usual = Path(f"{parser.prog.split()[-1]}.md")
     parser.add_argument(
         "--table",
@@ -150,25 +151,25 @@ def add_table(parser: argparse.ArgumentParser) -> None:
         const=usual,
         type=new_file(".md"),
         metavar="FILE",
-        help=f"write the figures as a Markdown page too (without a name: {usual})",
+        help=f"also write the results as a Markdown page (default name: {usual})",
     )
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
-    """``--table``, ``--from`` and ``--json``, as everything has that measures and shows a page."""
+    """Add ``--table``, ``--from`` and ``--json``, for commands that measure and render a page."""
     add_table(parser)
     parser.add_argument(
         "--from",
         dest="from_json",
         type=Path,
         metavar="FILE",
-        help="show what an earlier --json wrote instead of measuring",
+        help="render the results of an earlier --json instead of measuring",
     )
     add_json(parser)
 
 
 def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
-    """``--env-kwargs name=value ...``."""
+    """Add ``--env-kwargs name=value ...``."""
     parser.add_argument(
         "--env-kwargs",
         nargs="+",
@@ -179,11 +180,12 @@ def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
 
 
 def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
-    """Keyword arguments of an environment that it accepts.
+    """Parse the keyword arguments of an environment, and check that it accepts them.
 
-    :param env: its id
+    :param env: id of the environment
     :param pairs: ``name=value`` words
-    :return: the arguments
+    :return: the keyword arguments
+    :raises UsageError: for an argument that the environment rejects
     """
     from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.registration import make_episodes
@@ -196,10 +198,10 @@ def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
-    """Write figures with their provenance, where a file was asked for.
+    """Write results with their provenance; do nothing without a path.
 
     :param path: of the file, or None
-    :param data: the figures
+    :param data: JSON-able results
     """
     if path is None:
         return

@@ -1,4 +1,4 @@
-"""Measure speed and accuracy on this machine, and compare methods."""
+"""Measure speed and accuracy on this machine, and compare algorithms."""
 
 from __future__ import annotations
 
@@ -12,14 +12,20 @@ examples:
   saver benchmark speed
   saver benchmark speed --help
 
-What reproduces the dissertation's tables and figures is called by
-`python -m reproduction NAME` from a clone of the repository."""
+To reproduce the dissertation's tables and figures, run
+`python -m reproduction NAME` in a clone of the repository."""
 
 KINDS: Final = {
-    "speed": ("saver_advisors.cli.benchmark_speed", "environment steps per second, beside peers"),
-    "run": ("saver_advisors.cli.benchmark_run", "an algorithm of yours, by our protocol"),
-    "compare": ("saver_advisors.cli.benchmark_compare", "results of yours beside the baselines"),
-    "pose": ("saver_advisors.cli.benchmark_pose", "people found in pictures, beside BlazePose"),
+    "speed": (
+        "saver_advisors.cli.benchmark_speed",
+        "measure environment steps per second, here and in other suites",
+    ),
+    "run": (
+        "saver_advisors.cli.benchmark_run",
+        "train your own algorithm by the benchmark protocol",
+    ),
+    "compare": ("saver_advisors.cli.benchmark_compare", "compare your results with the baselines"),
+    "pose": ("saver_advisors.cli.benchmark_pose", "measure pose estimation, here and in BlazePose"),
 }
 
 
@@ -29,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the benchmark: its own ``run`` takes the place of this one when the line is parsed.
+    """Fail: each benchmark's parser replaces this function by its own ``run``.
 
-    :raises AssertionError: always; argparse requires a benchmark.
+    :raises AssertionError: always.
     """
     raise AssertionError("argparse requires WHAT")

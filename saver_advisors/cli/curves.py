@@ -1,7 +1,7 @@
-"""Draw the learning curves of training runs, and say how soon each had learned.
+"""Plot the learning curves of training runs, and list the steps to a success rate of 0.9.
 
-"Steps to 0.9" is the first evaluation with at least that success rate. Mean Q is what the student
-expects in the states of its evaluation episodes. Wall-clock is training alone.
+"Steps to 0.9" is the first evaluation with at least that success rate. Mean Q is the student's
+estimate in the states of its evaluation episodes. Wall-clock time excludes evaluations.
 """
 
 from __future__ import annotations

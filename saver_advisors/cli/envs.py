@@ -1,4 +1,4 @@
-"""List the environments: one row an id, read from the code."""
+"""List the registered environments, one row per id."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--all", action="store_true", help="the twins with a dense reward as well")
-    parser.add_argument("--markdown", action="store_true", help="as a Markdown table")
+    parser.add_argument(
+        "--all", action="store_true", help="also list the variants with a dense reward"
+    )
+    parser.add_argument("--markdown", action="store_true", help="print a Markdown table")
     add_json(parser)
 
 

@@ -1,6 +1,6 @@
-"""Measure a policy: episodes with fixed seeds, deterministic actions, nothing else acting.
+"""Evaluate a policy: episodes with fixed seeds and deterministic actions.
 
-Episode i starts from seed + i, so two policies meet the same starts.
+Episode i starts from seed + i, so two policies see the same initial states.
 """
 
 from __future__ import annotations
@@ -31,25 +31,29 @@ examples:
   saver evaluate --env JacoPush-v0 --policy jaco-push --env-kwargs object_mass=0.4
 
 policies:
-  NAME                    a shipped one, such as jaco-push
+  NAME                    a shipped policy, such as jaco-push
   FILE.safetensors        a weight file
   RUN_DIR                 the best policy of a training run; RUN_DIR/latest for its latest
   ZOO_DIR, FILE.zip       the best model of a run under RL Zoo, or one of its models
   random                  uniform actions
-  side-by-side:TEACHER    a policy of one arm drives every arm, each blind to the others
+  side-by-side:TEACHER    one single-arm policy per arm; each ignores the other arms
   expert                  the scripted expert of the task
-  expert-uncoordinated    the same, each arm as if it were alone
-  frozen-arm, frozen-arm:K   the expert with arm 0, or K, alone: it serves every cube in turn"""
+  expert-uncoordinated    the same; each arm ignores the others
+  frozen-arm, frozen-arm:K   the expert with arm 0 or K only: it moves every cube in turn"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
     parser.add_argument(
-        "--policy", required=True, metavar="POLICY", help="who acts; the kinds are listed below"
+        "--policy", required=True, metavar="POLICY", help="the policy; see the list below"
     )
     parser.add_argument(
-        "--episodes", type=at_least(1), default=100, metavar="N", help="how many (default: 100)"
+        "--episodes",
+        type=at_least(1),
+        default=100,
+        metavar="N",
+        help="number of episodes (default: 100)",
     )
     parser.add_argument(
         "--seed", type=at_least(0), default=0, metavar="S", help="of episode 0 (default: 0)"
@@ -57,20 +61,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_env_kwargs(parser)
     add_json(parser)
     parser.add_argument(
-        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record the first episodes there"
+        "--video",
+        type=new_file(".mp4"),
+        metavar="FILE.mp4",
+        help="record a video of the first episodes",
     )
     parser.add_argument(
         "--paths",
         type=new_file(".png", ".svg", ".pdf"),
         metavar="FIG.png",
-        help="draw the ways of hands and objects in the first episode, and the objects' distance",
+        help="plot the paths of hands and objects in the first episode, and the objects' distance",
     )
     parser.add_argument(
         "--video-episodes",
         type=at_least(1),
         default=4,
         metavar="N",
-        help="how many of them (default: 4)",
+        help="number of recorded episodes (default: 4)",
     )
 
 
@@ -117,12 +124,12 @@ def measure(
     env_kwargs: dict[str, Any] | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """The figures of a policy.
+    """Evaluate a policy.
 
     :param policy: as ``policies.resolve`` returns it
-    :param env: the environment's id
-    :param episodes: how many
-    :param seed: of the first
+    :param env: id of the environment
+    :param episodes: number of episodes
+    :param seed: of the first episode
     :param env_kwargs: keyword arguments of the environment
     :param progress: show a progress bar
     :return: JSON-able: ``env``, ``policy``, ``episodes``, ``success_rate``, ``ci95`` and more
@@ -143,7 +150,7 @@ def measure(
 
 
 def show(figures: dict[str, Any]) -> None:
-    """Print the figures as a small table."""
+    """Print the results as a table."""
     from saver_advisors.reporting import tables
 
     costs = figures["cost_means"]
@@ -152,4 +159,4 @@ def show(figures: dict[str, Any]) -> None:
         columns, [[*evaluation_cells(figures), *(f"{mean:.2f}" for mean in costs.values())]]
     )
     if figures["diverged"]:
-        print(f"the simulation broke down in {figures['diverged']} episodes")
+        print(f"the simulation diverged in {figures['diverged']} episodes")

@@ -1,8 +1,7 @@
-"""Work a grid of training runs off: tasks by rows by seeds, resumed where it stopped.
+"""Run a grid of training runs (tasks x methods x seeds), and resume it after an interruption.
 
-A grid is a file such as zoo_configs/advising.yml. Every run leaves a JSON file among the results,
-from which `saver benchmark` renders tables and figures. Ctrl-C lets the running ones write their
-checkpoints; `resume` goes on with all that has no whole result.
+A grid is a file such as zoo_configs/advising.yml. Every run writes a JSON file to the results
+folder. On Ctrl-C the active runs write their checkpoints; `resume` continues all unfinished runs.
 """
 
 from __future__ import annotations
@@ -37,16 +36,19 @@ LOG_FILE: Final = "worker.log"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    run_action = actions.add_parser("run", help="start a grid, or go on with it")
+    run_action = actions.add_parser("run", help="start or continue a grid")
     run_action.add_argument("grid", type=Path, metavar="GRID.yml")
     run_action.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="the runs' folders go there"
+        "--output", type=Path, required=True, metavar="DIR", help="folder of the runs"
     )
     run_action.add_argument(
-        "--results", type=Path, metavar="DIR", help=f"the JSON files (default: DIR/{RESULTS})"
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help=f"folder of the JSON files (default: DIR/{RESULTS})",
     )
-    resume = actions.add_parser("resume", help="go on with a grid as its folder says")
-    status = actions.add_parser("status", help="how a grid's runs stand")
+    resume = actions.add_parser("resume", help="continue a grid from its folder")
+    status = actions.add_parser("status", help="show the state of every run")
     for action in (resume, status):
         action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
     for action in (run_action, resume, status):
@@ -56,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             action="extend",
             default=[],
             metavar="WORD",
-            help="runs whose names contain any of these",
+            help="only runs whose names contain any of these words",
         )
     for action in (run_action, resume):
         action.add_argument(
@@ -64,24 +66,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             type=at_least(1),
             default=1,
             metavar="N",
-            help="runs at a time on this machine (default: 1)",
+            help="parallel runs on this machine (default: 1)",
         )
         add_threads(action)
         action.add_argument(
             "--ray",
             metavar="ADDRESS",
-            help="do them on a Ray cluster instead: auto, or ray://host:10001",
+            help="run on a Ray cluster: auto, or ray://host:10001",
         )
         action.add_argument(
             "--time-limit",
             type=positive_seconds,
             metavar="SECONDS",
-            help="stop after that long; what runs writes its checkpoint",
+            help="stop after this time; active runs write their checkpoints",
         )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Work the grid off, or say how it stands."""
+    """Run the grid, or show its state."""
     from saver_advisors.experiments.grid import read_grid
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.scheduler import Places
@@ -101,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
-    """The grid's file and the folder of results, from the command line or as remembered."""
+    """Return the grid's file and the results folder, from the arguments or the saved state."""
     if args.action == "run":
         return args.grid, args.results or args.output / RESULTS
     try:
@@ -114,7 +116,7 @@ def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
 
 
 def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
-    """Copy the grid into its folder, so that it is resumed as it was begun."""
+    """Copy the grid into its folder, so that `resume` continues the same grid."""
     from saver_advisors.reporting.provenance import write_json_atomic
 
     with user_mistakes("argument --output"):
@@ -124,7 +126,7 @@ def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
 
 
 def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
-    """Do the runs; the exit status says whether all are done."""
+    """Do the runs and return the exit status: 0 where all are done or the time is over."""
     from saver_advisors.experiments.progress import ProgressTable
     from saver_advisors.experiments.scheduler import Stop, work_off
 
@@ -137,7 +139,7 @@ def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
             log = places.folder(grid.named(name)) / LOG_FILE
             print(f"saver experiments: {name} failed: {words} (see {log})", file=sys.stderr)
         return 1
-    # A time limit that was asked for is an end like any other; Ctrl-C is not.
+    # A requested time limit is a normal end; Ctrl-C is not.
     done = len(progress.done) == len(grid.runs)
     return 0 if done or args.time_limit is not None else 130
 

@@ -1,7 +1,7 @@
-"""Turn a training run into a weight file with a card.
+"""Export a training run as a weight file with a card.
 
-The better of the run's best and latest policies is taken, chosen on other seeds than the card
-reports.
+The command exports the better of the best and the latest policy. It selects on other seeds than
+the card reports.
 """
 
 from __future__ import annotations
@@ -25,18 +25,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a folder of `saver train`")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--name", help="ship it under this name; only in a clone of the repository")
     where.add_argument(
-        "--path", type=new_file(".safetensors"), metavar="FILE", help="write it there"
+        "--name",
+        help="add it to the shipped policies under this name; only in a clone of the repository",
+    )
+    where.add_argument(
+        "--path",
+        type=new_file(".safetensors"),
+        metavar="FILE",
+        help="write the weights to this file",
     )
     parser.add_argument(
         "--episodes",
         type=at_least(1),
         default=200,
         metavar="N",
-        help="of each evaluation (default: 200)",
+        help="episodes per evaluation (default: 200)",
     )
-    parser.add_argument("--task", metavar="TEXT", help="the task in words, for the card")
+    parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
     add_json(parser)
 
 
@@ -84,7 +90,7 @@ def shipped_path(name: str) -> Path:
 
     :param name: of the policy
     :return: the file
-    :raises UsageError: outside a clone, whose package nobody should write into
+    :raises UsageError: outside a clone of the repository, or for an invalid name
     """
     from saver_advisors.policies import WEIGHTS_DIR
     from saver_advisors.reporting.provenance import REPOSITORY

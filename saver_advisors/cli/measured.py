@@ -1,4 +1,4 @@
-"""Figures that were measured earlier, and where measured figures go."""
+"""Measure or read results, then print and write them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 
 def read_measurement(path: Path, kind: str) -> dict[str, Any]:
-    """An earlier measurement, as ``--from`` asks for it.
+    """Read the JSON file of an earlier measurement, for ``--from``.
 
-    :param path: of its JSON file
-    :param kind: what the file must say that it holds
+    :param path: of the file
+    :param kind: required ``kind`` of the measurement
     :return: its content
-    :raises UsageError: for a file that cannot be read, is no JSON, or holds something else
+    :raises UsageError: for a file that is unreadable, is not JSON, or has another kind
     """
     from saver_advisors.reporting.errors import UsageError
 
@@ -35,30 +35,31 @@ def measured_or_read(
     kind: str,
     measure: Callable[[], Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """Figures with their provenance: measured now, or earlier where ``--from`` was given.
+    """Measure, or read an earlier measurement where ``--from`` is given.
 
     :param args: with ``from_json``, as :func:`saver_advisors.cli.arguments.add_page` declares it
-    :param kind: of the figures
-    :param measure: takes the measurements
+    :param kind: of the measurement
+    :param measure: returns the results
+    :return: the results with their provenance
     :raises UsageError: see :func:`read_measurement`
     """
     from saver_advisors.reporting.provenance import provenance
 
     if args.from_json is not None:
         return read_measurement(args.from_json, kind)
-    origin = provenance()  # before what is measured leaves files in the checkout
+    origin = provenance()  # first: a measurement may write files into the checkout
     return {**measure(), "provenance": origin}
 
 
 def hand_over(
     page: str, figures: Mapping[str, Any], json_file: Path | None, table: Path | None
 ) -> None:
-    """Print a page, and write figures and page where files were asked for.
+    """Print a page, and write results and page to the given files.
 
     :param page: Markdown
-    :param figures: with their provenance
-    :param json_file: of the figures, or None
-    :param table: of the page, or None
+    :param figures: results with their provenance
+    :param json_file: path for the results, or None
+    :param table: path for the page, or None
     """
     from saver_advisors.reporting.provenance import write_json_atomic
 

@@ -1,4 +1,4 @@
-"""From a word on the command line to something that acts: shipped, trained, scripted or random."""
+"""Resolve a policy's name on the command line: shipped, trained, scripted or random."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
 
 @dataclass(frozen=True)
 class NamedPolicy:
-    """Something that acts in one environment.
+    """A policy for one environment.
 
-    :param name: what results call it
+    :param name: in tables and results
     :param predict: batched observation (n, size) -> actions (n, action_size)
     """
 
@@ -35,11 +35,11 @@ class NamedPolicy:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What an environment gives and takes.
+    """Sizes of an environment's spaces.
 
-    :param env_id: its id
-    :param entries: numbers in each entry of an observation
-    :param action: numbers in an action
+    :param env_id: id of the environment
+    :param entries: size of each entry of an observation
+    :param action: size of an action
     :param arms: number of arms
     """
 
@@ -69,15 +69,15 @@ def sizes_of(env_id: str, env_kwargs: Mapping[str, Any]) -> Sizes:
 
 
 def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> NamedPolicy:
-    """The policy that a word means, checked against the environment that it shall act in.
+    """Resolve a policy's name, and check that the policy fits the environment.
 
     :param word: a shipped policy's name, a weight file, a run's folder (of ours or of RL Zoo),
         ``random``, ``expert``, ``expert-uncoordinated``, ``frozen-arm`` or ``side-by-side:TEACHER``
-    :param env_id: where it shall act
+    :param env_id: id of the environment
     :param env_kwargs: keyword arguments of that environment
     :param seed: of a random policy
     :return: the policy
-    :raises UsageError: for a word that means nothing, or a policy of other sizes
+    :raises UsageError: for an unknown policy, or one of other sizes
     """
     sizes = sizes_of(env_id, env_kwargs)
     kind, _, rest = word.partition(":")
@@ -107,7 +107,7 @@ def _random(size: int, seed: int) -> Predict:
 
 
 def _expert(sizes: Sizes, env_kwargs: Mapping[str, Any], **chosen: Any) -> Predict:
-    """The scripted expert; an expert that plans keeps its plans, so each use makes its own."""
+    """Make a scripted expert; experts keep their plans, so each use needs its own."""
     from saver_envs.experts import make_expert
 
     with user_mistakes("argument --policy: expert"):
@@ -115,7 +115,7 @@ def _expert(sizes: Sizes, env_kwargs: Mapping[str, Any], **chosen: Any) -> Predi
 
 
 def _one_free_arm(arm: str, sizes: Sizes, env_kwargs: Mapping[str, Any]) -> Predict:
-    """The expert with one arm that serves every cube in turn while the others stand still."""
+    """Make the expert whose one arm moves every cube in turn while the others stand still."""
     arms = [str(index) for index in range(sizes.arms)]
     if len(arms) < 2:
         raise UsageError(
@@ -141,8 +141,8 @@ def _side_by_side(teacher: str, sizes: Sizes) -> Predict:
         "desired_goal": loaded.goal_size,
     }
     needed = {name: size * sizes.arms for name, size in per_arm.items()}
-    # What a task appends to its goal, such as a required distance, is no arm's: teachers are blind
-    # to it as they are to one another.
+    # A goal may end in entries that belong to no arm, such as a required distance. Single-arm
+    # teachers ignore them.
     appended = sizes.entries["desired_goal"] - needed["desired_goal"]
     if 0 < appended < loaded.goal_size:
         needed["desired_goal"] += appended
@@ -151,7 +151,7 @@ def _side_by_side(teacher: str, sizes: Sizes) -> Predict:
 
 
 def _run_folder(path: Path) -> tuple[Path, str] | None:
-    """A run's folder and which of its policies is meant, where the path is one."""
+    """Return a run's folder and the selected policy; None where the path is no run."""
     if (path / "run.json").is_file():
         return path, "best"
     if path.name in ("best", "latest") and (path.parent / "run.json").is_file():
@@ -168,7 +168,7 @@ def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
 
 
 def _trained_by_zoo(word: str, sizes: Sizes) -> Predict:
-    """The policy of a run under RL Zoo: its folder, or a zip file in it."""
+    """Load the policy of an RL Zoo run: its folder, or a zip file in it."""
     from saver_advisors.zoo.runs import find_run, load_run
 
     files = find_run(Path(word))
@@ -181,7 +181,7 @@ def _trained_by_zoo(word: str, sizes: Sizes) -> Predict:
 
 
 def _of_sb3(model: Any, name: str, sizes: Sizes) -> Predict:
-    """A model or a policy of SB3's, where it fits."""
+    """Wrap an SB3 model or policy that fits the environment."""
     needed = {key: space.shape[0] for key, space in model.observation_space.spaces.items()}
     _require_fit(name, needed, int(np.prod(model.action_space.shape or ())), sizes)
     return _deterministic(model)
@@ -204,7 +204,7 @@ def _weights(word: str, sizes: Sizes) -> Predict:
 
 
 def _require_fit(name: str, entries: Mapping[str, int], action: int, sizes: Sizes) -> None:
-    """Refuse a policy that was made for another environment."""
+    """Reject a policy with other sizes than the environment."""
     wanted = {key: sizes.entries.get(key, 0) for key in entries}
     if dict(entries) == wanted and action == sizes.action:
         return
@@ -219,7 +219,7 @@ def _require_fit(name: str, entries: Mapping[str, int], action: int, sizes: Size
 
 
 def _deterministic(model: Any) -> Predict:
-    """The mean action of whatever has SB3's ``predict``."""
+    """Wrap a model with SB3's ``predict`` as a deterministic policy."""
 
     def predict(observation: Observation) -> NDArray[Any]:
         return np.asarray(model.predict(observation, deterministic=True)[0])

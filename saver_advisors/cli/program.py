@@ -1,7 +1,7 @@
-"""A program with commands: a module for each, loaded when that command is called.
+"""Build a command line program from command modules, each imported when its command is called.
 
-A command module has ``add_arguments(parser)`` and ``run(args) -> int``. It imports the simulator,
-torch and the like inside ``run``, so that ``--help`` answers at once.
+A command module has ``add_arguments(parser)`` and ``run(args) -> int``. It imports heavy packages
+such as MuJoCo and torch inside ``run``, so that ``--help`` starts fast.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any, Final, NoReturn
 
 from saver_advisors.reporting.errors import UsageError
 
-#: Exit status after Ctrl-C, as shells have it.
+#: Exit status after Ctrl-C, as in shells.
 INTERRUPTED: Final = 130
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports a mistake in one line instead of printing the whole usage."""
+    """Report an error in one line instead of printing the usage."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
@@ -100,7 +100,7 @@ class Program:
             print(f"{prefix}: interrupted", file=sys.stderr)
             return INTERRUPTED
         except BrokenPipeError:
-            # The reader of our output has gone, as `head` does: nobody is left to complain to.
+            # The reader closed the pipe, as `head` does.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         return status
@@ -132,7 +132,7 @@ def add_commands(
 
 
 def _choose_renderer() -> None:
-    """Draw through EGL on a Linux machine without a screen; MuJoCo looks when it is imported."""
+    """Select EGL on Linux without a display; MuJoCo reads the variable when imported."""
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not screen:
         os.environ.setdefault("MUJOCO_GL", "egl")

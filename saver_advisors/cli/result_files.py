@@ -1,4 +1,4 @@
-"""The files of training runs that a command reads."""
+"""Read the files of training runs that a command is given."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None:
-    """``--results``, ``--table``, ``--figures`` and ``--json``, of what is told from runs' files.
+    """Add ``--results``, ``--table``, ``--figures`` and ``--json``.
 
-    :param parser: gets them
-    :param results: the folder that is read by default
+    :param parser: of the command
+    :param results: default folder of results
     """
     from saver_advisors.cli.arguments import add_json, add_table
 
@@ -30,17 +30,17 @@ def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None
     )
     add_table(parser)
     parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="draw the figures there, made if need be"
+        "--figures", type=Path, metavar="DIR", help="write the figures to this folder"
     )
     add_json(parser)
 
 
 def read(paths: Sequence[Path]) -> Results:
-    """The results in files and folders.
+    """Read training runs and evaluations.
 
-    :param paths: as given to ``--results``
-    :return: what they hold
-    :raises UsageError: for a path that does not exist, or where there is no training run
+    :param paths: files and folders, as given to ``--results``
+    :return: their results
+    :raises UsageError: for a missing path, or where there is no training run
     """
     from saver_advisors.experiments.training_runs import read_training_runs
     from saver_advisors.reporting.errors import UsageError, user_mistakes
