@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -72,22 +72,10 @@ class BenchmarkPlan:
     demonstration_steps: int = 0
 
     def config(self) -> dict[str, Any]:
-        """What decides the outcome, as the file has it."""
-        return {
-            "env_id": self.env_id,
-            "env_kwargs": dict(self.env_kwargs),
-            "algorithm": self.algorithm,
-            "algo_kwargs": dict(self.algo_kwargs),
-            "source_sha256": self.source_sha256,
-            "n_envs": self.n_envs,
-            "total_steps": self.total_steps,
-            "seed": self.seed,
-            "eval_every": self.eval_every,
-            "eval_episodes": self.eval_episodes,
-            "eval_seed": SELECTION_SEED,
-            "report_episodes": self.report_episodes,
-            "report_seed": REPORT_SEED,
-        }
+        """Return the settings that determine the outcome, as the result file stores them."""
+        labels = ("name", "row", "teacher_steps", "demonstration_steps")
+        settings = {name: value for name, value in asdict(self).items() if name not in labels}
+        return {**settings, "eval_seed": SELECTION_SEED, "report_seed": REPORT_SEED}
 
 
 @dataclass

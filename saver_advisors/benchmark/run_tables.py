@@ -48,10 +48,10 @@ def measured(row: MethodRow) -> list[str]:
     """
     return [
         str(row.n),
-        _told(row.inspired_epoch, 0),
-        _told(row.rise_time, 0),
-        _told(row.maximum_success_rate, 3),
-        _told(row.effective_learning_rate, 4),
+        _text(row.inspired_epoch, 0),
+        _text(row.rise_time, 0),
+        _text(row.maximum_success_rate, 3),
+        _text(row.effective_learning_rate, 4),
     ]
 
 
@@ -90,16 +90,16 @@ def beyond(rows: Sequence[MethodRow]) -> str:
         [
             row.name,
             str(row.n),
-            _time(row.steps_to_solved),
-            _time(row.seconds_to_solved, 1, 1 / MINUTE),
-            _time(row.all_steps_to_solved),
-            _told(row.final_success, 3),
-            _told(row.area, 3),
+            _text(row.steps_to_solved),
+            _text(row.seconds_to_solved, 1, 1 / MINUTE),
+            _text(row.all_steps_to_solved),
+            _text(row.final_success, 3),
+            _text(row.area, 3),
             _value(row.advice_spent, 0),
-            _told(row.advice_over, 0),
+            _text(row.advice_over, 0),
             " or ".join(f"{steps:,}" for steps in row.steps_before) or "unknown",
             _value(row.wall_clock_s, 1, 1 / MINUTE),
-            _told(row.collisions, 2),
+            _text(row.collisions, 2),
         ]
         for row in rows
     ]
@@ -287,17 +287,13 @@ def origin(runs: Sequence[TrainingRun]) -> str:
     return " ".join(parts)
 
 
-def _told(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
+def _text(figure: Estimate | Censored | None, digits: int = 0, scale: float = 1.0) -> str:
     return NOTHING if figure is None else figure.text(digits, scale)
 
 
 def _value(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
     """Without its interval, which of a cost that is set beforehand says nothing."""
     return NOTHING if figure is None else f"{scale * figure.value:,.{digits}f}"
-
-
-def _time(figure: Censored | None, digits: int = 0, scale: float = 1.0) -> str:
-    return NOTHING if figure is None else figure.text(digits, scale)
 
 
 def flat(row: MethodRow) -> dict[str, Any]:

@@ -121,6 +121,33 @@ def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
     return values
 
 
+def add_count(
+    parser: Any, name: str, default: int, text: str, *, least: int = 1, metavar: str = "N"
+) -> None:
+    """Add an option for an integer with a lower bound.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--episodes``
+    :param default: its default value, which the help text shows
+    :param text: help text
+    :param least: smallest allowed value
+    :param metavar: name of the value in the help text
+    """
+    text = f"{text} (default: {default})".lstrip()
+    parser.add_argument(name, type=at_least(least), default=default, metavar=metavar, help=text)
+
+
+def add_figure(parser: Any, name: str, text: str) -> None:
+    """Add an option for a figure to write: PNG, SVG or PDF.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--figure``
+    :param text: help text
+    """
+    figure = new_file(".png", ".svg", ".pdf")
+    parser.add_argument(name, type=figure, metavar="FIG.png", help=text)
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add ``--json FILE``, which every measuring command accepts."""
     parser.add_argument(
@@ -133,13 +160,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
     """Add ``--threads N``, which every training command accepts."""
-    parser.add_argument(
-        "--threads",
-        type=at_least(1),
-        default=1,
-        metavar="N",
-        help="cores per run, for simulation and networks (default: 1)",
-    )
+    add_count(parser, "--threads", 1, "cores per run, for simulation and networks")
 
 
 def add_table(parser: argparse.ArgumentParser) -> None:

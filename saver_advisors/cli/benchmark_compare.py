@@ -33,7 +33,7 @@ and how likely a run's mean success is higher.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, add_table, new_file
+    from saver_advisors.cli.arguments import add_figure, add_json, add_table
 
     parser.add_argument(
         "results",
@@ -51,12 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="files, or folders of them, to stand beside",
     )
     add_table(parser)
-    parser.add_argument(
-        "--figure",
-        type=new_file(".png", ".svg", ".pdf"),
-        metavar="FIG.png",
-        help="draw the curves there",
-    )
+    add_figure(parser, "--figure", "draw the curves there")
     add_json(parser)
 
 

@@ -28,32 +28,23 @@ PARTS: Final = ("accuracy", "speed")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least
+    from saver_advisors.cli.arguments import add_count, add_json
 
-    count = at_least(1)
     parser.add_argument(
         "--weights",
         type=Path,
         metavar="FILE",
         help="a network's .safetensors file (default: the shipped one)",
     )
-    parser.add_argument(
-        "--frames",
-        type=at_least(20),
-        default=FRAMES,
-        metavar="N",
-        help="test pictures, rounded to twenties (default: %(default)s)",
-    )
-    parser.add_argument(
+    add_count(parser, "--frames", FRAMES, "test pictures, rounded to twenties", least=20)
+    add_count(
+        parser,
         "--hard-frames",
-        type=at_least(20),
-        default=HARD_FRAMES,
-        metavar="N",
-        help="pictures of each harder set: occluded, low light, two people (default: %(default)s)",
+        HARD_FRAMES,
+        "pictures of each harder set: occluded, low light, two people",
+        least=20,
     )
-    parser.add_argument(
-        "--rounds", type=count, default=7, metavar="N", help="medians are over these (default: 7)"
-    )
+    add_count(parser, "--rounds", 7, "medians are over these")
     parser.add_argument(
         "--only", choices=PARTS, help="measure this alone (default: accuracy and speed)"
     )

@@ -39,7 +39,7 @@ see docs/benchmark-protocol.md."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_env_kwargs, at_least, env_id
+    from saver_advisors.cli.arguments import add_count, add_env_kwargs, at_least, env_id
 
     parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
     parser.add_argument(
@@ -66,9 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, required=True, metavar="DIR", help="folder of the result file"
     )
-    parser.add_argument(
-        "--n-envs", type=count, default=16, metavar="N", help="stepped together (default: 16)"
-    )
+    add_count(parser, "--n-envs", 16, "stepped together")
     add_env_kwargs(parser)
     told = parser.add_argument_group(
         "what went before", "steps that no table may leave out, as far as there were any"

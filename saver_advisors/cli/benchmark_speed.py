@@ -29,7 +29,7 @@ THREADS: Final = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_page, at_least, env_id, positive_seconds
+    from saver_advisors.cli.arguments import add_count, add_page, at_least, env_id, positive_seconds
 
     count = at_least(1)
     parser.add_argument(
@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="native threads, each on a core of its own (default: 1 2)",
     )
-    parser.add_argument(
-        "--rounds", type=count, default=5, metavar="N", help="medians are over these (default: 5)"
-    )
+    add_count(parser, "--rounds", 5, "medians are over these")
     parser.add_argument(
         "--seconds",
         type=positive_seconds,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from saver_advisors.cli.arguments import add_json, new_file, write_json
+from saver_advisors.cli.arguments import add_figure, add_json, write_json
 
 EXAMPLES = """\
 examples:
@@ -22,12 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run_dirs", nargs="+", type=Path, metavar="RUN_DIR", help="of `saver train`"
     )
-    parser.add_argument(
-        "--output",
-        type=new_file(".png", ".svg", ".pdf"),
-        metavar="FIG.png",
-        help="draw the figure there",
-    )
+    add_figure(parser, "--output", "draw the figure there")
     add_json(parser)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from saver_advisors.cli.arguments import add_json, at_least, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_json, positive_seconds
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
 from saver_advisors.evaluation.protocol import environment_text
@@ -37,20 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where the page goes (default: demo_output)",
     )
-    parser.add_argument(
-        "--episodes",
-        type=at_least(1),
-        default=50,
-        metavar="N",
-        help="of each evaluation (default: 50)",
-    )
-    parser.add_argument(
-        "--video-episodes",
-        type=at_least(1),
-        default=3,
-        metavar="N",
-        help="of each video (default: 3)",
-    )
+    add_count(parser, "--episodes", 50, "of each evaluation")
+    add_count(parser, "--video-episodes", 3, "of each video")
     parser.add_argument(
         "--train-seconds",
         type=positive_seconds,
@@ -58,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="time to learn (default: 120)",
     )
-    parser.add_argument(
-        "--seed", type=at_least(0), default=0, metavar="S", help="of everything (default: 0)"
-    )
+    add_count(parser, "--seed", 0, "of everything", least=0, metavar="S")
     add_json(parser)
 
 

@@ -10,9 +10,10 @@ import time
 from typing import Any
 
 from saver_advisors.cli.arguments import (
+    add_count,
     add_env_kwargs,
+    add_figure,
     add_json,
-    at_least,
     checked_env_kwargs,
     env_id,
     new_file,
@@ -48,16 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy", required=True, metavar="POLICY", help="the policy; see the list below"
     )
-    parser.add_argument(
-        "--episodes",
-        type=at_least(1),
-        default=100,
-        metavar="N",
-        help="number of episodes (default: 100)",
-    )
-    parser.add_argument(
-        "--seed", type=at_least(0), default=0, metavar="S", help="of episode 0 (default: 0)"
-    )
+    add_count(parser, "--episodes", 100, "number of episodes")
+    add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
     add_env_kwargs(parser)
     add_json(parser)
     parser.add_argument(
@@ -66,19 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.mp4",
         help="record a video of the first episodes",
     )
-    parser.add_argument(
+    add_figure(
+        parser,
         "--paths",
-        type=new_file(".png", ".svg", ".pdf"),
-        metavar="FIG.png",
-        help="plot the paths of hands and objects in the first episode, and the objects' distance",
+        "plot the paths of hands and objects in the first episode, and the objects' distance",
     )
-    parser.add_argument(
-        "--video-episodes",
-        type=at_least(1),
-        default=4,
-        metavar="N",
-        help="number of recorded episodes (default: 4)",
-    )
+    add_count(parser, "--video-episodes", 4, "number of recorded episodes")
 
 
 @one_thread_of_algebra()

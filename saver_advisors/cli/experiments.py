@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_threads, at_least, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_threads, positive_seconds
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -61,13 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="only runs whose names contain any of these words",
         )
     for action in (run_action, resume):
-        action.add_argument(
-            "--processes",
-            type=at_least(1),
-            default=1,
-            metavar="N",
-            help="parallel runs on this machine (default: 1)",
-        )
+        add_count(action, "--processes", 1, "parallel runs on this machine")
         add_threads(action)
         action.add_argument(
             "--ray",

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
+from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -35,13 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="write the weights to this file",
     )
-    parser.add_argument(
-        "--episodes",
-        type=at_least(1),
-        default=200,
-        metavar="N",
-        help="episodes per evaluation (default: 200)",
-    )
+    add_count(parser, "--episodes", 200, "episodes per evaluation")
     parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
     add_json(parser)
 

@@ -10,7 +10,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_json, at_least, new_file, settings, write_json
+from saver_advisors.cli.arguments import (
+    add_count,
+    add_figure,
+    add_json,
+    new_file,
+    settings,
+    write_json,
+)
 
 EXAMPLES = """\
 examples:
@@ -28,10 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     steps = parser.add_subparsers(dest="step", metavar="WHAT", required=True)
     data = steps.add_parser("data", help="make an arm's data set, and draw a part of it")
     data.add_argument("--robot", choices=_TWINS, required=True, help="which arm")
-    data.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="(default: 0)")
-    data.add_argument(
-        "--figure", type=new_file(".png", ".svg", ".pdf"), metavar="FILE", help="draw it there"
-    )
+    add_count(data, "--seed", 0, "", least=0)
+    add_figure(data, "--figure", "draw it there")
     data.set_defaults(work=_data)
 
     train = steps.add_parser("train", help="train an inverse model and write its weights")
@@ -45,10 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="twin (chapter 7's), workspace (tool targets over the workspace of the environments, "
         "inverse kinematics alone), or a data file (default: twin)",
     )
-    train.add_argument(
-        "--samples", type=at_least(100), default=60_000, metavar="N", help="(default: 60000)"
-    )
-    train.add_argument("--data-seed", type=at_least(0), default=0, metavar="N", help="(default: 0)")
+    add_count(train, "--samples", 60_000, "", least=100)
+    add_count(train, "--data-seed", 0, "", least=0)
     _add_settings(train)
     train.add_argument(
         "--output",
@@ -65,10 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     search.add_argument("--robot", choices=_TWINS, required=True, help="which arm")
     _add_task(search)
     search.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
-    search.add_argument(
-        "--samples", type=at_least(100), default=60_000, metavar="N", help="(default: 60000)"
-    )
-    search.add_argument("--trials", type=at_least(1), default=50, metavar="N", help="(default: 50)")
+    add_count(search, "--samples", 60_000, "", least=100)
+    add_count(search, "--trials", 50, "")
     search.add_argument(
         "--loop-weights",
         nargs="+",

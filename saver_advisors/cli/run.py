@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_json, at_least, new_file, write_json
+from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -35,16 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     :param parser: of the command.
     """
     parser.add_argument("task", choices=TASKS, help="the task")
-    parser.add_argument(
-        "--trials", type=at_least(1), default=1, metavar="N", help="number of trials (default: 1)"
-    )
-    parser.add_argument(
-        "--seed",
-        type=at_least(0),
-        default=0,
-        metavar="S",
-        help="of the first trial (default: 0)",
-    )
+    add_count(parser, "--trials", 1, "number of trials")
+    add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
     parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
     parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")

@@ -22,7 +22,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.benchmark.peers.suites import default_cache
-    from saver_advisors.cli.arguments import at_least, positive_seconds
+    from saver_advisors.cli.arguments import add_count, at_least, positive_seconds
 
     parser.add_argument(
         "--output", type=Path, required=True, metavar="DIR", help="folder of the run"
@@ -42,13 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", type=at_least(1), metavar="N", help="pictures in all (default: 120000)"
     )
-    parser.add_argument(
-        "--rendered",
-        type=at_least(200),
-        default=8000,
-        metavar="N",
-        help="different rendered pictures, in two hundreds (default: %(default)s)",
-    )
+    add_count(parser, "--rendered", 8000, "different rendered pictures, in two hundreds", least=200)
     parser.add_argument(
         "--coco", type=Path, metavar="FILE", help="learn from a COCO key point file instead"
     )

@@ -55,13 +55,7 @@ class ExperimentRun:
 
     def to_mapping(self) -> dict[str, Any]:
         """:return: JSON-able values, for ``from_mapping``"""
-        return {
-            "name": self.name,
-            "group": self.group,
-            "row": self.row,
-            "config": self.config.to_mapping(),
-            "final_episodes": self.final_episodes,
-        }
+        return {**vars(self), "config": self.config.to_mapping()}
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> ExperimentRun:

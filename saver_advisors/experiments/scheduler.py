@@ -65,12 +65,9 @@ class Progress:
         :param words: the last line of its log
         """
         self.running.discard(name)
-        if status == worker.DONE:
-            self.done.add(name)
-        elif status == worker.STOPPED:
-            self.stopped.add(name)
-        elif status == worker.BUSY:
-            self.busy.add(name)
+        ended = {worker.DONE: self.done, worker.STOPPED: self.stopped, worker.BUSY: self.busy}
+        if status in ended:
+            ended[status].add(name)
         else:
             self.failed[name] = words or f"exit status {status}"
 

@@ -8,7 +8,6 @@ import tarfile
 import tempfile
 import zipfile
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 import numpy as np
@@ -108,11 +107,6 @@ class BlazePose(PeerProcess):
         joints[:, 0] = found[:, _SHOULDERS].mean(axis=1)
         return joints, seconds
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        super().__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
         self._folder.cleanup()
