@@ -1,40 +1,35 @@
-"""The weight file: safetensors with float32 tensors and a JSON card in its header. Nothing in it is
-executable.
-"""
+"""Policy files: float32 tensors and a JSON card, with a readable copy of the card beside them."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Final
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as to_bytes
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import Tensor
 
 from saver_advisors.policies.cards import PolicyCard, card_markdown
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.policies.frozen import PretrainedPolicy
-from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
+from saver_advisors.policies.networks import PolicyNetworks
 from saver_advisors.policies.teacher import Teacher
-from saver_envs.files import written_whole
+from saver_envs.weights import Header, Shapes, check_finite, read_weights, write_weights
 
-FORMAT: Final = "saver-policy-1"
-"""Stands in the header, so that a foreign safetensors file is told apart from ours."""
+KIND: Final = "saver-policy"
+"""Distinguishes policy files from other weight files."""
 
 WEIGHTS_DIR: Final = Path(__file__).parents[1] / "pretrained" / "weights"
-"""Where the shipped policies live, `<name>.safetensors` with `<name>.md` beside it."""
+"""The folder of the shipped policies: `<name>.safetensors`, with `<name>.md` beside it."""
 
 _MAY_BE_INFINITE: Final = {"clip"}
-"""An entry that is not clipped has an infinite bound; every other tensor must be finite."""
+"""Features without clipping have an infinite bound; every other tensor must be finite."""
 
 
 def shipped_policies() -> list[str]:
-    """:return: the names that `load_policy` knows, sorted"""
+    """Return the names that `load_policy` accepts, sorted."""
     return sorted(path.stem for path in WEIGHTS_DIR.glob("*.safetensors"))
 
 
@@ -45,24 +40,24 @@ def save_policy(
 ) -> Path:
     """Write a weight file and its readable card.
 
-    :param path: where to; must end in `.safetensors`
+    :param path: of the file; must end in `.safetensors`.
     :param policy: networks, a teacher or a policy; or the `state_dict` of networks that
-        `card.networks` describes
-    :param card: where the policy comes from; its `networks` entry is filled in
-    :return: the path
-    :raises ValueError: where path, card or weights are not what they should be
+        `card.networks` describes.
+    :param card: the origin of the policy; its `networks` entry is filled in.
+    :return: the path.
+    :raises ValueError: for an invalid path, card or weights.
     """
     path = Path(path)
     if path.suffix != ".safetensors":
         raise ValueError(f"path={str(path)!r} must end in '.safetensors'")
     card = card if isinstance(card, PolicyCard) else PolicyCard.from_dict(card)
     networks = _networks(policy, card)
-    tensors = {name: value.contiguous() for name, value in networks.state_dict().items()}
-    _check_finite(tensors, str(path))
-    metadata = {"format": FORMAT, "card": card.with_networks(networks.spec).to_json()}
+    tensors = networks.state_dict()
+    check_finite(path, tensors, _MAY_BE_INFINITE)
+    _check_values(path, networks)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as file:
-        file.write(to_bytes(tensors, metadata))
+    header = {"card": card.with_networks(networks.spec).to_json()}
+    write_weights(path, KIND, tensors, header)
     write_card(path)
     return path
 
@@ -72,20 +67,21 @@ def export_policy(
 ) -> Path:
     """Write the deterministic policy and the critics of a trained SB3 model.
 
-    :param model: DDPG, TD3, SAC or TQC on a goal environment, of SB3 or of the learner room
-    :param path: where to; must end in `.safetensors`
-    :param card: where the policy comes from
-    :return: the path
-    :raises TypeError: for models that cannot be represented
+    :param model: DDPG, TD3, SAC or TQC on a goal environment, of SB3 or of
+        `saver_advisors.learner`.
+    :param path: of the file; must end in `.safetensors`.
+    :param card: the origin of the policy.
+    :return: the path.
+    :raises TypeError: for models that cannot be represented.
     """
     return save_policy(path, networks_from_sb3(model), card)
 
 
 def load_policy(name_or_path: str | PathLike[str]) -> PretrainedPolicy:
-    """A policy for inference.
+    """Load a policy for inference.
 
-    :param name_or_path: a shipped policy's name such as "jaco-push", or the path of a weight file
-    :raises ValueError: for an unknown name, or a file that is truncated or not ours
+    :param name_or_path: a shipped policy's name such as "jaco-push", or the path of a weight file.
+    :raises ValueError: for an unknown name, or a file that is damaged or of another kind.
     """
     path = _find(name_or_path)
     networks, card = read_networks(path)
@@ -93,16 +89,19 @@ def load_policy(name_or_path: str | PathLike[str]) -> PretrainedPolicy:
 
 
 def load_teacher(name_or_path: str | PathLike[str]) -> Teacher:
-    """A teacher from a weight file.
+    """Load a teacher from a weight file.
 
-    :param name_or_path: as for `load_policy`
-    :raises ValueError: as `load_policy`
+    :param name_or_path: as for `load_policy`.
+    :raises ValueError: as for `load_policy`.
     """
     return load_policy(name_or_path).teacher()
 
 
 def _find(name_or_path: str | PathLike[str]) -> Path:
-    """:raises ValueError: where neither a shipped name nor a file is meant"""
+    """Return the path of a weight file.
+
+    :raises ValueError: if it is neither a shipped name nor a file.
+    """
     path = Path(name_or_path)
     if path.suffix == ".safetensors" or path.is_file() or len(path.parts) > 1:
         if not path.is_file():
@@ -118,31 +117,19 @@ def _find(name_or_path: str | PathLike[str]) -> Path:
 
 
 def read_networks(path: Path) -> tuple[PolicyNetworks, PolicyCard]:
-    """Read and check a weight file; nothing is unpickled and no size is taken on trust.
+    """Read and verify a policy file.
 
-    :param path: the file
-    :return: networks and card
-    :raises ValueError: where the file is truncated, foreign or inconsistent; the message names it
+    :param path: of the file.
+    :return: networks and card.
+    :raises ValueError: if the file is damaged, inconsistent or of another kind; the message names
+        it.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            names = list(file.keys())
-            tensors = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError) as error:
-        raise ValueError(f"{path} is not a complete safetensors file: {error}") from error
-    if metadata.get("format") != FORMAT:
-        raise ValueError(f"{path} is no policy of ours: its header does not say {FORMAT!r}")
-    try:
-        card = PolicyCard.from_json(metadata["card"])
-        if card.networks is None:
-            raise ValueError("the card does not describe the networks")
-        _check_sizes(card.networks, tensors)
-        networks = PolicyNetworks(card.networks)
-        networks.load_state_dict(tensors, strict=True)
-    except (KeyError, json.JSONDecodeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} contradicts itself: {error}") from error
-    _check_finite(tensors, str(path))
+    header, tensors = read_weights(path, KIND, _shapes, may_be_infinite=_MAY_BE_INFINITE)
+    card = PolicyCard.from_json(header["card"])
+    assert card.networks is not None  # checked with the shapes
+    networks = PolicyNetworks(card.networks)
+    networks.load_state_dict(tensors, strict=True)
+    _check_values(path, networks)
     return networks, card
 
 
@@ -154,7 +141,7 @@ def _networks(
     if isinstance(policy, (Teacher, PretrainedPolicy)):
         return policy.networks
     if card.networks is None:
-        raise ValueError("a state_dict alone does not say its shapes: set card.networks")
+        raise ValueError("a state_dict does not describe the networks: set card.networks")
     networks = PolicyNetworks(card.networks)
     try:
         networks.load_state_dict(dict(policy), strict=True)
@@ -163,37 +150,26 @@ def _networks(
     return networks
 
 
-def _check_sizes(spec: NetworkSpec, tensors: Mapping[str, Tensor]) -> None:
-    """Compare with a skeleton that has shapes and no memory, before anything is allocated."""
+def _shapes(header: Header) -> Shapes:
+    spec = PolicyCard.from_json(header["card"]).networks
+    if spec is None:
+        raise ValueError("the card does not describe the networks")
     with torch.device("meta"):
-        expected = PolicyNetworks(spec).state_dict()
-    if set(expected) != set(tensors):
-        raise ValueError(f"tensors {sorted(set(expected) ^ set(tensors))} are missing or surplus")
-    for name, value in expected.items():
-        given = tensors[name]
-        if given.shape != value.shape or given.dtype != torch.float32:
-            raise ValueError(
-                f"{name} is {given.dtype} {tuple(given.shape)}, but the card asks for float32 "
-                f"{tuple(value.shape)}"
-            )
+        return PolicyNetworks(spec).state_dict()
 
 
-def _check_finite(tensors: Mapping[str, Tensor], where: str) -> None:
-    for name, value in tensors.items():
-        bad = torch.isnan(value) if name in _MAY_BE_INFINITE else ~torch.isfinite(value)
-        if bad.any():
-            raise ValueError(f"{where}: {name} holds values that are not finite")
-    if (tensors["std"] <= 0).any() or (tensors["clip"] <= 0).any():
-        raise ValueError(f"{where}: std and clip must be positive")
-    if (tensors["action_high"] <= tensors["action_low"]).any():
-        raise ValueError(f"{where}: action_high must exceed action_low")
+def _check_values(path: Path, networks: PolicyNetworks) -> None:
+    if (networks.std <= 0).any() or (networks.clip <= 0).any():
+        raise ValueError(f"{path}: std and clip must be positive")
+    if (networks.action_high <= networks.action_low).any():
+        raise ValueError(f"{path}: action_high must exceed action_low")
 
 
 def write_card(weights: str | Path) -> Path:
-    """Write `<name>.md` beside a weight file.
+    """Write the readable card `<name>.md` beside a weight file.
 
-    :param weights: the weight file
-    :return: where the card was written
+    :param weights: the weight file.
+    :return: the path of the card.
     """
     path = Path(weights)
     _, card = read_networks(path)

@@ -16,17 +16,15 @@ from typing import Any
 
 import numpy as np
 import torch as th
-from safetensors import SafetensorError
-from safetensors.torch import load as tensors_from_bytes
-from safetensors.torch import save as tensors_to_bytes
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 
 from saver_advisors.learner.algorithms import GoalLearnerMixin
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.reporting.provenance import write_json_atomic
-from saver_envs.files import written_whole
+from saver_envs.weights import read_weights, write_weights
 
+KIND = "saver-checkpoint"
 POLICY_FILE = "policy.safetensors"
 TRAINING_FILE = "training.safetensors"
 REPLAY_FILE = "replay.npz"
@@ -43,7 +41,7 @@ def save_policy(path: str | Path, policy: th.nn.Module) -> None:
     """
     # Copies: the networks share the normaliser, and safetensors refuses shared memory.
     state = {name: tensor.detach().cpu().clone() for name, tensor in policy.state_dict().items()}
-    _write_tensors(Path(path), state)
+    write_weights(path, KIND, state, {})
 
 
 def load_policy(path: str | Path, policy: th.nn.Module) -> None:
@@ -74,7 +72,7 @@ def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[s
     try:
         partial.mkdir(parents=True)
         save_policy(partial / POLICY_FILE, model.policy)
-        _write_tensors(partial / TRAINING_FILE, _training_tensors(model))
+        write_weights(partial / TRAINING_FILE, KIND, _training_tensors(model), {})
         _buffer(model).save_npz(partial / REPLAY_FILE)
         write_json_atomic(partial / STATE_FILE, {**_counters(model), "extra": extra})
     except OSError as error:
@@ -215,17 +213,11 @@ def _load_optimizer(
     optimizer.load_state_dict({"state": moments, "param_groups": groups})
 
 
-def _write_tensors(path: Path, tensors: dict[str, th.Tensor]) -> None:
-    """Write through Python's own file, whose errors are OSErrors."""
-    with written_whole(path) as file:
-        file.write(tensors_to_bytes(tensors))
-
-
 def _read_tensors(path: Path) -> dict[str, th.Tensor]:
-    try:
-        return tensors_from_bytes(path.read_bytes())
-    except SafetensorError as error:
-        raise ValueError(f"{path} is not a complete safetensors file: {error}") from error
+    if not path.exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    # A run that diverges is still resumed exactly, so infinite values are allowed.
+    return read_weights(path, KIND, may_be_infinite=None)[1]
 
 
 def _swap(partial: Path, folder: Path) -> None:

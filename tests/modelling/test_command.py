@@ -69,7 +69,7 @@ def test_weights_that_were_trained_before(tmp_path: Path) -> None:
         ("own", ["mico"], "id", "is of task 'ik', not 'id'"),
         ("own", ["fetch"], "ik", "of the arm 'mico', and --robots asks for fetch"),
         ("shipped", ["mico"], "ik", "there is another 'shipped' for 'mico'; rename the file"),
-        ("cut", ["mico"], "ik", "no complete safetensors file"),
+        ("cut", ["mico"], "ik", "not a complete safetensors file"),
     ],
 )
 def test_weights_that_cannot_be_measured(

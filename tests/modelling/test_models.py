@@ -449,10 +449,10 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
             load_model(path, robot, task)  # type: ignore[arg-type]
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ValueError, match="no complete safetensors"):
+    with pytest.raises(ValueError, match="not a complete safetensors"):
         load_model(path)
     save_file({"weight": torch.zeros(3)}, path)
-    with pytest.raises(ValueError, match="no inverse model"):
+    with pytest.raises(ValueError, match="is not a saver-inverse-model file"):
         load_model(path)
     header = {"format": "saver-inverse-model-1", "model": "mlp", "robot": "mico", "task": "ik"}
     save_file({"weight": torch.zeros(3)}, path, metadata=header)

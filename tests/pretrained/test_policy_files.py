@@ -114,7 +114,7 @@ def test_truncated_files_are_refused_wherever_they_break(saved, tmp_path):
 def test_foreign_files_are_refused(tmp_path):
     path = tmp_path / "foreign.safetensors"
     save_file({"weight": torch.zeros(3)}, path)
-    with pytest.raises(ValueError, match=r"foreign\.safetensors is no policy of ours"):
+    with pytest.raises(ValueError, match=r"foreign\.safetensors is not a saver-policy file"):
         load_policy(path)
     path.write_bytes(b"\xff" * 500)
     with pytest.raises(ValueError, match=r"foreign\.safetensors is not a complete"):
@@ -143,12 +143,12 @@ def test_nothing_is_ever_unpickled(tmp_path, monkeypatch):
 
 
 def tamper(path, change):
-    """Rewrite a weight file after `change(tensors, card)`."""
+    """Rewrite a weight file after `change(tensors, card)`, as a file without a checksum."""
     with safe_open(path, framework="pt") as file:
         metadata = file.metadata()
     tensors, card = load_file(path), json.loads(metadata["card"])
     change(tensors, card)
-    save_file(tensors, path, metadata={**metadata, "card": json.dumps(card)})
+    save_file(tensors, path, metadata={"format": "saver-policy-1", "card": json.dumps(card)})
 
 
 def _set(mapping, key, value):
@@ -163,7 +163,7 @@ def _set(mapping, key, value):
         (lambda t, c: _set(t, "std", torch.zeros(31)), "std and clip must be positive"),
         (lambda t, c: _set(t, "mean", torch.full((31,), torch.nan)), "mean holds .* not finite"),
         (lambda t, c: _set(t, "mean", torch.zeros(30)), r"mean is .*\(30,\).*\(31,\)"),
-        (lambda t, c: _set(t, "mean", torch.zeros(31).half()), "float16"),
+        (lambda t, c: _set(t, "mean", torch.zeros(31).half()), "F16"),
         (lambda t, c: _set(t, "action_high", t["action_low"].clone()), "must exceed"),
         (lambda t, c: _set(c["networks"], "actor_hidden", [16, 13]), "actor.2.weight is"),
         (

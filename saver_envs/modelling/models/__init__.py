@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from safetensors import SafetensorError, safe_open
+import torch
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.analytic import Analytic
-from saver_envs.modelling.models.base import FORMAT, History, InverseModel, Training
+from saver_envs.modelling.models.base import KIND, History, InverseModel, Training
 from saver_envs.modelling.models.bigan import Bigan
 from saver_envs.modelling.models.cgan import Cgan
 from saver_envs.modelling.models.conditional import Conditional
@@ -20,6 +20,9 @@ from saver_envs.modelling.models.flow import Flow
 from saver_envs.modelling.models.identified import Identified
 from saver_envs.modelling.models.lsgan import Lsgan
 from saver_envs.modelling.models.mlp import Mlp
+from saver_envs.modelling.models.network_model import NetworkModel
+from saver_envs.modelling.networks import MLPArchitecture
+from saver_envs.weights import Header, Shapes, read_header, read_weights
 
 MODELS: Mapping[str, type[InverseModel]] = {
     model.name: model
@@ -49,14 +52,14 @@ def load_model(path: Path, robot: str | None = None, task: Task | None = None) -
     :param path: the file.
     :param robot: the arm that it must be of, or None for any.
     :param task: the task that it must be for, or None for any.
-    :raises ValueError: for a file that is cut short or not ours, that contradicts itself, or that
-        is of another arm or task; the message says which.
+    :raises ValueError: for a file that is damaged, inconsistent, of another kind, or of another arm
+        or task; the message says which.
     """
-    path = Path(path)
-    header, tensors = _read(path)
+    header = read_header(path, KIND)
     for name, wanted in (("robot", robot), ("task", task)):
         if wanted is not None and header.get(name) != wanted:
             raise ValueError(f"{path} is of {name} {header.get(name)!r}, not {wanted!r}")
+    header, tensors = read_weights(path, KIND, _shapes)
     try:
         model = MODELS[header["model"]]
         settings = json.loads(header["settings"])
@@ -68,24 +71,26 @@ def load_model(path: Path, robot: str | None = None, task: Task | None = None) -
 def read_card(path: Path) -> dict[str, Any]:
     """Return the card of a weight file: where the model comes from.
 
-    :raises ValueError: for a file that is cut short or not ours.
+    :raises ValueError: for a file that is damaged or of another kind.
     """
-    return dict(json.loads(_read(Path(path))[0]["card"]))
+    return dict(json.loads(read_header(path, KIND)["card"]))
 
 
-def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise ValueError(f"{path} is no complete safetensors file: {error}") from error
-    if header.get("format") != FORMAT:
-        raise ValueError(f"{path} is no inverse model: its header does not say {FORMAT!r}")
-    for name, value in tensors.items():
-        if not value.isfinite().all():
-            raise ValueError(f"{path}: {name} holds values that are not finite")
-    return header, tensors
+def _shapes(header: Header) -> Shapes | None:
+    """Return the tensors that a file must hold; None for models without networks."""
+    model = MODELS[header["model"]]
+    if not issubclass(model, NetworkModel):
+        return None
+    architecture = MLPArchitecture(**json.loads(header["settings"])["architecture"])
+    with torch.device("meta"):
+        made = model(header["robot"], _task(header["task"]), architecture)
+        made._device = torch.device("meta")
+        weights = made._network_to_load().state_dict()
+        shapes = {f"network.{name}": value for name, value in weights.items()}
+        for name, size in (("input", made.network_input_size), ("output", made.output_size)):
+            for part in ("mean", "std"):
+                shapes[f"{name}_{part}"] = torch.empty(size, dtype=torch.float64)
+    return shapes
 
 
 def _task(value: str) -> Task:

@@ -12,20 +12,19 @@ from typing import Any, ClassVar, Final, TypeVar
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import save as to_bytes
 from torch import Tensor
 
-from saver_envs.files import written_whole
 from saver_envs.modelling.arms import TASK_NAMES, Task, arm_named
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
+from saver_envs.weights import check_finite, write_weights
 
 T = TypeVar("T")
 #: Called with each epoch and its validation RMSE.
 Progress = Callable[[int, float], None]
 
 TASKS: Final[tuple[Task, ...]] = ("ik", "id")
-FORMAT: Final = "saver-inverse-model-1"
+KIND: Final = "saver-inverse-model"
 
 
 @dataclass(frozen=True)
@@ -214,11 +213,8 @@ class InverseModel(ABC):
         if path.suffix != ".safetensors":
             raise ValueError(f"path={str(path)!r} must end in '.safetensors'")
         tensors, settings = self._state()
-        for name, value in tensors.items():
-            if not torch.isfinite(value).all():
-                raise ValueError(f"{name} holds values that are not finite")
+        check_finite(path, tensors)
         header = {
-            "format": FORMAT,
             "model": self.name,
             "robot": self.robot,
             "task": self.task,
@@ -226,11 +222,8 @@ class InverseModel(ABC):
             "card": json.dumps(dict(card or {})),
         }
         path.parent.mkdir(parents=True, exist_ok=True)
-        # A file without any tensor would be refused as cut short.
-        content = tensors or {"nothing": torch.zeros(1)}
-        whole = {name: one.contiguous() for name, one in content.items()}
-        with written_whole(path) as file:
-            file.write(to_bytes(whole, header))
+        # safetensors rejects a file without tensors as incomplete.
+        write_weights(path, KIND, tensors or {"nothing": torch.zeros(1)}, header)
 
     def _fitted(self, part: T | None) -> T:
         """Return a part that fitting or loading creates, or raise ValueError."""
