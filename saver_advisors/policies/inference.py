@@ -1,8 +1,6 @@
-"""Forward passes of frozen policies, in NumPy.
+"""Forward passes of frozen policies in NumPy.
 
-A teacher is asked at every step for a handful of rows, between two steps of a simulator that has
-meanwhile filled the caches with its own. There NumPy needs half of torch's time: less code between
-the call and the product.
+For the few rows that a teacher computes at every step, NumPy takes half of torch's time.
 """
 
 from __future__ import annotations
@@ -23,12 +21,11 @@ Activation = Callable[[FloatArray], FloatArray]
 
 
 class FrozenPolicy:
-    """What `PolicyNetworks` compute: normaliser, actor and critics.
+    """Run the normaliser, actor and critics of `PolicyNetworks`.
 
-    Actions of the networks lie in [-1, 1]; those given and returned here are in the units of the
-    environment in which the policy was trained.
+    Actions are in the units of the environment in which the policy was trained.
 
-    :param networks: the weights, copied: changing them later changes nothing here
+    :param networks: the weights, which are copied.
     """
 
     def __init__(self, networks: PolicyNetworks) -> None:
@@ -41,7 +38,7 @@ class FrozenPolicy:
         self._actor = _layers(networks.actor)
         critics = [_layers(critic) for critic in networks.critics]
         self._first_critic = critics[0] if critics else []
-        # One stack of products costs less than one product after another.
+        # One stacked product is faster than several products in sequence.
         self._critics = [_together(list(alike)) for alike in zip(*critics, strict=True)]
 
     def features(self, inputs: Mapping[str, NDArray[Any]]) -> FloatArray:
@@ -65,7 +62,7 @@ class FrozenPolicy:
     def q_value(
         self, features: FloatArray, action: FloatArray, *, twin_minimum: bool
     ) -> FloatArray:
-        """The value that the critics give an action.
+        """Return the critics' value of an action.
 
         :param features: (n, feature_size)
         :param action: (n, action_size)
@@ -99,7 +96,7 @@ def _copy(values: torch.Tensor) -> FloatArray:
 
 
 def _layers(network: nn.Module) -> list[_Layer]:
-    """Take apart what `build_network` built."""
+    """Return the layers of a multi-layer perceptron of `PolicyNetworks`."""
     layers: list[_Layer] = []
     for module in network.children():
         if isinstance(module, nn.Linear):
@@ -110,7 +107,7 @@ def _layers(network: nn.Module) -> list[_Layer]:
         last = layers.pop()
         if isinstance(module, nn.LayerNorm):
             norm = _copy(module.weight), _copy(module.bias), module.eps
-            # LayerNorm takes the mean off first. Taken off the weights it need not be asked for.
+            # LayerNorm subtracts the mean; subtracting it from the weights saves that step.
             weight = last.weight - last.weight.mean(axis=1, keepdims=True)
             layers.append(_Layer(weight, last.bias - last.bias.mean(), norm, None))
         else:
@@ -170,13 +167,13 @@ def _tanh(values: FloatArray) -> FloatArray:
 
 
 _OWN: Final[Mapping[type[nn.Module], Activation]] = {nn.ReLU: _relu, nn.Tanh: _tanh}
-"""NumPy has these; the others are torch's, on the same memory."""
+"""Activations in NumPy; the others run in torch on the same memory."""
 
 
 def _activation(module: nn.Module) -> Activation:
     kind = type(module)
     if kind not in ACTIVATIONS.values():
-        raise TypeError(f"{module} is no layer of a frozen policy")
+        raise TypeError(f"{module} is not a layer of a frozen policy")
     if kind in _OWN:
         return _OWN[kind]
 

@@ -1,4 +1,4 @@
-"""Frozen policy networks: the numbers that a teacher or a shipped policy computes with.
+"""Frozen policy networks: the weights of teachers and shipped policies.
 
 A policy is a concatenation of observation entries, a fixed normaliser, an actor and optionally some
 critics. `NetworkSpec` says which ones, `PolicyNetworks` is the module, and its `state_dict` is what
@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import torch
+from stable_baselines3.common.torch_layers import create_mlp
 from torch import Tensor, nn
 
 ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = {
@@ -30,13 +31,12 @@ OBSERVATION_KEYS: Final = ("observation", "achieved_goal", "desired_goal")
 
 MAX_WIDTH: Final = 65_536
 MAX_DEPTH: Final = 64
-"""Bounds on what a weight file may ask for: a foreign header must not make us allocate gigabytes.
-"""
+"""Bounds on the sizes in a weight file: a third-party header must not allocate gigabytes."""
 
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """Everything but the numbers: the shapes, the activations, and the inputs in their order.
+    """Describe networks: shapes, activations and the order of the inputs.
 
     :param inputs: observation entries in the order in which the network reads them, with their
         sizes
@@ -132,32 +132,20 @@ def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
         _check_size(f"inputs[{key!r}]", size, 1)
 
 
-def build_network(
-    input_size: int, hidden: tuple[int, ...], output_size: int, *, activation: str, layer_norm: bool
+def _network(
+    input_size: int, hidden: tuple[int, ...], output_size: int, activation: str, layer_norm: bool
 ) -> nn.Sequential:
-    """Linear, LayerNorm where asked for, activation, ..., and a last Linear without either.
-
-    :param input_size: numbers in one input
-    :param hidden: widths of the hidden layers
-    :param output_size: numbers in one output
-    :param activation: a key of `ACTIVATIONS`
-    :param layer_norm: whether a LayerNorm follows each hidden Linear
-    """
-    layers: list[nn.Module] = []
-    for width in hidden:
-        layers.append(nn.Linear(input_size, width))
-        if layer_norm:
-            layers.append(nn.LayerNorm(width))
-        layers.append(ACTIVATIONS[activation]())
-        input_size = width
-    layers.append(nn.Linear(input_size, output_size))
+    """Return hidden layers of Linear, optional LayerNorm and activation, and a final Linear."""
+    norms: list[type[nn.Module]] = [nn.LayerNorm] if layer_norm else []
+    kind = ACTIVATIONS[activation]
+    layers = create_mlp(input_size, output_size, list(hidden), kind, post_linear_modules=norms)
     return nn.Sequential(*layers)
 
 
 class PolicyNetworks(nn.Module):
     """Normaliser, actor and critics with frozen weights, in float32 on the CPU.
 
-    They hold the numbers, by the names that weight files use; `FrozenPolicy` computes with them.
+    Their `state_dict` is the content of a weight file; `FrozenPolicy` runs the forward pass.
 
     Actions of the networks lie in [-1, 1]; `action_low` and `action_high` are the box of the
     environment in which the policy was trained, in that environment's units.
@@ -183,22 +171,11 @@ class PolicyNetworks(nn.Module):
         self.register_buffer("clip", torch.full((size,), math.inf))
         self.register_buffer("action_low", -torch.ones(spec.action_size))
         self.register_buffer("action_high", torch.ones(spec.action_size))
-        self.actor = build_network(
-            size,
-            spec.actor_hidden,
-            spec.action_size,
-            activation=spec.activation,
-            layer_norm=spec.actor_layer_norm,
-        )
-        self.critics = nn.ModuleList(
-            build_network(
-                size + spec.action_size,
-                spec.critic_hidden,
-                spec.critic_outputs,
-                activation=spec.activation,
-                layer_norm=spec.critic_layer_norm,
-            )
-            for _ in range(spec.n_critics)
-        )
+        kind = spec.activation
+        actor = size, spec.actor_hidden, spec.action_size, kind, spec.actor_layer_norm
+        joined = size + spec.action_size
+        critic = joined, spec.critic_hidden, spec.critic_outputs, kind, spec.critic_layer_norm
+        self.actor = _network(*actor)
+        self.critics = nn.ModuleList(_network(*critic) for _ in range(spec.n_critics))
         self.requires_grad_(False)
         self.eval()

@@ -19,19 +19,28 @@ if TYPE_CHECKING:
 
 
 class Teacher:
-    """A frozen, deterministic policy of one arm, with critics where it has them.
+    """Advise with a frozen, deterministic policy of one arm, optionally with critics.
 
-    Observations, goals and actions are NumPy arrays in the environment's units; the teacher brings
-    its own normaliser and scales actions itself.
+    Observations, goals and actions are NumPy arrays in the environment's units.
 
-    :param networks: the weights, as they are now
-    :param name: what logs and saved runs call it
+    Attributes: `observation_size` and `goal_size`, the numbers that it reads of `observation` and
+    `desired_goal` (0 where it does not read that entry), `action_size`, `has_critics`,
+    `reads_achieved_goal`.
+
+    :param networks: the weights, which are copied.
+    :param name: of the teacher in logs and saved runs.
     """
 
     def __init__(self, networks: PolicyNetworks, name: str = "teacher") -> None:
         self.networks = networks
         self.name = name
         self._policy = FrozenPolicy(networks)
+        sizes = networks.spec.sizes
+        self.observation_size = sizes.get("observation", 0)
+        self.goal_size = sizes.get("desired_goal", 0)
+        self.action_size = networks.spec.action_size
+        self.has_critics = networks.spec.n_critics > 0
+        self.reads_achieved_goal = "achieved_goal" in sizes
 
     @classmethod
     def from_sb3(cls, model: OffPolicyAlgorithm, name: str | None = None) -> Teacher:
@@ -44,38 +53,13 @@ class Teacher:
         """
         return cls(networks_from_sb3(model), name or f"sb3-{type(model).__name__}")
 
-    @property
-    def observation_size(self) -> int:
-        """Numbers that it reads from `observation`, 0 where it does not read that entry."""
-        return self.networks.spec.sizes.get("observation", 0)
-
-    @property
-    def goal_size(self) -> int:
-        """Numbers that it reads from `desired_goal`, 0 where it does not read that entry."""
-        return self.networks.spec.sizes.get("desired_goal", 0)
-
-    @property
-    def action_size(self) -> int:
-        """Numbers in one of its actions."""
-        return self.networks.spec.action_size
-
-    @property
-    def has_critics(self) -> bool:
-        """Whether `q_value` works."""
-        return self.networks.spec.n_critics > 0
-
-    @property
-    def reads_achieved_goal(self) -> bool:
-        """Whether it needs the achieved goal too (stock SB3 policies do)."""
-        return "achieved_goal" in self.networks.spec.sizes
-
     def act(
         self,
         observation: NDArray[Any],
         goal: NDArray[Any],
         achieved_goal: NDArray[Any] | None = None,
     ) -> FloatArray:
-        """The deterministic action.
+        """Return the deterministic action.
 
         :param observation: (n, observation_size)
         :param goal: (n, goal_size) desired goals
@@ -94,7 +78,7 @@ class Teacher:
         *,
         twin_minimum: bool = True,
     ) -> FloatArray:
-        """How good the teacher thinks an action is, Q_tr(s_i, a).
+        """Return the teacher's value of an action, Q_tr(s_i, a).
 
         :param observation: (n, observation_size)
         :param goal: (n, goal_size) desired goals
@@ -131,10 +115,7 @@ class Teacher:
             values = given[key]
             if values is None:
                 raise ValueError(f"teacher {self.name!r} reads {key!r}: pass it too")
-            if values.ndim != 2 or values.shape[1] != size:
-                raise ValueError(
-                    f"{key} has shape {values.shape}: teacher {self.name!r} needs (n, {size})"
-                )
+            check_rows(key, values, size, self.name)
             inputs[key] = values
         return self._policy.features(inputs)
 
@@ -168,38 +149,17 @@ class TeacherGroup:
                 raise ValueError(
                     f"teachers of one group must have the same sizes: {first} and {teacher} differ"
                 )
-        # Compared by identity: two copies of the same weights cost two passes, which is slow but
-        # right.
+        self.n_arms = n_arms
+        self.names = [teacher.name for teacher in self.teachers]
+        self.action_size = first.action_size
+        self.has_critics = all(teacher.has_critics for teacher in self.teachers)
+        self.reads_achieved_goal = any(teacher.reads_achieved_goal for teacher in self.teachers)
+        # Compared by identity: equal weights in two teachers take two passes.
         unique = {id(teacher): teacher for teacher in self.teachers}
         self._members = [
             (teacher, [arm for arm, other in enumerate(self.teachers) if other is teacher])
             for teacher in unique.values()
         ]
-
-    @property
-    def n_arms(self) -> int:
-        """Arms to drive."""
-        return len(self.teachers)
-
-    @property
-    def names(self) -> list[str]:
-        """The teachers' names, arm by arm."""
-        return [teacher.name for teacher in self.teachers]
-
-    @property
-    def action_size(self) -> int:
-        """Numbers in one arm's action."""
-        return self.teachers[0].action_size
-
-    @property
-    def has_critics(self) -> bool:
-        """Whether every arm's teacher has critics."""
-        return all(teacher.has_critics for teacher in self.teachers)
-
-    @property
-    def reads_achieved_goal(self) -> bool:
-        """Whether any arm's teacher needs the achieved goal."""
-        return any(teacher.reads_achieved_goal for teacher in self.teachers)
 
     def act(
         self,
@@ -207,7 +167,7 @@ class TeacherGroup:
         goals: NDArray[Any],
         achieved_goals: NDArray[Any] | None = None,
     ) -> FloatArray:
-        """Every arm's action.
+        """Return the action of every arm.
 
         :param observations: (n_envs, n_arms, observation_size)
         :param goals: (n_envs, n_arms, goal_size)
@@ -231,7 +191,7 @@ class TeacherGroup:
         *,
         twin_minimum: bool = True,
     ) -> FloatArray:
-        """Every arm's value of k candidate actions.
+        """Return the values of k candidate actions of every arm.
 
         :param observations: (n_envs, n_arms, observation_size)
         :param goals: (n_envs, n_arms, goal_size)
@@ -254,6 +214,19 @@ class TeacherGroup:
             )
             values[:, :, arms] = batch.reshape(n_candidates, n_envs, len(arms))
         return values
+
+
+def check_rows(key: str, values: NDArray[Any], size: int, name: str) -> None:
+    """Check that a teacher's input has the shape (n, size).
+
+    :param key: of the input, for the message.
+    :param values: the input.
+    :param size: numbers in a row.
+    :param name: of the teacher, for the message.
+    :raises ValueError: for another shape.
+    """
+    if values.ndim != 2 or values.shape[1] != size:
+        raise ValueError(f"{key} has shape {values.shape}: teacher {name!r} needs (n, {size})")
 
 
 def _stack(per_arm: NDArray[Any], arms: list[int]) -> NDArray[Any]:
