@@ -78,7 +78,13 @@ def run(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from saver_advisors.reporting.provenance import provenance, write_json_atomic
-    from saver_envs.perception.training import CURVE, NETWORK, Trainer, TrainingOptions, read_curve
+    from saver_envs.perception.training import (
+        CURVE,
+        NETWORK,
+        PoseTrainer,
+        PoseTrainingOptions,
+        read_curve,
+    )
 
     if (args.coco is None) != (args.images is None):
         raise UsageError("argument --coco: give it together with --images")
@@ -92,10 +98,12 @@ def run(args: argparse.Namespace) -> int:
         "frames": args.frames,
         "learning_rate": args.learning_rate,
     }
-    options = TrainingOptions(**{k: v for k, v in chosen.items() if v is not None or k == "limbs"})
+    options = PoseTrainingOptions(
+        **{k: v for k, v in chosen.items() if v is not None or k == "limbs"}
+    )
     data, validation = _data(args)
     with user_mistakes():
-        trainer = Trainer(args.output, data, validation, options)
+        trainer = PoseTrainer(args.output, data, validation, options)
         if args.front is not None and trainer.frames == 0:
             trainer.network.backbone.load_front(args.front)  # type: ignore[operator]
     with tqdm(
@@ -121,7 +129,7 @@ def _data(args: argparse.Namespace) -> tuple[Any, Any]:
 
     from saver_envs.cameras.rgbd import KINECT_V2
     from saver_envs.perception.dataset import CocoDataset, RenderedDataset, render
-    from saver_envs.perception.stage import StageOptions
+    from saver_envs.perception.rendered_scenes import RenderedSceneOptions
 
     half = KINECT_V2.scaled(0.5)
     sets = {"validation": (400, 2)}
@@ -129,7 +137,7 @@ def _data(args: argparse.Namespace) -> tuple[Any, Any]:
         sets["train"] = (args.rendered // 200 * 200, 1)
     for name, (frames, seed) in sets.items():
         with tqdm(total=frames, desc=f"render {name}", unit="frame", dynamic_ncols=True) as bar:
-            options = StageOptions(split=name)
+            options = RenderedSceneOptions(split=name)
             folder = args.cache / f"{name}-{seed}"
             with user_mistakes("argument --cache"):
                 render(folder, frames, seed, options, half, False, progress=bar.update)

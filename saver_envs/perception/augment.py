@@ -1,4 +1,4 @@
-"""Changes a labelled picture as cameras, lamps and mountings might, labels included."""
+"""Augment labelled pictures: geometry, light, colours, noise and patches."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from saver_envs.perception.skeleton import MIRRORED_JOINTS
 
 @dataclass(frozen=True)
 class Augmentation:
-    """How much is changed.
+    """Strength of the augmentation.
 
     :param rotation: standard deviation, degrees.
-    :param scale: smallest and largest, times the scale at which the picture fits.
-    :param shift: largest, as a share of the picture's size.
+    :param scale: smallest and largest, relative to the scale at which the picture fits.
+    :param shift: largest, as a fraction of the picture's size.
     :param mirror: probability.
     :param blur: largest radius, pixels.
     :param noise: largest standard deviation, of 255.
-    :param patches: probability of up to three rectangles of one colour over the picture.
+    :param patches: probability of one to three rectangles of one colour over the picture.
     """
 
     rotation: float = 14.0
@@ -34,83 +34,68 @@ class Augmentation:
     patches: float = 0.35
 
 
-def fit(example: Example, size: tuple[int, int]) -> Example:
-    """Scale a picture into ``size`` (height, width), unchanged otherwise; for validation."""
-    return _warped(example, size, _Move(1.0, 0.0, (0.0, 0.0), False), (0, 0, 0))
-
-
 def augment(
     example: Example,
     size: tuple[int, int],
     random: np.random.Generator,
     amount: Augmentation = Augmentation(),
 ) -> Example:
-    """Return a changed picture.
+    """Return a changed copy of a picture and its labels.
 
-    :param example: left as it is.
+    :param example: the picture.
     :param size: height and width of the new picture.
     :param random: source.
-    :param amount: of change.
+    :param amount: strength of the augmentation.
     """
-    move = _Move(
-        math.exp(random.uniform(*np.log(amount.scale))),
-        math.radians(random.normal(0, amount.rotation)),
-        (
-            random.uniform(-amount.shift, amount.shift),
-            random.uniform(-amount.shift, amount.shift),
-        ),
-        bool(random.random() < amount.mirror),
-    )
-    fill = tuple(int(value) for value in random.integers(0, 256, 3))
-    moved = _warped(example, size, move, (fill[0], fill[1], fill[2]))
-    return Example(_lit(moved.image, random, amount), moved.joints, moved.annotated, moved.boxes)
-
-
-@dataclass(frozen=True)
-class _Move:
-    scale: float
-    angle: float
-    shift: tuple[float, float]
-    mirror: bool
-
-
-def _warped(
-    example: Example, size: tuple[int, int], move: _Move, fill: tuple[int, int, int]
-) -> Example:
-    from PIL import Image
-
+    scale = math.exp(random.uniform(*np.log(amount.scale)))
+    angle = math.radians(random.normal(0, amount.rotation))
+    shift = random.uniform(-amount.shift, amount.shift, 2)
+    mirror = bool(random.random() < amount.mirror)
+    fill = random.integers(0, 256, 3)
     height, width = size
     old_height, old_width = example.image.shape[:2]
-    scale = move.scale * min(height / old_height, width / old_width)
-    cosine, sine = scale * math.cos(move.angle), scale * math.sin(move.angle)
+    scale *= min(height / old_height, width / old_width)
+    cosine, sine = scale * math.cos(angle), scale * math.sin(angle)
     turn = np.array([[cosine, -sine], [sine, cosine]])
-    if move.mirror:
+    joints, annotated = example.joints, example.annotated
+    if mirror:
         turn = turn @ np.diag([-1.0, 1.0])
-    centre = np.array([width, height]) * (0.5 + np.array(move.shift))
-    offset = centre - turn @ np.array([old_width / 2, old_height / 2])
-    back = np.linalg.inv(turn)
-    # Pillow wants where a new pixel comes from.
-    coefficients = np.column_stack([back, -back @ offset]).ravel()
-    picture = Image.fromarray(example.image).transform(
-        (width, height),
-        Image.Transform.AFFINE,
-        tuple(coefficients),
-        Image.Resampling.BILINEAR,
-        fillcolor=fill,
-    )
-    joints, annotated = example.joints @ turn.T + offset, example.annotated
-    if move.mirror:
         joints, annotated = joints[:, MIRRORED_JOINTS], annotated[:, MIRRORED_JOINTS]
+    centre = np.array([width, height]) * (0.5 + shift)
+    offset = centre - turn @ np.array([old_width / 2, old_height / 2])
     left, top, right, bottom = example.boxes.reshape(-1, 4).T
     corners = np.stack(
         [np.stack([x, y], axis=-1) for x in (left, right) for y in (top, bottom)], axis=1
     )
     moved = corners @ turn.T + offset
     boxes = np.concatenate([moved.min(axis=1), moved.max(axis=1)], axis=-1)
-    return Example(np.asarray(picture), joints, annotated, boxes)
+    image = _relit(_warped(example.image, size, turn, offset, fill), random, amount)
+    return Example(image, joints @ turn.T + offset, annotated, boxes)
 
 
-def _lit(
+def _warped(
+    image: NDArray[np.uint8],
+    size: tuple[int, int],
+    turn: NDArray[np.float64],
+    offset: NDArray[np.float64],
+    fill: NDArray[np.int64],
+) -> NDArray[np.uint8]:
+    """Move each point x of a picture to ``turn @ x + offset`` in a picture of ``size``."""
+    from PIL import Image
+
+    # Pillow expects the map from new pixels to old pixels.
+    back = np.linalg.inv(turn)
+    picture = Image.fromarray(image).transform(
+        size[::-1],
+        Image.Transform.AFFINE,
+        tuple(np.column_stack([back, -back @ offset]).ravel()),
+        Image.Resampling.BILINEAR,
+        fillcolor=tuple(fill.tolist()),
+    )
+    return np.asarray(picture)
+
+
+def _relit(
     image: NDArray[np.uint8], random: np.random.Generator, amount: Augmentation
 ) -> NDArray[np.uint8]:
     """Change light, colours and sharpness, add noise and patches."""
@@ -137,6 +122,7 @@ def _lit(
 
 
 def _cover(values: NDArray[np.float32], random: np.random.Generator) -> None:
+    """Paint one to three rectangles of one colour."""
     height, width = values.shape[:2]
     for _ in range(random.integers(1, 4)):
         tall = random.integers(height // 20, height // 4)

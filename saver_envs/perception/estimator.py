@@ -1,4 +1,4 @@
-"""Pictures in, people out: a network with what comes before and after it."""
+"""Find the people in pictures with a pose network."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from saver_envs.perception.parsing import DEFAULT_PARSING, ParsingOptions, Poses
 from saver_envs.perception.skeleton import LIMB_NAMES, MIRRORED_LIMBS
 from saver_envs.perception.weights import SHIPPED, load_network
 
-#: Height and width that pictures are fitted into before the network looks at them.
+#: Height and width that pictures are fitted into for the network.
 NETWORK_SIZE: Final = (216, 256)
 #: From normalised pictures (n, 3, h, w) to the last stage's fields (n, limbs, 3, h/8, w/8).
-Run = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+RunNetwork = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 class PoseEstimator:
@@ -29,14 +29,14 @@ class PoseEstimator:
 
     :param network: trained.
     :param size: height and width, multiples of 8, that pictures are fitted into.
-    :param turn: quarter turns, anticlockwise, after which heads are about at the top: 2 for the
-        camera over the bench, which sees people upside down.
+    :param turn: quarter turns, anticlockwise, that bring heads roughly to the top: 2 for the camera
+        over the bench, which sees people upside down.
     :param options: of the parsing.
-    :param mirror: look at the picture's mirror image too, and take the mean of both: better, at
-        twice the cost. All limbs are needed, or both of every pair.
-    :param run: runs the network in another way, such as :class:`~.onnx.OnnxNetwork`.
-    :raises ValueError: for a size that is no multiple of 8, or limbs whose mirror images are not
-        among them.
+    :param mirror: evaluate the mirrored picture too and average both: better, at twice the cost.
+        Needs the mirror image of every limb of the network.
+    :param run: replaces the network's own forward pass, such as :class:`~.onnx.OnnxNetwork`.
+    :raises ValueError: for a size that is no multiple of 8, or with ``mirror`` for limbs without
+        their mirror images.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class PoseEstimator:
         turn: int = 0,
         options: ParsingOptions = DEFAULT_PARSING,
         mirror: bool = False,
-        run: Run | None = None,
+        run: RunNetwork | None = None,
     ) -> None:
         if size[0] % STRIDE or size[1] % STRIDE or min(size) <= 0:
             raise ValueError(f"size={size!r}: height and width must be multiples of {STRIDE}")
@@ -55,48 +55,45 @@ class PoseEstimator:
         self.size = size
         self.turn = turn % 4
         self.options = options
-        self._mirrored = _mirrored_places(self.limbs) if mirror else None
+        self._mirrored = _mirrored_rows(self.limbs) if mirror else None
         self._run = run or self._torch
 
     @staticmethod
     def shipped(limbs: list[str] | None = None, **options: Any) -> PoseEstimator:
-        """Return an estimator with the weights that ship.
-
-        :param limbs: which limbs, all 13 where ``None``.
-        :param options: see :class:`PoseEstimator`.
-        """
-        return PoseEstimator(load_network(SHIPPED, limbs), **options)
+        """Return an estimator with the shipped weights; see :meth:`from_file`."""
+        return PoseEstimator.from_file(SHIPPED, limbs, **options)
 
     @staticmethod
     def from_file(path: Path, limbs: list[str] | None = None, **options: Any) -> PoseEstimator:
-        """Return an estimator with the weights of a file; see :func:`~.weights.load_network`."""
+        """Return an estimator with the weights of a file.
+
+        :param path: see :func:`~.weights.load_network`.
+        :param limbs: names; ``None``: all limbs of the file.
+        :param options: see :class:`PoseEstimator`.
+        """
         return PoseEstimator(load_network(path, limbs), **options)
 
     def __call__(self, image: NDArray[Any]) -> Poses:
         """Find the people in a picture.
 
         :param image: (height, width, 3) uint8 of any size, or floats in [0, 1].
-        :return: pixels of that picture; nobody in a picture without people.
+        :return: the people, in pixels of the picture.
         :raises ValueError: for another shape or type.
         """
-        picture, scale, offset = self.prepare(image)
-        fields = self.fields(picture)
-        return self.finish(fields, scale, offset, image.shape[:2])
-
-    def prepare(
-        self, image: NDArray[Any]
-    ) -> tuple[NDArray[np.float32], float, NDArray[np.float64]]:
-        """Turn, fit and normalise a picture.
-
-        :return: (3, h, w), the scale, and where its top left corner came to lie (x, y).
-        """
-        pixels = np.rot90(checked(image), self.turn)
-        return normalised(pixels, self.size)
+        pixels = checked(image)
+        height, width = pixels.shape[:2]
+        picture, scale, offset = normalised(np.rot90(pixels, self.turn), self.size)
+        poses = parse(self.fields(picture), self.limbs, self.options)
+        joints = _turned_back((poses.joints - offset) / scale, self.turn, height, width)
+        # Joints in the margin beside the picture are dropped.
+        inside = ((joints >= 0) & (joints <= (width, height))).all(axis=-1)
+        joints = np.where(inside[..., None], joints, np.nan)
+        return Poses(joints, np.where(inside, poses.scores, 0.0), poses.person_scores)
 
     def fields(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
         """Run the network.
 
-        :param picture: (3, h, w) from :meth:`prepare`.
+        :param picture: (3, h, w) from :func:`normalised`.
         :return: (limbs, 3, h / 8, w / 8).
         """
         if self._mirrored is None:
@@ -107,29 +104,6 @@ class PoseEstimator:
         mean: NDArray[np.float32] = 0.5 * (plain + back)
         return mean
 
-    def finish(
-        self,
-        fields: NDArray[np.float32],
-        scale: float,
-        offset: NDArray[np.float64],
-        shape: tuple[int, int],
-    ) -> Poses:
-        """Parse fields (limbs, 3, rows, columns) and go back to the given picture's pixels.
-
-        :param fields: of a picture from :meth:`prepare`.
-        :param scale: from there.
-        :param offset: from there.
-        :param shape: height and width of the given picture.
-        """
-        poses = parse(fields, self.limbs, self.options)
-        joints = _turned_back((poses.joints - offset) / scale, self.turn, shape)
-        within = (joints >= 0) & (joints <= shape[::-1])
-        inside = within[..., 0] & within[..., 1]
-        # What lies in the margin beside the picture is not a joint of it.
-        joints = np.where(inside[..., None], joints, np.nan)
-        scores = np.where(inside, poses.scores, 0.0)
-        return Poses(joints, scores, poses.person_scores)
-
     def _torch(self, pictures: NDArray[np.float32]) -> NDArray[np.float32]:
         device = next(self.network.parameters()).device
         with torch.inference_mode():
@@ -138,23 +112,23 @@ class PoseEstimator:
         return values
 
 
-def _mirrored_places(limbs: Sequence[int]) -> list[int]:
-    """Return where the mirror image of each limb is among ``limbs``.
+def _mirrored_rows(limbs: Sequence[int]) -> list[int]:
+    """Return the row of each limb's mirror image in ``limbs``.
 
-    :raises ValueError: where one is missing; the message says which.
+    :raises ValueError: for missing mirror images; the message names them.
     """
     wanted = [int(MIRRORED_LIMBS[limb]) for limb in limbs]
     missing = [LIMB_NAMES[limb] for limb in wanted if limb not in limbs]
     if missing:
         raise ValueError(f"mirror=True: needs the limbs {', '.join(missing)} as well")
-    places = list(limbs)
-    return [places.index(limb) for limb in wanted]
+    return [limbs.index(limb) for limb in wanted]
 
 
 def checked(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return a picture as (height, width, 3) uint8.
 
-    :raises ValueError: for another shape or type; the message says what was given.
+    :param image: (height, width, 3) uint8, or floats in [0, 1].
+    :raises ValueError: for another shape or type; the message names it.
     """
     image = np.asarray(image)
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
@@ -170,11 +144,11 @@ def checked(image: NDArray[Any]) -> NDArray[np.uint8]:
 def normalised(
     pixels: NDArray[np.uint8], size: tuple[int, int]
 ) -> tuple[NDArray[np.float32], float, NDArray[np.float64]]:
-    """Fit a picture into the middle of ``size`` and normalise it.
+    """Fit a picture into the middle of ``size`` and normalise its colours.
 
     :param pixels: (height, width, 3).
-    :param size: height and width.
-    :return: (3, height, width), the scale, and the top left corner's place (x, y).
+    :param size: new height and width.
+    :return: (3, new height, new width), the scale, and the new place (x, y) of the top left corner.
     """
     from PIL import Image
 
@@ -193,15 +167,9 @@ def normalised(
 
 
 def _turned_back(
-    joints: NDArray[np.float64], turn: int, shape: tuple[int, int]
+    joints: NDArray[np.float64], turn: int, height: int, width: int
 ) -> NDArray[np.float64]:
-    """Undo ``numpy.rot90(picture, turn)`` for points of it; ``shape`` is that of the picture."""
-    height, width = shape
+    """Undo ``numpy.rot90(picture, turn)`` for points (..., 2) of a picture of that size."""
     x, y = joints[..., 0], joints[..., 1]
-    if turn == 1:
-        return np.stack([width - y, x], axis=-1)
-    if turn == 2:
-        return np.stack([width - x, height - y], axis=-1)
-    if turn == 3:
-        return np.stack([y, height - x], axis=-1)
-    return joints
+    back = [(x, y), (width - y, x), (width - x, height - y), (y, height - x)]
+    return np.stack(back[turn], axis=-1)

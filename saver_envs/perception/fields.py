@@ -1,8 +1,8 @@
-"""What the network learns to draw: bipolar heat maps and part affinity fields (eq. 4.4 to 4.6).
+"""Encode people as bipolar heat maps and part affinity fields (eq. 4.4 to 4.6).
 
 Points are continuous picture coordinates in pixels: (0, 0) is the corner at the top left, the
-middle of the first pixel lies at (0.5, 0.5). So a point in a picture of half the size has half the
-coordinates, and cell (row, column) of a field of stride 8 is centred at
+centre of the first pixel is at (0.5, 0.5). In a picture of half the size, a point has half the
+coordinates, and the centre of cell (row, column) of a field of stride 8 is at
 (8 (column + 1/2), 8 (row + 1/2)).
 """
 
@@ -21,17 +21,17 @@ from saver_envs.perception.skeleton import LIMBS
 STRIDE: Final = 8
 #: Channels of a limb: affinity along x, affinity along y, heat.
 AFFINITY_X, AFFINITY_Y, HEAT, N_CHANNELS = 0, 1, 2, 3
-#: Gaussians weaker than this are not drawn.
+#: Smallest value of a Gaussian that is drawn.
 _FAINTEST: Final = 1e-4
 
 
 @dataclass(frozen=True)
 class FieldShape:
-    """How wide joints and limbs are drawn, in cells of the field. Ours: the paper gives no numbers.
+    """Widths of joints and limbs in cells of the field. The paper gives no numbers.
 
-    :param sigma: of exp(-d^2 / sigma^2), equation 4.4. At 1.2 a peak covers the 3 x 3 cells that
-        its position between cells is read from, and two joints 3 cells apart stay apart.
-    :param half_width: of a limb's band, equation 4.5.
+    :param sigma: of exp(-d^2 / sigma^2), equation 4.4. At 1.2 a peak covers the 3 x 3 cells from
+        which its position between cells is computed, and joints 3 cells apart stay separate.
+    :param half_width: half the width of a limb's band, equation 4.5.
     """
 
     sigma: float = 1.2
@@ -44,85 +44,84 @@ def encode(
     size: tuple[int, int],
     limbs: Sequence[int],
     shape: FieldShape = FieldShape(),
-    stride: int = STRIDE,
 ) -> NDArray[np.float32]:
     """Draw the fields of all people in a picture.
 
-    Where bands of several people overlap, their directions are averaged over those people
-    (equation 4.6 with the count taken cell by cell: counting all the people in the picture would
-    make a limb fainter because there is another one elsewhere).
+    Where bands of several people overlap, their directions are averaged over those people. The
+    count of equation 4.6 is taken cell by cell: a count over the picture would weaken a limb
+    because of another limb elsewhere.
 
-    :param joints: (people, 14, 2) pixels of the picture; joints may lie outside of it.
-    :param annotated: (people, 14) whether the position is known. A limb is drawn where both its
-        joints are, a peak where its joint is.
-    :param size: height and width of the picture in pixels, multiples of ``stride``.
-    :param limbs: which of the 13 limbs, indices into :data:`~.skeleton.LIMBS`.
-    :param shape: of peaks and bands.
-    :param stride: pixels per cell.
-    :return: (limbs, 3, height / stride, width / stride): affinity x, affinity y, heat. The heat is
-        +1 at proximal and -1 at distal joints.
-    :raises ValueError: for a size that is no multiple of ``stride``.
+    :param joints: (people, 14, 2) pixels of the picture; joints may be outside the picture.
+    :param annotated: (people, 14) whether the position is known. A limb is drawn if both its joints
+        are known, a peak if its joint is.
+    :param size: height and width of the picture in pixels, multiples of 8.
+    :param limbs: indices into :data:`~.skeleton.LIMBS`.
+    :param shape: widths of peaks and bands.
+    :return: (limbs, 3, height / 8, width / 8): affinity x, affinity y, heat. The heat is +1 at
+        proximal and -1 at distal joints.
+    :raises ValueError: for a size that is no multiple of 8.
     """
     height, width = size
-    if height % stride or width % stride:
-        raise ValueError(f"size={size}: height and width must be multiples of {stride}")
-    rows, columns = height // stride, width // stride
-    cells = np.asarray(joints, dtype=np.float64) / stride - 0.5
-    proximal = [LIMBS[limb].proximal for limb in limbs]
-    distal = [LIMBS[limb].distal for limb in limbs]
-    fields = np.zeros((len(limbs), N_CHANNELS, rows, columns), dtype=np.float32)
-    if len(cells) == 0:
+    if height % STRIDE or width % STRIDE:
+        raise ValueError(f"size={size}: height and width must be multiples of {STRIDE}")
+    x, y = np.arange(width // STRIDE), np.arange(height // STRIDE)
+    fields = np.zeros((len(limbs), N_CHANNELS, len(y), len(x)), dtype=np.float32)
+    if len(joints) == 0:
         return fields
+    cells = np.asarray(joints, dtype=np.float64) / STRIDE - 0.5
+    proximal, distal = (list(joint) for joint in zip(*(LIMBS[k].ends for k in limbs), strict=True))
     begin, end = cells[:, proximal], cells[:, distal]
     has_begin, has_end = annotated[:, proximal], annotated[:, distal]
-    high = _peaks(begin, has_begin, rows, columns, shape.sigma)
-    low = _peaks(end, has_end, rows, columns, shape.sigma)
-    # The largest absolute value wins, and keeps its sign.
+    high = _gaussians(x - begin[..., :1], y - begin[..., 1:], has_begin, shape.sigma)
+    low = _gaussians(x - end[..., :1], y - end[..., 1:], has_end, shape.sigma)
+    # The largest absolute value is kept, with its sign.
     fields[:, HEAT] = np.where(high >= low, high, -low)
-    fields[:, :HEAT] = _affinities(begin, end, has_begin & has_end, rows, columns, shape.half_width)
+    fields[:, :HEAT] = _affinities(
+        x - begin[..., :1], y - begin[..., 1:], end - begin, has_begin & has_end, shape.half_width
+    )
     return fields
 
 
-def _peaks(
-    points: NDArray[np.float64],
-    present: NDArray[np.bool_],
-    rows: int,
-    columns: int,
-    sigma: float,
+def _gaussians(
+    x: NDArray[np.float64], y: NDArray[np.float64], present: NDArray[np.bool_], sigma: float
 ) -> NDArray[np.float64]:
-    """Strongest Gaussian in every cell (eq. 4.4) of points (people, limbs, 2) in cells."""
-    # A Gaussian is the product of one along x and one along y.
-    along_x = np.exp(-(((np.arange(columns) - points[..., :1]) / sigma) ** 2))
-    along_y = np.exp(-(((np.arange(rows) - points[..., 1:]) / sigma) ** 2))
+    """Return the largest Gaussian (limbs, rows, columns) in every cell (eq. 4.4).
+
+    :param x: (people, limbs, columns) from a joint to the columns, cells.
+    :param y: (people, limbs, rows) from a joint to the rows, cells.
+    :param present: (people, limbs) whether the joint is known.
+    :param sigma: width, cells.
+    """
+    # A Gaussian is the product of a Gaussian along x and a Gaussian along y.
+    along_x, along_y = np.exp(-((x / sigma) ** 2)), np.exp(-((y / sigma) ** 2))
     peaks = along_y[..., :, None] * along_x[..., None, :] * present[..., None, None]
-    strongest: NDArray[np.float64] = peaks.max(axis=0)
-    strongest[strongest < _FAINTEST] = 0.0
-    return strongest
+    largest: NDArray[np.float64] = peaks.max(axis=0)
+    largest[largest < _FAINTEST] = 0.0
+    return largest
 
 
 def _affinities(
-    begin: NDArray[np.float64],
-    end: NDArray[np.float64],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    along: NDArray[np.float64],
     present: NDArray[np.bool_],
-    rows: int,
-    columns: int,
     half_width: float,
 ) -> NDArray[np.float64]:
-    """Mean direction (limbs, 2, rows, columns) of the limbs that cover a cell (eq. 4.5, 4.6)."""
-    along = end - begin
+    """Return the mean direction (limbs, 2, rows, columns) of the limbs in a cell (eq. 4.5, 4.6).
+
+    :param x: (people, limbs, columns) from the proximal joint to the columns, cells.
+    :param y: (people, limbs, rows) from the proximal joint to the rows, cells.
+    :param along: (people, limbs, 2) from the proximal to the distal joint, cells.
+    :param present: (people, limbs) whether both joints are known.
+    :param half_width: of the band, cells.
+    """
     length = np.linalg.norm(along, axis=-1)
     direction = along / np.maximum(length, 1e-9)[..., None]
-    x = np.arange(columns) - begin[..., :1]  # (people, limbs, columns)
-    y = np.arange(rows) - begin[..., 1:]
     unit_x, unit_y = direction[..., 0, None, None], direction[..., 1, None, None]
     forward = unit_x * x[..., None, :] + unit_y * y[..., :, None]
     sideways = unit_x * y[..., :, None] - unit_y * x[..., None, :]
-    covered = (
-        (forward >= 0)
-        & (forward <= length[..., None, None])
-        & (np.abs(sideways) <= half_width)
-        & present[..., None, None]
-    )
+    covered = (forward >= 0) & (forward <= length[..., None, None])
+    covered &= (np.abs(sideways) <= half_width) & present[..., None, None]
     count = np.maximum(covered.sum(axis=0), 1)
     total = np.einsum("plc,plrw->lcrw", direction, covered.astype(np.float64))
     mean: NDArray[np.float64] = total / count[:, None]
@@ -134,27 +133,22 @@ def loss_mask(
     boxes: NDArray[np.floating],
     size: tuple[int, int],
     limbs: Sequence[int],
-    stride: int = STRIDE,
 ) -> NDArray[np.float32]:
-    """Say where the loss counts (W of equation 4.1).
+    """Return where the loss counts (W of equation 4.1).
 
-    It does not count inside the box of a person of whom one of a limb's joints is not annotated:
-    the joint may be in the picture, and finding it must cost nothing.
+    The loss of a limb does not count inside the box of a person with an unknown joint of that limb:
+    the joint may be in the picture, and detecting it is correct.
 
     :param annotated: (people, 14) whether a joint's position is known.
     :param boxes: (people, 4) left, top, right, bottom in pixels.
     :param size: height and width of the picture in pixels.
     :param limbs: indices into :data:`~.skeleton.LIMBS`.
-    :param stride: pixels per cell.
-    :return: (limbs, rows, columns): 1 where it counts, else 0.
+    :return: (limbs, rows, columns): 1 where the loss counts, else 0.
     """
-    rows, columns = size[0] // stride, size[1] // stride
-    mask = np.ones((len(limbs), rows, columns), dtype=np.float32)
-    x, y = (np.arange(columns) + 0.5) * stride, (np.arange(rows) + 0.5) * stride
+    y, x = ((np.arange(side // STRIDE) + 0.5) * STRIDE for side in size)
+    mask = np.ones((len(limbs), len(y), len(x)), dtype=np.float32)
     for known, (left, top, right, bottom) in zip(annotated, boxes, strict=True):
-        unknown = [
-            not (known[LIMBS[limb].proximal] and known[LIMBS[limb].distal]) for limb in limbs
-        ]
+        unknown = [not known[list(LIMBS[limb].ends)].all() for limb in limbs]
         inside = ((y >= top) & (y <= bottom))[:, None] & ((x >= left) & (x <= right))
         mask[np.array(unknown, dtype=bool)[:, None, None] & inside] = 0.0
     return mask

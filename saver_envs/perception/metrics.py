@@ -1,4 +1,4 @@
-"""How good estimated poses are: PCK, error in pixels, error in space."""
+"""Compare estimated poses with true poses: PCK, detection rate, error in pixels."""
 
 from __future__ import annotations
 
@@ -13,27 +13,25 @@ from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import JOINTS, NECK, Visibility
 
 HIPS: Final = (JOINTS.index("right_hip"), JOINTS.index("left_hip"))
-#: PCK's threshold as a share of the torso, which reaches from the neck to between the hips.
+#: PCK's threshold as a fraction of the torso, the distance from the neck to the hips' middle.
 PCK_SHARE: Final = 0.2
 
 
 @dataclass(frozen=True)
-class Errors:
+class JointErrors:
     """Errors of the visible joints of the people in one picture.
 
-    :param joint: (entries,) which of the 14 joints.
-    :param pixels: (entries,) distance to the true one; of an undetected joint, one torso.
-    :param torso: (entries,) length of that person's torso in the picture, pixels.
-    :param found: (entries,) whether it was detected.
-    :param person: (entries,) which true person it belongs to.
-    :param estimate: (true people,) which estimated person was taken for them, -1 for none.
+    :param joint: (entries,) index of the joint, 0 to 13.
+    :param pixels: (entries,) distance to the true joint; one torso for an undetected joint.
+    :param torso: (entries,) length of the person's torso in the picture, pixels.
+    :param found: (entries,) whether the joint was detected.
+    :param estimate: (true people,) index of the matched estimated person, -1 for none.
     """
 
     joint: NDArray[np.intp]
     pixels: NDArray[np.float64]
     torso: NDArray[np.float64]
     found: NDArray[np.bool_]
-    person: NDArray[np.intp]
     estimate: NDArray[np.intp]
 
     @property
@@ -44,14 +42,14 @@ class Errors:
 
 def joint_errors(
     poses: Poses, truth: NDArray[np.floating], visibility: NDArray[np.integer]
-) -> Errors:
-    """Compare people in a picture with the true ones.
+) -> JointErrors:
+    """Compare the people in a picture with the true people.
 
-    Every true person gets at most one estimated person, so that the sum of their joints' errors is
-    least; a joint that was not found counts as an error of one torso.
+    Each true person is matched with at most one estimated person so that the sum of errors is
+    least. An undetected joint has an error of one torso.
 
-    :param poses: estimated.
-    :param truth: (people, 14, 2) pixels.
+    :param poses: estimated people.
+    :param truth: (people, 14, 2) true joints, pixels.
     :param visibility: (people, 14); only visible joints count.
     """
     torso = np.linalg.norm(truth[:, NECK] - truth[:, HIPS].mean(axis=1), axis=-1)
@@ -67,22 +65,21 @@ def joint_errors(
         estimate[rows[useful]] = columns[useful]
     errors = np.tile(torso[:, None], (1, len(JOINTS)))
     found = np.zeros_like(seen)
-    for row, match in enumerate(estimate):
-        if match >= 0:
-            found[row] = ~missed[row, match]
-            errors[row] = np.where(found[row], apart[row, match], torso[row])
+    rows = np.flatnonzero(estimate >= 0)
+    found[rows] = ~missed[rows, estimate[rows]]
+    errors[rows] = np.where(found[rows], apart[rows, estimate[rows]], torso[rows, None])
     person, joint = np.nonzero(seen)
-    return Errors(joint, errors[seen], torso[person], found[seen], person, estimate)
+    return JointErrors(joint, errors[seen], torso[person], found[seen], estimate)
 
 
 @dataclass(frozen=True)
-class Summary:
-    """Over many pictures.
+class PoseAccuracy:
+    """Accuracy over many pictures.
 
-    :param pck: share of visible joints within a fifth of the torso.
-    :param mean_pixels: mean error of visible joints.
-    :param detected: share of visible joints that were found.
-    :param pck_by_joint: (14,) NaN for a joint that was never visible.
+    :param pck: fraction of the visible joints that are within a fifth of the torso.
+    :param mean_pixels: mean error of the visible joints.
+    :param detected: fraction of the visible joints that were detected.
+    :param pck_by_joint: (14,) PCK of each joint; NaN for a joint that was never visible.
     :param joints: number of visible joints.
     """
 
@@ -93,24 +90,19 @@ class Summary:
     joints: int
 
 
-def summarise(errors: list[Errors], scale: float = 1.0) -> Summary:
-    """Put the errors of many pictures together.
+def summarise(errors: list[JointErrors], scale: float = 1.0) -> PoseAccuracy:
+    """Combine the errors of many pictures.
 
-    :param errors: of each.
-    :param scale: pixels are multiplied with it, to tell them at another size of the picture.
+    :param errors: of each picture.
+    :param scale: factor for the errors in pixels, which converts them to another picture size.
     """
-    joint = np.concatenate([one.joint for one in errors])
-    correct = np.concatenate([one.correct for one in errors])
-    pixels = np.concatenate([one.pixels for one in errors])
-    found = np.concatenate([one.found for one in errors])
+    joint, correct, pixels, found = (
+        np.concatenate([getattr(one, name) for one in errors])
+        for name in ("joint", "correct", "pixels", "found")
+    )
     counts = np.bincount(joint, minlength=len(JOINTS))
     right = np.bincount(joint, weights=correct, minlength=len(JOINTS))
     by_joint = np.where(counts > 0, right / np.maximum(counts, 1), np.nan)
-    some = len(joint) > 0
-    return Summary(
-        pck=float(correct.mean()) if some else float("nan"),
-        mean_pixels=float(pixels.mean() * scale) if some else float("nan"),
-        detected=float(found.mean()) if some else float("nan"),
-        pck_by_joint=by_joint,
-        joints=len(joint),
-    )
+    means = (float(values.mean()) if len(joint) else np.nan for values in (correct, pixels, found))
+    pck, mean_pixels, detected = means
+    return PoseAccuracy(pck, mean_pixels * scale, detected, by_joint, len(joint))

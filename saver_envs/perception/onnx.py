@@ -1,4 +1,4 @@
-"""A pose network in ONNX, and run by onnxruntime."""
+"""Export a pose network as ONNX and run it with onnxruntime."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class _LastStage(nn.Module):
 def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWORK_SIZE) -> None:
     """Write a network as ONNX.
 
-    ``pictures`` (1, 3, h, w) go in, ``fields`` (1, limbs, 3, h/8, w/8) come out.
+    The input is ``pictures`` (1, 3, h, w), the output ``fields`` (1, limbs, 3, h/8, w/8).
 
     :param network: with trained weights.
     :param path: ending in ``.onnx``.
-    :param size: height and width of the pictures, which ONNX fixes.
+    :param size: fixed height and width of the pictures.
     """
     import onnx
 
-    # The exporter warns of every optional package that it does not find.
+    # The exporter warns about every missing optional package.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.zeros(1, 3, *size)
     torch.onnx.export(
@@ -57,10 +57,10 @@ def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWOR
 
 
 class OnnxNetwork:
-    """Runs an exported network; hand it to :class:`~.estimator.PoseEstimator` as ``run``.
+    """Runs an exported network; the argument ``run`` of :class:`~.estimator.PoseEstimator`.
 
-    :param path: of a file from :func:`export_onnx`.
-    :param threads: of the processor.
+    :param path: file from :func:`export_onnx`.
+    :param threads: number of processor threads.
     """
 
     def __init__(self, path: Path, threads: int = 1) -> None:
@@ -75,6 +75,6 @@ class OnnxNetwork:
         self.limbs = tuple(json.loads(self._session.get_modelmeta().custom_metadata_map["limbs"]))
 
     def __call__(self, pictures: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the last stage's fields (1, limbs, 3, h/8, w/8) of a picture (1, 3, h, w)."""
+        """Compute the last stage's fields (1, limbs, 3, h/8, w/8) of a picture (1, 3, h, w)."""
         fields: NDArray[np.float32] = self._session.run(None, {"pictures": pictures})[0]
         return fields

@@ -1,4 +1,4 @@
-"""From fields to people: peaks, limbs, persons (equations 4.7 to 4.13)."""
+"""Parse fields into people: peaks, limbs, people (equations 4.7 to 4.13)."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from saver_envs.perception.fields import AFFINITY_X, AFFINITY_Y, HEAT, STRIDE
-from saver_envs.perception.skeleton import LIMBS, N_JOINTS
+from saver_envs.perception.skeleton import LIMBS, N_JOINTS, joints_of
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-#: "A pixel's fraction" that keeps equations 4.10 and 4.11 finite where two peaks coincide, cells.
+#: "A pixel's fraction" that keeps equations 4.10 and 4.11 finite for coincident peaks, cells.
 _PIXEL_FRACTION: Final = 0.1
 _NEIGHBOURS: Final = [(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)]
 
 
 @dataclass(frozen=True)
 class ParsingOptions:
-    """What counts as a joint, a limb and a person.
+    """Thresholds for joints, limbs and people.
 
-    Two thresholds, as in edge detection by hysteresis: some joints have to be sure for there to be
-    a person, who may then have less certain ones at the end of limbs that begin at sure ones.
+    There are two thresholds, as in edge detection by hysteresis: a person needs some sure joints,
+    and may have less certain joints at the end of limbs that begin at sure joints.
 
     :param heat_threshold: smallest absolute heat of a joint.
     :param affinity_threshold: smallest score of a limb (eq. 4.7), of at most 1.
-    :param samples: points at which the integral of equation 4.7 is taken.
-    :param merge_distance: how far apart, in cells, the peaks of two limbs for the joint that they
-        share may lie.
-    :param sure: heat from which a joint, and score from which a limb, is sure.
-    :param minimum_joints: a person with fewer sure joints is dropped, where the limbs that are
-        looked for have as many joints.
-    :param most_peaks: the strongest that are kept of a limb's proximal, and of its distal joints.
+    :param samples: number of samples of the integral of equation 4.7.
+    :param merge_distance: largest distance, in cells, between the peaks of two limbs for their
+        common joint.
+    :param sure: smallest heat of a sure joint, and smallest score of a sure limb.
+    :param minimum_joints: a person with fewer sure joints is dropped; at most the number of joints
+        that the limbs have.
+    :param most_peaks: number of the strongest peaks that are kept for each end of a limb.
     """
 
     heat_threshold: float = 0.04
@@ -48,7 +49,7 @@ class ParsingOptions:
 
 
 DEFAULT_PARSING: Final = ParsingOptions()
-#: Gives sure joints alone: what is not certain is missing.
+#: Reports sure joints only.
 CAUTIOUS_PARSING: Final = ParsingOptions(
     heat_threshold=0.15, affinity_threshold=0.15, merge_distance=3.0
 )
@@ -56,12 +57,11 @@ CAUTIOUS_PARSING: Final = ParsingOptions(
 
 @dataclass(frozen=True)
 class Poses:
-    """People in a picture, the most certain first.
+    """People in a picture, in descending order of confidence.
 
-    :param joints: (people, 14, 2) pixels of the picture; NaN where a joint was not found.
-    :param scores: (people, 14) confidence of each joint in [0, 1]; 0 where it was not found.
-    :param person_scores: (people,) sum of the joints' confidences over the number of joints that
-        could have been found.
+    :param joints: (people, 14, 2) pixels of the picture; NaN for a joint that was not found.
+    :param scores: (people, 14) confidence of each joint in [0, 1]; 0 if it was not found.
+    :param person_scores: (people,) mean confidence of the joints of the limbs that are detected.
     """
 
     joints: Array
@@ -73,47 +73,43 @@ class Poses:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """(people, 14) which joints were found."""
+        """Whether a joint was found (people, 14)."""
         return self.scores > 0
 
     @staticmethod
     def none() -> Poses:
-        """Return the result for a picture without people."""
+        """Return the poses of a picture without people."""
         return Poses(np.empty((0, N_JOINTS, 2)), np.empty((0, N_JOINTS)), np.empty(0))
 
 
 @dataclass(frozen=True)
 class _Peaks:
-    """Peaks of one sign in all limbs' heat maps: (peaks,) limb, (peaks, 2) cells, (peaks,) |J|."""
+    """Peaks of one sign in all heat maps: (peaks,) limb, (peaks, 2) cells, (peaks,) height."""
 
-    limb: NDArray[np.intp]
+    limb: Indices
     position: Array
     height: Array
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Limbs that were found: (pairs,) limb, and indices into proximal and distal peaks."""
+    """Detected limbs: (pairs,) limb, and indices into proximal and distal peaks."""
 
-    limb: NDArray[np.intp]
-    proximal: NDArray[np.intp]
-    distal: NDArray[np.intp]
+    limb: Indices
+    proximal: Indices
+    distal: Indices
 
 
 def parse(
-    fields: NDArray[Any],
-    limbs: Sequence[int],
-    options: ParsingOptions = DEFAULT_PARSING,
-    stride: int = STRIDE,
+    fields: NDArray[Any], limbs: Sequence[int], options: ParsingOptions = DEFAULT_PARSING
 ) -> Poses:
-    """Find the people in fields, however many.
+    """Find the people in fields.
 
     :param fields: (limbs, 3, rows, columns) as :func:`~.fields.encode` draws them.
-    :param limbs: which of the 13 limbs they are, indices into :data:`~.skeleton.LIMBS`, ascending.
+    :param limbs: indices into :data:`~.skeleton.LIMBS`, ascending.
     :param options: thresholds.
-    :param stride: pixels of the picture per cell.
-    :return: the people; an incomplete one has missing joints, not invented ones.
-    :raises ValueError: where the fields are not those of so many limbs.
+    :return: any number of people; joints that were not found are missing.
+    :raises ValueError: for fields of another number of limbs.
     """
     if fields.ndim != 4 or fields.shape[:2] != (len(limbs), 3):
         raise ValueError(
@@ -125,15 +121,15 @@ def parse(
     pairs = _pair(fields, proximal, distal, options)
     if len(pairs.limb) == 0:
         return Poses.none()
-    people = _assemble(pairs, proximal, distal, limbs, options)
-    return _poses(people, limbs, options, stride)
+    people = _assemble(pairs, proximal, distal, limbs, options.merge_distance)
+    return _poses(people, len(joints_of(limbs)), options)
 
 
 def _find_peaks(heat: Array, options: ParsingOptions) -> _Peaks:
-    """Return local maxima above the threshold, to a fraction of a cell.
+    """Return local maxima above the threshold, with subcell positions.
 
-    Around a joint the logarithm of the heat is a parabola (eq. 4.4), whose top follows from three
-    of its values.
+    Around a joint the logarithm of the heat is a parabola (eq. 4.4), whose maximum follows from
+    three of its values.
     """
     limb, row, column = np.nonzero(heat > options.heat_threshold)
     padded = np.pad(heat, ((0, 0), (1, 1), (1, 1)), constant_values=-np.inf)
@@ -151,19 +147,15 @@ def _find_peaks(heat: Array, options: ParsingOptions) -> _Peaks:
     return _Peaks(limb, position, np.minimum(centre, 1.0))
 
 
-def _strongest(
-    kept: NDArray[np.intp], limb: NDArray[np.intp], height: Array, most: int
-) -> NDArray[np.intp]:
+def _strongest(kept: Indices, limb: Indices, height: Array, most: int) -> Indices:
     """Return the ``most`` highest entries of each limb, in the order of ``kept``."""
-    if len(kept) <= most:
-        return kept
     order = np.lexsort((-height, limb))
     starts = np.searchsorted(limb[order], limb[order])
     return np.sort(kept[order[np.arange(len(order)) - starts < most]])
 
 
 def _parabola_top(before: Array, centre: Array, after: Array) -> Array:
-    """Return where, in [-1/2, 1/2], the Gaussian through three neighbouring values is highest.
+    """Return the maximum, in [-1/2, 1/2], of the Gaussian through three neighbouring values.
 
     It is 0 at the picture's border, where a neighbour is missing.
     """
@@ -179,73 +171,42 @@ def _parabola_top(before: Array, centre: Array, after: Array) -> Array:
 def _pair(
     fields: NDArray[Any], proximal: _Peaks, distal: _Peaks, options: ParsingOptions
 ) -> _Pairs:
-    """Match a limb's peaks one to one (eq. 4.7 to 4.9): sure ones first, then the others to them.
+    """Match the peaks of each limb one to one (eq. 4.7 to 4.9): first sure pairs, then the others.
 
-    Taken together, two faint pairs could outweigh the sure one whose ends they share.
+    In a joint matching, two faint pairs could outweigh the sure pair whose ends they use.
     """
-    first, second = _of_one_limb(proximal.limb, distal.limb)
-    begins, ends = proximal.height >= options.sure, distal.height >= options.sure
-    both = begins[first] & ends[second]
-    certain = _matched(fields, proximal, distal, (first[both], second[both]), options, options.sure)
-    begin_free, end_free = np.ones(len(begins), dtype=bool), np.ones(len(ends), dtype=bool)
-    begin_free[certain.proximal] = end_free[certain.distal] = False
-    left = (begins[first] | ends[second]) & begin_free[first] & end_free[second]
-    faint = _matched(
-        fields,
-        proximal,
-        distal,
-        (first[left], second[left]),
-        options,
-        options.affinity_threshold,
-    )
-    return _Pairs(
-        np.concatenate([certain.limb, faint.limb]),
-        np.concatenate([certain.proximal, faint.proximal]),
-        np.concatenate([certain.distal, faint.distal]),
-    )
-
-
-def _of_one_limb(
-    proximal: NDArray[np.intp], distal: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return all pairs of indices at which two ascending arrays of limbs are the same."""
-    begin = np.searchsorted(distal, proximal, side="left")
-    count = np.searchsorted(distal, proximal, side="right") - begin
-    first = np.repeat(np.arange(len(proximal)), count)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-    return first, begin[first] + within
-
-
-def _matched(
-    fields: NDArray[Any],
-    proximal: _Peaks,
-    distal: _Peaks,
-    pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
-    options: ParsingOptions,
-    threshold: float,
-) -> _Pairs:
-    """Score pairs of peaks (proximal, distal) and match them one to one."""
-    first, second = pairs
+    begins, ends = (peaks.height >= options.sure for peaks in (proximal, distal))
+    same_limb = proximal.limb[:, None] == distal.limb
+    first, second = np.nonzero(same_limb & (begins[:, None] | ends))
     limb = proximal.limb[first]
-    score = _line_integral(
-        fields, limb, proximal.position[first], distal.position[second], options.samples
-    )
-    good = score > threshold
-    first, second, limb, score = first[good], second[good], limb[good], score[good]
-    chosen = []
-    for one in np.unique(limb):
-        rows = np.flatnonzero(limb == one)
-        if len(rows) > 1:
-            rows = rows[_match(first[rows], second[rows], score[rows])]
-        chosen.append(rows)
-    kept = np.concatenate(chosen) if chosen else np.empty(0, dtype=np.intp)
+    begin, end = proximal.position[first], distal.position[second]
+    score = _line_integral(fields, limb, begin, end, options.samples)
+    both = begins[first] & ends[second] & (score > options.sure)
+    sure = _match_each_limb(np.flatnonzero(both), limb, first, second, score)
+    free = ~np.isin(first, first[sure]) & ~np.isin(second, second[sure])
+    left = np.flatnonzero(free & (score > options.affinity_threshold))
+    faint = _match_each_limb(left, limb, first, second, score)
+    kept = np.concatenate([sure, faint])
     return _Pairs(limb[kept], first[kept], second[kept])
 
 
+def _match_each_limb(
+    entries: Indices, limb: Indices, first: Indices, second: Indices, score: Array
+) -> Indices:
+    """Return the entries out of ``entries`` that :func:`_match` chooses for each limb."""
+    chosen = [entries[:0]]
+    for one in np.unique(limb[entries]):
+        rows = entries[limb[entries] == one]
+        if len(rows) > 1:
+            rows = rows[_match(first[rows], second[rows], score[rows])]
+        chosen.append(rows)
+    return np.concatenate(chosen)
+
+
 def _line_integral(
-    fields: NDArray[Any], limb: NDArray[np.intp], begin: Array, end: Array, samples: int
+    fields: NDArray[Any], limb: Indices, begin: Array, end: Array, samples: int
 ) -> Array:
-    """Integrate the affinity's part along the line from ``begin`` to ``end`` (eq. 4.7, 4.8)."""
+    """Integrate the affinity along the lines from ``begin`` to ``end`` (eq. 4.7, 4.8)."""
     along = end - begin
     direction = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
     u = (np.arange(samples) + 0.5) / samples
@@ -258,13 +219,13 @@ def _line_integral(
     return np.nan_to_num(along_x + along_y)
 
 
-def _match(first: NDArray[np.intp], second: NDArray[np.intp], score: Array) -> NDArray[np.intp]:
-    """Choose entries so that the sum of scores is greatest and no end is used twice.
+def _match(first: Indices, second: Indices, score: Array) -> Indices:
+    """Choose entries with the largest sum of scores that use no end twice.
 
     :param first: (entries,) one end.
-    :param second: (entries,) the other.
-    :param score: (entries,) above 0; pairs that are not listed may not be chosen.
-    :return: the entries chosen.
+    :param second: (entries,) the other end.
+    :param score: (entries,) above 0.
+    :return: indices of the chosen entries.
     """
     ends, row = np.unique(first, return_inverse=True)
     others, column = np.unique(second, return_inverse=True)
@@ -272,12 +233,12 @@ def _match(first: NDArray[np.intp], second: NDArray[np.intp], score: Array) -> N
     entry = np.full(table.shape, -1)
     table[row, column], entry[row, column] = score, np.arange(len(score))
     matched = entry[linear_sum_assignment(table, maximize=True)]
-    chosen: NDArray[np.intp] = matched[matched >= 0]
+    chosen: Indices = matched[matched >= 0]
     return chosen
 
 
 class _People:
-    """Persons that grow limb by limb; a joint is the mean of its peaks weighted by |J| (4.13)."""
+    """People that grow limb by limb; a joint is the mean of its peaks weighted by height (4.13)."""
 
     def __init__(self, capacity: int) -> None:
         self.count = 0
@@ -285,88 +246,74 @@ class _People:
         self.peaks = np.zeros((capacity, N_JOINTS))
         self.moment = np.zeros((capacity, N_JOINTS, 2))
 
-    def add(self, people: NDArray[np.intp], joint: int, position: Array, height: Array) -> None:
+    def add(self, people: Indices, joint: int, position: Array, height: Array) -> None:
         """Add one peak of a joint to each of several people."""
         self.weight[people, joint] += height
         self.peaks[people, joint] += 1
         self.moment[people, joint] += height[:, None] * position
 
-    def new(self, number: int) -> NDArray[np.intp]:
+    def new(self, number: int) -> Indices:
         """Return ``number`` people without joints."""
         self.count += number
         return np.arange(self.count - number, self.count)
 
-    def having(self, joint: int) -> NDArray[np.intp]:
-        """Return who has a joint."""
-        return np.flatnonzero(self.weight[: self.count, joint] > 0)
+    def confidences(self) -> Array:
+        """Return the mean height of the peaks (people, 14) of each joint, 0 without peaks."""
+        return self.weight[: self.count] / np.maximum(self.peaks[: self.count], 1)
 
-    def position(self, people: NDArray[np.intp], joint: int) -> Array:
-        """(people, 2) where a joint of theirs is, cells."""
-        position: Array = self.moment[people, joint] / self.weight[people, joint][:, None]
-        return position
-
-    def confidence(self, people: NDArray[np.intp], joint: int) -> Array:
-        """(people,) mean height of the joint's peaks."""
-        confidence: Array = self.weight[people, joint] / self.peaks[people, joint]
-        return confidence
+    def positions(self) -> Array:
+        """Return the joints (people, 14, 2) in cells, NaN without peaks."""
+        weight = self.weight[: self.count, :, None]
+        return self.moment[: self.count] / np.where(weight > 0, weight, np.nan)
 
 
 def _assemble(
-    pairs: _Pairs,
-    proximal: _Peaks,
-    distal: _Peaks,
-    limbs: Sequence[int],
-    options: ParsingOptions,
+    pairs: _Pairs, proximal: _Peaks, distal: _Peaks, limbs: Sequence[int], farthest: float
 ) -> _People:
     """Join limbs into people, from the neck outwards (eq. 4.10 to 4.13).
 
-    At every joint the matching of limbs to people is the best one (4.12). The five limbs at a neck
-    are taken in one after the other: matching all five at once is a problem without fast solution.
+    At every joint the matching of limbs to people is optimal (4.12). The five limbs at a neck are
+    added one after the other: no fast algorithm matches all five at once.
     """
     people = _People(len(pairs.limb))
-    for place, limb in enumerate(limbs):
-        rows = np.flatnonzero(pairs.limb == place)
+    for row, limb in enumerate(limbs):
+        rows = np.flatnonzero(pairs.limb == row)
         near, far = pairs.proximal[rows], pairs.distal[rows]
-        joint = LIMBS[limb].proximal
         position, height = proximal.position[near], proximal.height[near]
-        owner = _owners(people, joint, position, height, options.merge_distance)
+        owner = _owners(people, LIMBS[limb].proximal, position, height, farthest)
         lone = owner < 0
         owner[lone] = people.new(int(lone.sum()))
-        people.add(owner, joint, position, height)
+        people.add(owner, LIMBS[limb].proximal, position, height)
         people.add(owner, LIMBS[limb].distal, distal.position[far], distal.height[far])
     return people
 
 
 def _owners(
     people: _People, joint: int, position: Array, height: Array, farthest: float
-) -> NDArray[np.intp]:
-    """Return to whom limbs that begin at a joint belong, -1 where to nobody (eq. 4.10, 4.11)."""
+) -> Indices:
+    """Return the person of each limb that begins at a joint, -1 for a new one (eq. 4.10, 4.11)."""
     owner = np.full(len(position), -1)
-    there = people.having(joint)
-    if len(there) == 0 or len(position) == 0:
-        return owner
-    apart = position[:, None] - people.position(there, joint)
+    apart = position[:, None] - people.positions()[:, joint]
     distance = np.hypot(apart[..., 0], apart[..., 1])
-    score = height[:, None] * people.confidence(there, joint) / (distance + _PIXEL_FRACTION)
+    confidence = people.confidences()[:, joint]
+    score = height[:, None] * confidence / (distance + _PIXEL_FRACTION)
     limb, person = np.nonzero(distance <= farthest)
-    if len(limb) == 0:
-        return owner
-    chosen = _match(limb, person, score[limb, person])
-    owner[limb[chosen]] = there[person[chosen]]
+    if len(limb):
+        chosen = _match(limb, person, score[limb, person])
+        owner[limb[chosen]] = person[chosen]
     return owner
 
 
-def _poses(people: _People, limbs: Sequence[int], options: ParsingOptions, stride: int) -> Poses:
-    """Turn cells into pixels, drop those with too few sure joints, sort by confidence."""
-    possible = len(
-        {joint for limb in limbs for joint in (LIMBS[limb].proximal, LIMBS[limb].distal)}
-    )
-    weight, peaks = people.weight[: people.count], people.peaks[: people.count]
-    found = weight > 0
-    scores = np.where(found, weight / np.maximum(peaks, 1), 0.0)
+def _poses(people: _People, possible: int, options: ParsingOptions) -> Poses:
+    """Convert cells into pixels, drop people with too few sure joints, sort by confidence.
+
+    :param people: in cells.
+    :param possible: number of joints that could be found.
+    :param options: thresholds.
+    """
+    scores = people.confidences()
+    joints = (people.positions() + 0.5) * STRIDE
     enough = (scores >= options.sure).sum(axis=1) >= min(options.minimum_joints, possible)
-    mean = people.moment[: people.count] / np.where(found, weight, 1.0)[..., None]
-    joints = np.where(found[..., None], (mean + 0.5) * stride, np.nan)
     person_scores = scores.sum(axis=1) / possible
     order = np.argsort(-person_scores, kind="stable")
     order = order[enough[order]]

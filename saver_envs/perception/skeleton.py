@@ -21,9 +21,9 @@ class Visibility(IntEnum):
 
 @dataclass(frozen=True)
 class Limb:
-    """A line from the joint nearer to the neck to the one farther from it.
+    """A line from a proximal joint, nearer to the neck, to a distal joint.
 
-    :param name: what configurations, weight files and ``limbs=[...]`` call it.
+    :param name: the limb's name in configurations, weight files and ``limbs=[...]``.
     :param proximal: index into :data:`JOINTS`.
     :param distal: index into :data:`JOINTS`.
     """
@@ -32,22 +32,18 @@ class Limb:
     proximal: int
     distal: int
 
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Proximal and distal joint."""
+        return self.proximal, self.distal
+
 
 JOINTS: Final = (
-    "neck",
-    "head",
-    "right_shoulder",
-    "right_elbow",
-    "right_wrist",
-    "left_shoulder",
-    "left_elbow",
-    "left_wrist",
-    "right_hip",
-    "right_knee",
-    "right_ankle",
-    "left_hip",
-    "left_knee",
-    "left_ankle",
+    *("neck", "head"),
+    *("right_shoulder", "right_elbow", "right_wrist"),
+    *("left_shoulder", "left_elbow", "left_wrist"),
+    *("right_hip", "right_knee", "right_ankle"),
+    *("left_hip", "left_knee", "left_ankle"),
 )
 NECK: Final = JOINTS.index("neck")
 N_JOINTS: Final = len(JOINTS)
@@ -57,7 +53,7 @@ def _limb(name: str, proximal: str, distal: str) -> Limb:
     return Limb(name, JOINTS.index(proximal), JOINTS.index(distal))
 
 
-#: From the neck outwards: a limb comes after the one whose distal joint is its proximal one.
+#: From the neck outwards: a limb comes after the limb whose distal joint is its proximal joint.
 LIMBS: Final = (
     _limb("head", "neck", "head"),
     _limb("right_collar", "neck", "right_shoulder"),
@@ -77,53 +73,35 @@ LIMB_NAMES: Final = tuple(limb.name for limb in LIMBS)
 N_LIMBS: Final = len(LIMBS)
 
 
-def _mirrored(name: str) -> str:
-    if name.startswith("left_"):
-        return "right_" + name.removeprefix("left_")
-    return "left_" + name.removeprefix("right_") if name.startswith("right_") else name
+def _mirrored(names: Sequence[str]) -> NDArray[np.intp]:
+    swap = {"left": "right", "right": "left"}
+    sides = [name.partition("_") for name in names]
+    return np.array([names.index(swap.get(side, side) + mid + rest) for side, mid, rest in sides])
 
 
-#: Where a joint, or a limb, is found in a picture that is mirrored left to right.
-MIRRORED_JOINTS: Final = np.array([JOINTS.index(_mirrored(name)) for name in JOINTS])
-MIRRORED_LIMBS: Final = np.array([LIMB_NAMES.index(_mirrored(name)) for name in LIMB_NAMES])
+#: Index of each joint's, and of each limb's, mirror image.
+MIRRORED_JOINTS: Final = _mirrored(JOINTS)
+MIRRORED_LIMBS: Final = _mirrored(LIMB_NAMES)
 
 COCO_JOINTS: Final = (
     "nose",
-    "left_eye",
-    "right_eye",
-    "left_ear",
-    "right_ear",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
+    *(
+        f"{side}_{part}"
+        for part in ("eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+        for side in ("left", "right")
+    ),
 )
-#: COCO's key point for each of our joints; the neck, which has none, reads -1.
+#: COCO's key point for each of our joints; -1 for the neck, which COCO does not have.
 _FROM_COCO: Final = np.array(
-    [
-        -1 if name == "neck" else COCO_JOINTS.index("nose" if name == "head" else name)
-        for name in JOINTS
-    ]
+    [-1, COCO_JOINTS.index("nose"), *(COCO_JOINTS.index(name) for name in JOINTS[2:])]
 )
-_COCO_SHOULDERS: Final = [
-    COCO_JOINTS.index("left_shoulder"),
-    COCO_JOINTS.index("right_shoulder"),
-]
+_COCO_SHOULDERS: Final = [COCO_JOINTS.index(f"{side}_shoulder") for side in ("left", "right")]
 
 
 def limb_indices(limbs: Sequence[str] | None) -> tuple[int, ...]:
-    """Return the places of limbs in :data:`LIMBS`, in the order of the skeleton.
+    """Return the indices of limbs in :data:`LIMBS`, ascending and without repetition.
 
     :param limbs: names, or ``None`` for all 13.
-    :return: indices, without repetition.
     :raises ValueError: for an empty list or an unknown name; the message lists the valid names.
     """
     if limbs is None:
@@ -139,18 +117,16 @@ def limb_indices(limbs: Sequence[str] | None) -> tuple[int, ...]:
 
 
 def joints_of(limbs: Iterable[int]) -> tuple[int, ...]:
-    """Return the joints that limbs (indices into :data:`LIMBS`) begin and end at, in order."""
-    return tuple(
-        sorted({joint for limb in limbs for joint in (LIMBS[limb].proximal, LIMBS[limb].distal)})
-    )
+    """Return the end joints of limbs (indices into :data:`LIMBS`), ascending."""
+    return tuple(sorted({joint for limb in limbs for joint in LIMBS[limb].ends}))
 
 
 def from_coco(keypoints: NDArray[Any]) -> NDArray[np.float64]:
-    """Turn COCO's key points into our joints: neck between the shoulders, head at the nose.
+    """Convert COCO's key points into our joints: neck between the shoulders, head at the nose.
 
     :param keypoints: (..., 17, 3): x, y (pixels) and visibility 0, 1 or 2.
-    :return: (..., 14, 3), the same. The neck is as visible as the less visible shoulder, and
-        missing where one of them is; missing joints are at (0, 0).
+    :return: (..., 14, 3), the same. The neck has the visibility of the less visible shoulder, and
+        is missing if a shoulder is; missing joints are at (0, 0).
     :raises ValueError: for another shape.
     """
     given = np.asarray(keypoints, dtype=np.float64)
@@ -165,11 +141,11 @@ def from_coco(keypoints: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def to_coco(joints: NDArray[Any], scores: NDArray[Any]) -> NDArray[np.float64]:
-    """Turn our joints into COCO's key points; eyes and ears, which we lack, are missing.
+    """Convert our joints into COCO's key points, without eyes and ears.
 
-    :param joints: (..., 14, 2) pixels; rows of joints that were not found are not looked at.
-    :param scores: (..., 14) a confidence or a visibility; 0 where a joint is missing.
-    :return: (..., 17, 3): x, y and the score.
+    :param joints: (..., 14, 2) pixels; positions of joints that were not found are ignored.
+    :param scores: (..., 14) confidence or visibility; 0 where a joint is missing.
+    :return: (..., 17, 3): x, y and the score; all 0 for a missing key point.
     """
     given = np.concatenate([np.asarray(joints), np.asarray(scores)[..., None]], axis=-1)
     given = np.where(given[..., 2:] > 0, given, 0.0)

@@ -1,4 +1,4 @@
-"""Training of a pose network: batches, optimiser, average of weights, checkpoints, curve."""
+"""Train a pose network: batches, optimiser, averaged weights, checkpoints, curve."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ from torch import Tensor
 
 from saver_envs.files import written_whole
 from saver_envs.perception.augment import Augmentation, augment
-from saver_envs.perception.dataset import Dataset, Example, RenderedDataset
+from saver_envs.perception.dataset import (
+    Example,
+    PoseDataset,
+    RenderedDataset,
+    differing_settings,
+)
 from saver_envs.perception.estimator import NETWORK_SIZE, PoseEstimator, normalised
 from saver_envs.perception.fields import encode, loss_mask
-from saver_envs.perception.metrics import Summary, joint_errors, summarise
+from saver_envs.perception.metrics import PoseAccuracy, joint_errors, summarise
 from saver_envs.perception.network import ARCHITECTURES, PoseNetwork, field_loss
 from saver_envs.perception.weights import save_network
 
@@ -29,23 +34,25 @@ NETWORK: Final = "network.safetensors"
 
 
 @dataclass(frozen=True)
-class TrainingOptions:
-    """How a network is trained.
+class PoseTrainingOptions:
+    """Settings of a training run.
 
     :param architecture: ``light`` or ``vgg19``.
-    :param limbs: whose branches are trained, all 13 where ``None``.
-    :param frames: pictures in all, with repetition.
-    :param batch: pictures a step.
-    :param learning_rate: at its highest; it rises over the first 2% and falls as a cosine.
+    :param limbs: names of the limbs whose branches are trained; ``None``: all 13.
+    :param frames: number of pictures in the run, with repetition.
+    :param batch: pictures per step.
+    :param learning_rate: peak value; it rises over the first 2% of the run and then falls as a
+        cosine.
     :param weight_decay: decoupled.
-    :param heat_weight: of joints against limbs in the loss.
-    :param small_share: share of the run, from its beginning, that learns from pictures of 3/4 of
-        the size, at half the cost.
-    :param average: how much of the averaged weights stays at each step.
-    :param limb_dropout: probability that stage 2 does not see stage 1's fields of some limbs, so
-        that it works where only some limbs are run.
-    :param bfloat16: compute in 16 bits, twice as fast where the processor can.
-    :param seed: of everything.
+    :param heat_weight: weight of the heat's error; that of the affinities' is 1.
+    :param small_share: first fraction of the run, which uses pictures of 3/4 of the size at half
+        the cost.
+    :param average: decay of the moving average of the weights.
+    :param limb_dropout: probability that stage 2 does not receive stage 1's fields of some limbs,
+        which prepares it for running without these limbs.
+    :param bfloat16: compute in 16 bits, twice as fast on processors that support it.
+    :param seed: seed of the run.
+    :param augmentation: of the pictures.
     """
 
     architecture: str = "light"
@@ -68,7 +75,7 @@ def batch_tensors(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return pictures (n, 3, h, w), fields (n, limbs, 3, h/8, w/8) and mask (n, limbs, h/8, w/8).
 
-    :param examples: with pictures of ``size``.
+    :param examples: pictures of ``size``.
     :param limbs: indices into :data:`~.skeleton.LIMBS`.
     :param size: height and width.
     """
@@ -78,32 +85,33 @@ def batch_tensors(
     return torch.from_numpy(pictures), torch.from_numpy(fields), torch.from_numpy(masks)
 
 
-class Trainer:
-    """One run in one folder; made anew on the same folder it goes on.
+class PoseTrainer:
+    """A training run in a folder; a new trainer on the same folder resumes the run.
 
-    :param folder: for checkpoint, curve and network.
-    :param data: to learn from.
-    :param validation: rendered pictures to measure with, at most ``measured`` of them.
-    :param options: of the run.
-    :param measured: pictures of each measurement.
-    :raises ValueError: where the folder holds a run with other options.
+    :param folder: holds checkpoint, curve and network.
+    :param data: training pictures.
+    :param validation: rendered pictures for the evaluations.
+    :param options: settings of the run.
+    :param measured: largest number of pictures per evaluation.
+    :raises ValueError: if the folder holds a run with other options.
     """
 
     def __init__(
         self,
         folder: Path,
-        data: Dataset,
+        data: PoseDataset,
         validation: RenderedDataset,
-        options: TrainingOptions = TrainingOptions(),
+        options: PoseTrainingOptions = PoseTrainingOptions(),
         measured: int = 120,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.options = folder, options
         self._data, self._validation, self._measured = data, validation, measured
-        _check_options(folder, options)
+        if other := differing_settings(folder / "options.json", asdict(options)):
+            raise ValueError(f"{folder} holds a run with other options: {', '.join(other)}")
         torch.manual_seed(options.seed)
         self.network = PoseNetwork(ARCHITECTURES[options.architecture], options.limbs)
-        # Channels last is the faster order on processors.
+        # The channels-last memory format is faster on processors.
         self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay
@@ -120,12 +128,12 @@ class Trainer:
         measure_every: int = 6000,
         progress: Callable[[int, str], None] | None = None,
     ) -> None:
-        """Train to the end, or for a while.
+        """Train to the end, or for a limited time.
 
         :param until: seconds, after which the run stops with a checkpoint.
-        :param checkpoint_every: seconds.
-        :param measure_every: frames between two measurements on the validation pictures.
-        :param progress: told the number of frames and a line of text after each step.
+        :param checkpoint_every: seconds between two checkpoints.
+        :param measure_every: frames between two evaluations.
+        :param progress: called with the number of frames and a line of text after each step.
         """
         began, saved = time.monotonic(), time.monotonic()
         before, running, text = self.seconds, math.nan, ""
@@ -145,14 +153,14 @@ class Trainer:
                 progress(self.options.batch, f"loss {running:.1f}{text}")
         self.save()
 
-    def measure(self) -> Summary:
-        """Return how well the averaged weights do on the validation pictures."""
+    def measure(self) -> PoseAccuracy:
+        """Evaluate the averaged weights on the validation pictures."""
         estimator = PoseEstimator(self.averaged())
         errors = []
         for index in range(min(self._measured, len(self._validation))):
             example = self._validation[index]
-            poses = estimator(example.image)
-            errors.append(joint_errors(poses, example.joints, self._validation.visibility(index)))
+            seen = self._validation.visibility(index)
+            errors.append(joint_errors(estimator(example.image), example.joints, seen))
         return summarise(errors, scale=512 / self._validation.camera.width)
 
     def averaged(self) -> PoseNetwork:
@@ -167,8 +175,7 @@ class Trainer:
 
         tensors = {f"network/{name}": value for name, value in self._state().items()}
         tensors |= {f"average/{name}": value for name, value in self._average.items()}
-        names = [name for name, _ in self.network.named_parameters()]
-        for name, parameter in zip(names, self.network.parameters(), strict=True):
+        for name, parameter in self.network.named_parameters():
             for key, value in self._optimiser.state[parameter].items():
                 tensors[f"optimiser/{name}/{key}"] = value
         tensors = {name: value.detach().clone().contiguous() for name, value in tensors.items()}
@@ -185,27 +192,23 @@ class Trainer:
             metadata = file.metadata()
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         self.frames, self.seconds = int(metadata["frames"]), float(metadata["seconds"])
-        parts: dict[str, dict[str, Tensor]] = {"network": {}, "average": {}}
+        parts: dict[str, dict[str, Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
         for name, value in tensors.items():
             part, _, rest = name.partition("/")
-            if part in parts:
-                parts[part][rest] = value
+            parts[part][rest] = value
         self.network.load_state_dict(parts["network"])
         self._average = parts["average"]
-        for name, parameter in self.network.named_parameters():
-            start = f"optimiser/{name}/"
-            state = {
-                key.removeprefix(start): tensors[key] for key in tensors if key.startswith(start)
-            }
-            if state:
-                self._optimiser.state[parameter] = state
+        parameters = dict(self.network.named_parameters())
+        for name, value in parts["optimiser"].items():
+            parameter, _, key = name.rpartition("/")
+            self._optimiser.state[parameters[parameter]][key] = value
 
     def _state(self) -> dict[str, Tensor]:
         state: dict[str, Tensor] = self.network.state_dict()
         return state
 
     def _batches(self) -> Iterator[list[Example]]:
-        """Yield augmented pictures; what comes after so many frames depends on the seed alone."""
+        """Yield augmented pictures that depend only on the seed and the number of frames."""
         while True:
             random = np.random.default_rng([self.options.seed, self.frames])
             chosen = random.integers(0, len(self._data), self.options.batch)
@@ -252,7 +255,7 @@ class Trainer:
         return self.options.learning_rate * (0.01 + 0.99 * (1 + math.cos(math.pi * done)) / 2)
 
     def _take_average(self) -> None:
-        # Early on, a short memory: the first weights are worth nothing.
+        # A short memory at first, because the initial weights carry no information.
         steps = self.frames / self.options.batch
         keep = min(self.options.average, (1 + steps) / (10 + steps))
         with torch.no_grad():
@@ -262,7 +265,7 @@ class Trainer:
                 else:
                     self._average[name].copy_(value)
 
-    def _note(self, loss: float, summary: Summary) -> None:
+    def _note(self, loss: float, summary: PoseAccuracy) -> None:
         line: dict[str, Any] = {
             "frames": self.frames,
             "seconds": round(self.seconds, 1),
@@ -276,20 +279,8 @@ class Trainer:
             file.write(json.dumps(line) + "\n")
 
 
-def _check_options(folder: Path, options: TrainingOptions) -> None:
-    wanted = json.loads(json.dumps(asdict(options)))
-    path = folder / "options.json"
-    if not path.is_file():
-        path.write_text(json.dumps(wanted, indent=2) + "\n", encoding="utf-8")
-        return
-    found = json.loads(path.read_text(encoding="utf-8"))
-    other = sorted(name for name in wanted if found.get(name) != wanted[name])
-    if other:
-        raise ValueError(f"{folder} holds a run with other options: {', '.join(other)}")
-
-
 def read_curve(folder: Path) -> list[dict[str, float]]:
-    """Return the measurements of a run, the earliest first."""
+    """Return the evaluations of a run in temporal order."""
     path = folder / CURVE
     if not path.is_file():
         return []

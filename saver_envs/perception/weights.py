@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import torch
 
-from saver_envs.perception.network import Architecture, PoseNetwork
+from saver_envs.perception.network import PoseArchitecture, PoseNetwork
 from saver_envs.perception.skeleton import LIMB_NAMES, limb_indices
 from saver_envs.weights import Header, Shapes, read_header, read_weights, write_weights
 
@@ -79,7 +79,7 @@ def _content(header: Header) -> dict[str, Any]:
     shape = content["architecture"]
     for stage in ("stage1", "stage2"):
         shape[stage] = tuple((int(kernel), int(width)) for kernel, width in shape[stage])
-    content["architecture"] = Architecture(**shape)
+    content["architecture"] = PoseArchitecture(**shape)
     return content
 
 

@@ -7,7 +7,7 @@ import torch
 
 from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.perception.dataset import RenderedDataset, render
-from saver_envs.perception.stage import StageOptions
+from saver_envs.perception.rendered_scenes import RenderedSceneOptions
 
 
 @pytest.fixture(autouse=True)
@@ -20,6 +20,6 @@ def _one_thread() -> None:
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> RenderedDataset:
     """Six pictures of two people, 128 x 106, with depth."""
     folder = tmp_path_factory.mktemp("rendered")
-    options = StageOptions(people=2, arms=1.0, bench_share=0.5)
+    options = RenderedSceneOptions(people=2, arms=1.0, bench_share=0.5)
     render(folder, 6, 5, options, KINECT_V2.scaled(0.25), shard_size=3)
     return RenderedDataset(folder)

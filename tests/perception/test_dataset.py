@@ -12,7 +12,7 @@ from PIL import Image
 
 from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.people.postures import TEST_PATTERN, cell_split, random_appearance
-from saver_envs.perception.augment import Augmentation, augment, fit
+from saver_envs.perception.augment import Augmentation, augment
 from saver_envs.perception.dataset import (
     CocoDataset,
     Example,
@@ -20,8 +20,8 @@ from saver_envs.perception.dataset import (
     coco_annotations,
     render,
 )
+from saver_envs.perception.rendered_scenes import RenderedSceneOptions
 from saver_envs.perception.skeleton import JOINTS, MIRRORED_JOINTS, NECK, Visibility
-from saver_envs.perception.stage import StageOptions
 
 
 def test_labels_agree_with_depth(rendered: RenderedDataset) -> None:
@@ -57,7 +57,7 @@ def test_heads_are_about_at_the_top(rendered: RenderedDataset) -> None:
 
 
 def test_the_same_seed_renders_the_same_and_a_run_goes_on(work_folder: Path) -> None:
-    options = StageOptions(people=1, arms=0.0)
+    options = RenderedSceneOptions(people=1, arms=0.0)
     small = KINECT_V2.scaled(0.125)
     render(work_folder / "a", 2, 3, options, small, with_depth=False, shard_size=1)
     first = RenderedDataset(work_folder / "a")
@@ -161,7 +161,8 @@ def test_labels_move_with_the_picture(mirror: float) -> None:
 
 
 def test_fitting_keeps_proportions() -> None:
-    fitted = fit(dot_example(), (216, 256))
+    still = Augmentation(rotation=0.0, scale=(1.0, 1.0), shift=0.0, mirror=0.0)
+    fitted = augment(dot_example(), (216, 256), np.random.default_rng(0), still)
     scale = 256 / 120
     assert fitted.joints[0, 0] == pytest.approx([20 * scale, (15 - 45) * scale + 108])
     assert fitted.image.shape == (216, 256, 3)

@@ -11,14 +11,14 @@ import torch
 from safetensors.torch import save_file
 
 from saver_envs.perception.backbones import DEVIATION, MEAN, Vgg19Backbone
+from saver_envs.perception.device_placement import MultiDeviceNetwork
 from saver_envs.perception.network import (
     LIGHT,
     VGG19,
-    Architecture,
+    PoseArchitecture,
     PoseNetwork,
     field_loss,
 )
-from saver_envs.perception.placement import PlacedNetwork
 from saver_envs.perception.skeleton import LIMB_NAMES
 from saver_envs.perception.weights import load_network, read_info, save_network
 
@@ -52,7 +52,9 @@ def test_branches_as_one_equal_branches_in_sequence(limbs: list[str] | None) -> 
 
 
 def test_gradients_as_one_equal_those_in_sequence() -> None:
-    network = PoseNetwork(Architecture("light", ((1, 4), (3, 4)), ((1, 4), (3, 4))), ARMS).double()
+    network = PoseNetwork(
+        PoseArchitecture("light", ((1, 4), (3, 4)), ((1, 4), (3, 4))), ARMS
+    ).double()
     network.eval()  # without batch statistics
     x, gradients = pictures(True), []
     for run in (network, network.one_by_one):
@@ -96,13 +98,13 @@ def test_some_limbs_give_what_all_give_when_stage_2_sees_no_others(tmp_path: Pat
 def test_placed_branches_give_the_same(limbs: list[str] | None) -> None:
     network = PoseNetwork(LIGHT, limbs).eval()
     x = pictures()
-    placed = PlacedNetwork(network, ["cpu", "cpu", "cpu"])
+    placed = MultiDeviceNetwork(network, ["cpu", "cpu", "cpu"])
     with torch.no_grad():
         for one, other in zip(network(x), placed(x), strict=True):
             assert torch.allclose(one, other, atol=1e-5)
     placed.close()
     with pytest.raises(ValueError, match=r"devices=\[\]: give 1 to"):
-        PlacedNetwork(network, [])
+        MultiDeviceNetwork(network, [])
 
 
 def test_loss_counts_where_the_mask_is_one() -> None:
@@ -209,7 +211,7 @@ def test_vgg_takes_hed_tensors_weights(tmp_path: Path) -> None:
 
 def test_unknown_backbones_and_limbs_are_named() -> None:
     with pytest.raises(ValueError, match="backbone='resnet': valid are light, vgg19"):
-        Architecture("resnet", (), ())
+        PoseArchitecture("resnet", (), ())
     with pytest.raises(ValueError, match="'tail' is none of"):
         PoseNetwork(LIGHT, ["tail"])
     assert json.dumps(VGG19.backbone) == '"vgg19"'

@@ -152,7 +152,7 @@ def test_the_detectors_anchors_are_as_many_as_its_boxes() -> None:
 def test_perception_knows_no_task_and_robots_no_torch() -> None:
     code = (
         "import sys, saver_envs, saver_envs.people.manikin, saver_envs.perception.parsing,"
-        " saver_envs.cameras.rgbd, saver_envs.perception.stage,"
+        " saver_envs.cameras.rgbd, saver_envs.perception.rendered_scenes,"
         " saver_envs.wrappers.pose_stream;"
         " loaded = set(sys.modules);"
         " assert 'torch' not in loaded, 'torch';"

@@ -16,18 +16,18 @@ from saver_envs.perception.dataset import RenderedDataset, coco_annotations, ren
 from saver_envs.perception.lifting import DEPTH_TO_CENTRE, depth_at, lift
 from saver_envs.perception.metrics import joint_errors, summarise
 from saver_envs.perception.parsing import Poses
+from saver_envs.perception.rendered_scenes import RenderedSceneOptions
 from saver_envs.perception.skeleton import JOINTS, Visibility, to_coco
-from saver_envs.perception.stage import StageOptions
 
 #: Pictures of every set: what is special about it, and the seed. People and patterns are held out.
 SETS: Final = {
-    "test": (StageOptions(split="test", people=1, arms=1.0, shadow_share=0.3), 11),
-    "occluded": (StageOptions(split="test", people=1, arms=1.0, occluding=True), 12),
-    "low_light": (StageOptions(split="test", people=1, arms=1.0, low_light=True), 13),
-    "two_people": (StageOptions(split="test", people=2, arms=1.0), 14),
+    "test": (RenderedSceneOptions(split="test", people=1, arms=1.0, shadow_share=0.3), 11),
+    "occluded": (RenderedSceneOptions(split="test", people=1, arms=1.0, occluding=True), 12),
+    "low_light": (RenderedSceneOptions(split="test", people=1, arms=1.0, low_light=True), 13),
+    "two_people": (RenderedSceneOptions(split="test", people=2, arms=1.0), 14),
 }
 #: From which the depth from surface to centre is measured: other people than the test's.
-CALIBRATION: Final = (StageOptions(split="validation", people=1, arms=0.0), 15)
+CALIBRATION: Final = (RenderedSceneOptions(split="validation", people=1, arms=0.0), 15)
 SHARD: Final = 20
 WRISTS_AND_HIPS: Final = tuple(
     number for number, name in enumerate(JOINTS) if name.endswith(("wrist", "hip"))

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 
 from saver_advisors.benchmark.machine import cores, timed
+from saver_envs.perception.device_placement import MultiDeviceNetwork
 from saver_envs.perception.fields import encode
 from saver_envs.perception.network import ARCHITECTURES, PoseNetwork
 from saver_envs.perception.parsing import parse
-from saver_envs.perception.placement import PlacedNetwork
 from saver_envs.perception.skeleton import LIMB_NAMES, N_JOINTS
 
 SIZES: Final = ((216, 256), (368, 368))
@@ -75,7 +75,7 @@ def _row(
             placed = None
             if threads > 1 and len(limbs) >= threads:
                 torch.set_num_threads(1)
-                placed = PlacedNetwork(network, ["cpu"] * threads)
+                placed = MultiDeviceNetwork(network, ["cpu"] * threads)
                 work["network_branches_in_threads"] = lambda: placed(pictures)
             spent: dict[str, list[float]] = {name: [] for name in work}
             for _ in range(rounds + 1):

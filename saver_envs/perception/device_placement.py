@@ -1,11 +1,12 @@
-"""The branches of a network on several devices, which is what makes the ensemble parallel."""
+"""Run the branches of a network on several devices at once."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -13,20 +14,19 @@ import torch
 from torch import Tensor
 
 from saver_envs.perception.network import Branches, PoseNetwork
-from saver_envs.perception.skeleton import N_LIMBS
 
 
-class PlacedNetwork:
+class MultiDeviceNetwork:
     """Runs a network with its branches spread over devices.
 
-    Every device gets an equal share of the branches, in the order of the limbs. The backbone runs
-    on the first device. GPUs work at the same time because each has a stream of its own; shares on
-    the processor run in threads, each on one core where PyTorch is set to one thread, for PyTorch
-    lets go of Python's lock while it computes.
+    Each device runs an equal part of the branches, in the order of the limbs. The backbone runs on
+    the first device. GPUs work at the same time because each has its own stream. Parts on the
+    processor run in threads, each on one core where PyTorch is set to one thread, because PyTorch
+    releases Python's lock while it computes.
 
-    :param network: copied; later changes to it are not seen.
+    :param network: copied; later changes have no effect.
     :param devices: for example ``["cuda:0", "cuda:1"]``, or ``["cpu", "cpu"]`` for two threads.
-    :raises ValueError: where there are no devices, or more than limbs.
+    :raises ValueError: for no devices, or more devices than limbs.
     """
 
     def __init__(self, network: PoseNetwork, devices: Sequence[str | torch.device]) -> None:
@@ -35,14 +35,12 @@ class PlacedNetwork:
             raise ValueError(f"devices={list(devices)!r}: give 1 to {count}, as there are branches")
         self.limbs = network.limbs
         self._devices = [torch.device(device) for device in devices]
-        bounds = [count * place // len(devices) for place in range(len(devices) + 1)]
-        shares = [range(low, high) for low, high in pairwise(bounds)]
-        self._backbone = copy.deepcopy(network.backbone).to(self._devices[0])
-        self._channels = None if count == N_LIMBS else network.channels
+        self._network = copy.deepcopy(network).to(self._devices[0])
+        bounds = [count * index // len(devices) for index in range(len(devices) + 1)]
         self._stages = [
             [
-                _part(stage, share).to(device)
-                for share, device in zip(shares, self._devices, strict=True)
+                _part(stage, stage.limbs[low:high]).to(device)
+                for (low, high), device in zip(pairwise(bounds), self._devices, strict=True)
             ]
             for stage in (network.stage1, network.stage2)
         ]
@@ -53,17 +51,14 @@ class PlacedNetwork:
 
     @torch.inference_mode()
     def __call__(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the fields of both stages, as :class:`~.network.PoseNetwork` does.
+        """Compute the fields of both stages, as :class:`~.network.PoseNetwork` does.
 
         :param pictures: (n, 3, h, w), normalised.
         :return: (n, limbs, 3, h/8, w/8) each, on the first device.
         """
-        home = self._devices[0]
-        features = self._backbone(pictures.to(home))
-        first = self._run(self._stages[0], features, None)
-        second = self._run(self._stages[1], torch.cat([features, first], dim=1), self._channels)
-        shape = (len(self.limbs), 3)
-        return first.unflatten(1, shape), second.unflatten(1, shape)
+        features = self._network.backbone(pictures.to(self._devices[0]))
+        stage1, stage2 = (partial(self._run, parts) for parts in self._stages)
+        return self._network.run_stages(features, stage1, stage2)
 
     def close(self) -> None:
         """End the threads."""
@@ -74,14 +69,14 @@ class PlacedNetwork:
         if home.type == "cuda":
             torch.cuda.synchronize(home)
         jobs = [
-            self._threads.submit(_branches, part, x, channels, device, stream)
+            self._threads.submit(_run_part, part, x, channels, device, stream)
             for part, device, stream in zip(parts, self._devices, self._streams, strict=True)
         ]
         return torch.cat([job.result().to(home) for job in jobs], dim=1)
 
 
 @torch.inference_mode()
-def _branches(
+def _run_part(
     part: Branches, x: Tensor, channels: Tensor | None, device: torch.device, stream: Any
 ) -> Tensor:
     with torch.cuda.stream(stream) if stream is not None else nullcontext():
@@ -92,9 +87,9 @@ def _branches(
     return result
 
 
-def _part(stage: Branches, share: Iterable[int]) -> Branches:
-    """Return a copy of some of a stage's branches."""
+def _part(stage: Branches, limbs: Sequence[str]) -> Branches:
+    """Return a copy of the branches of some limbs of a stage."""
     part = copy.deepcopy(stage)
-    part.limbs = tuple(stage.limbs[place] for place in share)
+    part.limbs = tuple(limbs)
     part.branches = torch.nn.ModuleDict({limb: part.branches[limb] for limb in part.limbs})
     return part
