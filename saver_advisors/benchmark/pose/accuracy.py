@@ -1,11 +1,11 @@
-"""How well people are found in rendered test pictures: by a network of ours, by BlazePose."""
+"""Measure the accuracy of our network and of BlazePose on rendered test pictures."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,27 +19,26 @@ from saver_envs.perception.parsing import Poses
 from saver_envs.perception.rendered_scenes import RenderedSceneOptions
 from saver_envs.perception.skeleton import JOINTS, Visibility, to_coco
 
-#: Pictures of every set: what is special about it, and the seed. People and patterns are held out.
+#: Scenes and seed of each set. People and patterns are held out.
 SETS: Final = {
     "test": (RenderedSceneOptions(split="test", people=1, arms=1.0, shadow_share=0.3), 11),
     "occluded": (RenderedSceneOptions(split="test", people=1, arms=1.0, occluding=True), 12),
     "low_light": (RenderedSceneOptions(split="test", people=1, arms=1.0, low_light=True), 13),
     "two_people": (RenderedSceneOptions(split="test", people=2, arms=1.0), 14),
 }
-#: From which the depth from surface to centre is measured: other people than the test's.
+#: Scenes and seed for the depth from surface to centre, with people outside the test sets.
 CALIBRATION: Final = (RenderedSceneOptions(split="validation", people=1, arms=0.0), 15)
 SHARD: Final = 20
-WRISTS_AND_HIPS: Final = tuple(
-    number for number, name in enumerate(JOINTS) if name.endswith(("wrist", "hip"))
-)
+#: A model's poses of each picture, and its seconds per picture.
+Estimates = tuple[list[Poses], float]
 
 
 def test_set(name: str, frames: int, cache: Path) -> RenderedDataset:
-    """Return a set of pictures, rendered where it is not there yet.
+    """Return a set of pictures, rendering those that are missing.
 
-    :param name: a key of :data:`SETS`, or ``calibration``
-    :param frames: multiple of 20
-    :param cache: folder
+    :param name: a key of :data:`SETS`, or ``calibration``.
+    :param frames: number of pictures, a multiple of 20.
+    :param cache: folder of all sets.
     """
     from tqdm import tqdm
 
@@ -50,36 +49,26 @@ def test_set(name: str, frames: int, cache: Path) -> RenderedDataset:
     return RenderedDataset(folder)
 
 
-@dataclass(frozen=True)
-class Estimates:
-    """What a model said about the pictures of a set, one entry a picture."""
-
-    poses: list[Poses]
-    seconds: float
-
-
 def of_network(estimator: Any, data: RenderedDataset, frames: int) -> Estimates:
-    """Run a network of ours on the pictures, one by one.
+    """Run our network on the pictures, one by one.
 
-    :param estimator: a :class:`~saver_envs.perception.estimator.PoseEstimator`
-    :param data: pictures
-    :param frames: of the first so many
+    :param estimator: a :class:`~saver_envs.perception.estimator.PoseEstimator`.
+    :param data: pictures.
+    :param frames: number of pictures, from the first.
     """
-    import time
-
     pictures = [data[index].image for index in range(frames)]
     estimator(pictures[0])
     began = time.perf_counter()
     poses = [estimator(picture) for picture in pictures]
-    return Estimates(poses, (time.perf_counter() - began) / frames)
+    return poses, (time.perf_counter() - began) / frames
 
 
 def of_blazepose(model: Any, data: RenderedDataset, frames: int) -> Estimates:
-    """Run BlazePose, which names every joint of the one person it sees, on the same pictures.
+    """Run BlazePose, which reports all joints of at most one person, on the pictures.
 
-    :param model: a running :class:`~saver_advisors.benchmark.pose.blazepose.BlazePose`
-    :param data: pictures
-    :param frames: of the first so many
+    :param model: a running :class:`~saver_advisors.benchmark.pose.blazepose.BlazePose`.
+    :param data: pictures.
+    :param frames: number of pictures, from the first.
     """
     joints, seconds = model(np.stack([data[index].image for index in range(frames)]))
     poses = []
@@ -87,52 +76,54 @@ def of_blazepose(model: Any, data: RenderedDataset, frames: int) -> Estimates:
         if np.isnan(one).any():
             poses.append(Poses.none())
         else:
-            # Its visibility says whether a joint is hidden; all of them count as found.
+            # A low visibility means a hidden joint, which still counts as found.
             scores = np.maximum(one[None, :, 2], 0.01)
             poses.append(Poses(one[None, :, :2], scores, scores.mean(axis=1)))
-    return Estimates(poses, seconds)
+    return poses, seconds
 
 
 def accuracy(estimates: Estimates, data: RenderedDataset) -> dict[str, Any]:
     """Return the figures of a model on a set.
 
-    :param estimates: of the first pictures
-    :param data: the set
-    :return: JSON-able: ``pck_0.2``, ``error_px`` at 512 x 424, ``error_mm`` (median of wrists and
-        hips, an undetected one counting as infinite; None where half are), ``oks_ap`` and more
+    :param estimates: of the first pictures.
+    :param data: the set.
+    :return: JSON-able: ``pck_0.2``, ``error_px`` at 512 x 424, ``error_mm`` (median over wrists and
+        hips; an undetected joint counts as infinite, and the median is None if half are
+        undetected), ``oks_ap`` and more.
     """
+    all_poses, seconds = estimates
     errors, in_space = [], []
-    for index, poses in enumerate(estimates.poses):
+    for index, poses in enumerate(all_poses):
         labelled = data.labelled(index)
         found = joint_errors(poses, labelled.pixels, labelled.visibility)
         errors.append(found)
         in_space.append(_errors_in_space(poses, labelled, found.estimate, data))
     summary = summarise(errors)
     apart = np.concatenate(in_space)
-    by_joint = {name: _millimetres(apart[:, number]) for number, name in enumerate(JOINTS)}
+
+    def millimetres(*endings: str) -> float | None:
+        return _millimetres(apart[:, [name.endswith(endings) for name in JOINTS]])
+
     return {
         "pck_0.2": summary.pck,
         "error_px": summary.mean_pixels,
-        "error_mm": _millimetres(apart[:, WRISTS_AND_HIPS]),
-        "wrist_error_mm": _millimetres(apart[:, [JOINTS.index(f"{s}_wrist") for s in _SIDES]]),
-        "hip_error_mm": _millimetres(apart[:, [JOINTS.index(f"{s}_hip") for s in _SIDES]]),
+        "error_mm": millimetres("wrist", "hip"),
+        "wrist_error_mm": millimetres("wrist"),
+        "hip_error_mm": millimetres("hip"),
         "detected": summary.detected,
         "visible_joints": summary.joints,
-        "oks_ap": oks_ap(estimates.poses, data),
-        "frames": len(estimates.poses),
-        "frames_per_second": 1.0 / estimates.seconds,
+        "oks_ap": oks_ap(all_poses, data),
+        "frames": len(all_poses),
+        "frames_per_second": 1.0 / seconds,
         "pck_0.2_by_joint": dict(zip(JOINTS, map(_finite, summary.pck_by_joint), strict=True)),
-        "error_mm_by_joint": by_joint,
+        "error_mm_by_joint": {name: millimetres(name) for name in JOINTS},
     }
-
-
-_SIDES: Final = ("left", "right")
 
 
 def _errors_in_space(
     poses: Poses, labelled: Any, estimate: NDArray[np.intp], data: RenderedDataset
 ) -> NDArray[np.float64]:
-    """Return errors (people, 14) of visible joints in metres, NaN for hidden ones."""
+    """Return errors (people, 14) of visible joints in metres, NaN for hidden joints."""
     apart = np.full(labelled.visibility.shape, np.inf)
     space = lift(poses, labelled.depth, data.camera, labelled.pose)
     for person, match in enumerate(estimate):
@@ -152,10 +143,10 @@ def _finite(value: float) -> float | None:
 
 
 def depth_to_centre(data: RenderedDataset) -> dict[str, Any]:
-    """Return how far behind the visible surface joints' centres lie, and what the library uses.
+    """Return the depth of the joints' centres behind the surface, measured and in use.
 
-    :param data: labelled pictures with depth
-    :return: JSON-able, millimetres
+    :param data: labelled pictures with depth.
+    :return: JSON-able, millimetres.
     """
     behind: list[list[float]] = [[] for _ in JOINTS]
     for index in range(len(data)):
@@ -174,8 +165,8 @@ def depth_to_centre(data: RenderedDataset) -> dict[str, Any]:
 def oks_ap(poses: Sequence[Poses], data: RenderedDataset) -> float:
     """Return the average precision over object key point similarity, as COCO defines it.
 
-    :param poses: of the first pictures
-    :param data: the set
+    :param poses: of the first pictures.
+    :param data: the set.
     """
     from pycocotools.coco import COCO
     from pycocotools.cocoeval import COCOeval
@@ -184,7 +175,7 @@ def oks_ap(poses: Sequence[Poses], data: RenderedDataset) -> float:
         truth = COCO()
         truth.dataset = coco_annotations(data, len(poses))
         for one in truth.dataset["annotations"]:
-            # Only joints that can be seen are looked for, as in the other figures.
+            # Only visible joints count, as in the other figures.
             keypoints = np.array(one["keypoints"]).reshape(-1, 3)
             keypoints[keypoints[:, 2] < Visibility.VISIBLE] = 0
             one["keypoints"] = keypoints.ravel().tolist()

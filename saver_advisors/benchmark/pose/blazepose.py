@@ -1,4 +1,4 @@
-"""BlazePose, the outside model of people's poses, in a virtual environment of its own."""
+"""Run BlazePose, a third-party pose model, in its own virtual environment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from saver_advisors.benchmark.peers.suites import Peer, install
 
 WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
 VARIANTS: Final = ("lite", "full", "heavy")
-#: The makers' package for web pages, Apache-2.0, which holds the models.
+#: The authors' package for web pages, Apache-2.0, which contains the models.
 PACKAGE: Final = "@mediapipe/pose@0.5.1675469404"
 RUNTIME: Final = Peer(
     "BlazePose", "blazepose", 1, ("ai-edge-litert==2.3.0", "numpy==2.4.6", "pillow==11.3.0")
@@ -29,11 +29,11 @@ _LANDMARKS: Final = (-1, 0, 12, 14, 16, 11, 13, 15, 24, 26, 28, 23, 25, 27)
 
 
 def install_blazepose(cache: Path) -> tuple[Path, Path]:
-    """Make the virtual environment and fetch the models, unless they are there.
+    """Create the virtual environment and fetch the models, unless they exist.
 
-    :param cache: folder of the peers
-    :return: its Python and the models' folder
-    :raises PeerError: when something cannot be had
+    :param cache: folder of the third-party programs.
+    :return: its Python and the models' folder.
+    :raises PeerError: if npm is missing or the package cannot be fetched.
     """
     python = install(RUNTIME, cache)
     models = cache / "blazepose-models"
@@ -69,7 +69,7 @@ def _unpack(archive: Path, models: Path) -> None:
 
 
 def _unpack_detector(packed: Path, target: Path) -> None:
-    """Take the detector out of what may be a bare model or an archive of files."""
+    """Extract the detector from a bare model or an archive."""
     if zipfile.is_zipfile(packed):
         with zipfile.ZipFile(packed) as content:
             name = next(one for one in content.namelist() if one.endswith("detection.tflite"))
@@ -79,11 +79,11 @@ def _unpack_detector(packed: Path, target: Path) -> None:
 
 
 class BlazePose(PeerProcess):
-    """A running variant; a context manager.
+    """A running BlazePose model; a context manager.
 
-    :param variant: ``lite``, ``full`` or ``heavy``
-    :param cache: folder of the peers
-    :raises PeerError: when it cannot be installed or does not start
+    :param variant: ``lite``, ``full`` or ``heavy``.
+    :param cache: folder of the third-party programs.
+    :raises PeerError: if it cannot be installed or does not start.
     """
 
     def __init__(self, variant: str, cache: Path) -> None:
@@ -95,9 +95,9 @@ class BlazePose(PeerProcess):
     def __call__(self, pictures: NDArray[np.uint8]) -> tuple[NDArray[np.float64], float]:
         """Find one person in each picture.
 
-        :param pictures: (n, height, width, 3)
-        :return: our joints (n, 14, 3), x, y in pixels and visibility, NaN for nobody; seconds a
-            picture
+        :param pictures: (n, height, width, 3).
+        :return: our joints (n, 14, 3): x, y in pixels and visibility, NaN without a person; and the
+            seconds per picture.
         """
         source, target = (Path(self._folder.name) / name for name in ("in.npy", "out.npy"))
         np.save(source, pictures)

@@ -1,13 +1,13 @@
-"""Runs BlazePose's models in a virtual environment of their own.
+"""Run BlazePose's models in their own virtual environment.
 
-It imports nothing of ours. Usage: ``python blazepose_worker.py FOLDER VARIANT`` with the folder of
-the ``.tflite`` files. It says ``{"ready": ...}``, then answers every line ``IN.npy OUT.npy`` on its
-input, pictures (n, h, w, 3) uint8, by writing (n, 33, 3) pixels and visibilities, NaN where nobody
-was detected, and one line of JSON with the seconds a picture.
+This program imports nothing of SAVER. Usage: ``python blazepose_worker.py FOLDER VARIANT`` with the
+folder of the ``.tflite`` files. It prints ``{"ready": ...}`` and then reads lines ``IN.npy
+OUT.npy``. For each line it reads pictures (n, h, w, 3) uint8, writes (n, 33, 3) pixels and
+visibilities, NaN where nobody was detected, and prints a line of JSON with the seconds per picture.
 
-As in the makers' pipeline for single pictures: a detector on the whole picture gives the middle of
-the hips and a point that says how large and which way round the person is; the landmark model looks
-at the square that follows from them.
+The steps are those of the authors' pipeline for single pictures: a detector on the whole picture
+gives the middle of the hips and a point for size and orientation of the person; the landmark model
+receives the square that follows from them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 DETECTOR_SIZE, LANDMARK_SIZE, LANDMARKS = 224, 256, 33
 #: Cells of the detector's maps: (stride, anchors in a cell).
 MAPS = ((8, 2), (16, 2), (32, 6))
-#: The square is larger than the circle round the person by this.
+#: Side of the square relative to the circle around the person.
 MARGIN = 1.25
 PRESENT = 0.5
 
@@ -31,8 +31,8 @@ PRESENT = 0.5
 class Blaze:
     """Detector and landmark model.
 
-    :param folder: of the models
-    :param variant: ``lite``, ``full`` or ``heavy``
+    :param folder: folder of the models.
+    :param variant: ``lite``, ``full`` or ``heavy``.
     """
 
     def __init__(self, folder: Path, variant: str) -> None:
@@ -58,7 +58,7 @@ class Blaze:
         )
 
     def detect(self, picture: Any) -> tuple[float, Any]:
-        """Return the best detection's score and its two points in pixels of the picture."""
+        """Return the score of the best detection and its two points in pixels of the picture."""
         np = self.np
         height, width = picture.shape[:2]
         side = max(height, width)
@@ -79,7 +79,7 @@ class Blaze:
         return score, points * side / DETECTOR_SIZE - (left, top)
 
     def __call__(self, picture: Any) -> Any:
-        """Return landmarks (33, 3): x, y in pixels and visibility; NaN for nobody."""
+        """Return landmarks (33, 3): x, y in pixels and visibility; NaN without a person."""
         np = self.np
         nobody = np.full((LANDMARKS, 3), np.nan)
         score, (hips, outer) = self.detect(picture)
@@ -112,7 +112,7 @@ class Blaze:
 
 
 def main(folder: str, variant: str) -> None:
-    """Answer until the input ends."""
+    """Process lines until the input ends."""
     model = Blaze(Path(folder), variant)
     np = model.np
     print(json.dumps({"ready": True}), flush=True)

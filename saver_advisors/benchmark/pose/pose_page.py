@@ -1,7 +1,8 @@
-"""The measurement of `saver benchmark pose` as a page."""
+"""Write the measurements of `saver benchmark pose` as a page."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 SETS: Final = {
@@ -17,13 +18,33 @@ MODELS: Final = {
     "blazepose_full": "BlazePose full",
     "blazepose_heavy": "BlazePose heavy",
 }
+#: Columns of the table of accuracy: key of the figure, and number of decimals.
+_FIGURES: Final = {
+    "Number": ("frames", 0),
+    "PCK@0.2": ("pck_0.2", 3),
+    "Error (px)": ("error_px", 1),
+    "Wrists and hips (mm)": ("error_mm", 0),
+    "OKS-AP": ("oks_ap", 3),
+    "Frames/s": ("frames_per_second", 1),
+}
+#: Columns of the table of speed: parts of the network whose milliseconds are added.
+_PARTS: Final = {
+    "Backbone": ("backbone",),
+    "Stage 1": ("stage1",),
+    "Stage 2": ("stage2",),
+    "Branches as one": ("stage1", "stage2"),
+    "In sequence": ("stage1_sequential", "stage2_sequential"),
+    "Whole, branches in threads": ("network_branches_in_threads",),
+    "Whole": ("network",),
+    "Whole, onnxruntime": ("network_onnxruntime",),
+}
 
 
 def pose_page(figures: dict[str, Any]) -> str:
-    """The page.
+    """Return the page.
 
-    :param figures: what the benchmark wrote
-    :return: Markdown
+    :param figures: the JSON of the benchmark.
+    :return: Markdown.
     """
     parts = [
         "# Seeing a person: figures",
@@ -38,7 +59,7 @@ def pose_page(figures: dict[str, Any]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _table(columns: list[str], rows: list[list[str]]) -> str:
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
@@ -49,30 +70,20 @@ def _number(value: float | None, digits: int) -> str:
 
 def _accuracy(models: dict[str, Any]) -> str:
     rows = [
-        [
-            SETS.get(name, name),
-            MODELS.get(model, model),
-            str(row["frames"]),
-            _number(row["pck_0.2"], 3),
-            _number(row["error_px"], 1),
-            _number(row["error_mm"], 0),
-            _number(row["oks_ap"], 3),
-            _number(row["frames_per_second"], 1),
-        ]
-        for name in SETS
+        [title, MODELS.get(model, model)]
+        + [_number(sets[name][key], digits) for key, digits in _FIGURES.values()]
+        for name, title in SETS.items()
         for model, sets in models.items()
-        if (row := sets.get(name)) is not None
+        if name in sets
     ]
-    columns = ["Pictures", "Model", "Number", "PCK@0.2", "Error (px)", "Wrists and hips (mm)"]
-    return _table([*columns, "OKS-AP", "Frames/s"], rows)
+    return _table(["Pictures", "Model", *_FIGURES], rows)
 
 
 def _by_joint(models: dict[str, Any]) -> str:
     shown = {model: sets["test"]["pck_0.2_by_joint"] for model, sets in models.items()}
-    joints = next(iter(shown.values()))
     rows = [
         [joint.replace("_", " "), *(_number(one[joint], 3) for one in shown.values())]
-        for joint in joints
+        for joint in next(iter(shown.values()))
     ]
     return _table(["Joint", *(MODELS.get(model, model) for model in shown)], rows)
 
@@ -81,29 +92,13 @@ def _speed(rows: list[dict[str, Any]]) -> str:
     lines = []
     for row in rows:
         spent = row["milliseconds"]
-        sequential = spent["stage1_sequential"] + spent["stage2_sequential"]
-        placed = spent.get("network_branches_in_threads")
-        exported = spent.get("network_onnxruntime")
-        lines.append(
-            [
-                row["architecture"],
-                f"{row['width']} x {row['height']}",
-                str(row["threads"]),
-                str(row["limbs"]),
-                f"{spent['backbone']:.1f}",
-                f"{spent['stage1']:.1f}",
-                f"{spent['stage2']:.1f}",
-                f"{spent['stage1'] + spent['stage2']:.1f}",
-                f"{sequential:.1f}",
-                "" if placed is None else f"{placed:.1f}",
-                f"{spent['network']:.1f}",
-                "" if exported is None else f"{exported:.1f}",
-            ]
-        )
-    columns = ["Network", "Picture", "Threads", "Limbs", "Backbone", "Stage 1", "Stage 2"]
-    columns += ["Branches as one", "In sequence", "Whole, branches in threads", "Whole"]
-    columns += ["Whole, onnxruntime"]
-    return _table(columns, lines)
+        size = f"{row['width']} x {row['height']}"
+        line = [row["architecture"], size, str(row["threads"]), str(row["limbs"])]
+        for parts in _PARTS.values():
+            measured = all(part in spent for part in parts)
+            line.append(f"{sum(spent[part] for part in parts):.1f}" if measured else "")
+        lines.append(line)
+    return _table(["Network", "Picture", "Threads", "Limbs", *_PARTS], lines)
 
 
 def _parsing(rows: list[dict[str, Any]]) -> str:

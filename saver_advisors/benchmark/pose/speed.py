@@ -1,4 +1,4 @@
-"""Milliseconds of a pose network's parts, of its branches run as one, in sequence, or placed."""
+"""Time a pose network's parts, with its branches together, in sequence and in threads."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -21,7 +22,7 @@ from saver_envs.perception.parsing import parse
 from saver_envs.perception.skeleton import LIMB_NAMES, N_JOINTS
 
 SIZES: Final = ((216, 256), (368, 368))
-#: What is asked of a part of the network: all limbs, four, two.
+#: Limbs of the timed networks: all, four, two.
 LIMB_SETS: Final[tuple[tuple[str, ...], ...]] = (
     LIMB_NAMES,
     ("right_upper_arm", "right_forearm", "left_upper_arm", "left_forearm"),
@@ -32,19 +33,18 @@ LIMB_SETS: Final[tuple[tuple[str, ...], ...]] = (
 def speed_rows(
     architecture: str, rounds: int, threads: Sequence[int], advance: Callable[[], None]
 ) -> list[dict[str, Any]]:
-    """Time a network with any weights; rounds are interleaved, medians are told.
+    """Time a network with random weights.
 
-    :param architecture: ``light`` or ``vgg19``
-    :param rounds: of each measurement
-    :param threads: numbers of threads and cores
-    :param advance: called after each row
+    :param architecture: ``light`` or ``vgg19``.
+    :param rounds: number of interleaved rounds; the figures are medians.
+    :param threads: numbers of threads and cores.
+    :param advance: called after each row.
+    :return: JSON-able rows.
     """
     rows = []
-    for size in SIZES:
-        for count in threads:
-            for limbs in LIMB_SETS:
-                rows.append(_row(architecture, size, count, limbs, rounds))
-                advance()
+    for size, count, limbs in product(SIZES, threads, LIMB_SETS):
+        rows.append(_row(architecture, size, count, limbs, rounds))
+        advance()
     return rows
 
 
@@ -60,7 +60,7 @@ def _row(
             features = network.backbone(pictures)
             first = network.stage1(features)
             joined = torch.cat([features, first], dim=1)
-            channels = None if len(limbs) == len(LIMB_NAMES) else network.channels
+            channels = network.stage2_channels
             work: dict[str, Callable[[], object]] = {
                 "backbone": lambda: network.backbone(pictures),
                 "stage1": lambda: network.stage1(features),
@@ -100,7 +100,7 @@ def _row(
 def _exported(
     network: PoseNetwork, size: tuple[int, int], threads: int
 ) -> Callable[..., object] | None:
-    """Return a light network of all limbs run by onnxruntime, where that is installed."""
+    """Return a light network of all limbs in onnxruntime; None if that is not installed."""
     if network.architecture.backbone != "light" or len(network.limbs) < len(LIMB_NAMES):
         return None
     if not all(find_spec(name) for name in ("onnx", "onnxruntime", "onnxscript")):
@@ -114,33 +114,33 @@ def _exported(
 
 
 def parsing_rows(rounds: int) -> list[dict[str, Any]]:
-    """Time the parsing of encoded people with a little noise, 1 to 10 of them.
+    """Time the parsing of 1 to 10 encoded people with a little noise.
 
-    :param rounds: of each measurement
+    :param rounds: a quarter of the number of measurements.
+    :return: JSON-able rows.
     """
     rows = []
-    for size in SIZES:
-        for people in (1, 2, 5, 10):
-            joints = _crowd(people, size)
-            fields = encode(joints, np.ones((people, N_JOINTS), dtype=bool), size, range(13))
-            noise = np.random.default_rng(0).normal(0, 0.03, fields.shape)
-            noisy = (fields + noise).astype(np.float32)
-            found = len(parse(noisy, range(13)))
-            times = [timed(partial(parse, noisy, range(13))) for _ in range(4 * rounds)]
-            rows.append(
-                {
-                    "height": size[0],
-                    "width": size[1],
-                    "people": people,
-                    "found": found,
-                    "milliseconds": 1e3 * median(times),
-                }
-            )
+    for size, people in product(SIZES, (1, 2, 5, 10)):
+        joints = _crowd(people, size)
+        fields = encode(joints, np.ones((people, N_JOINTS), dtype=bool), size, range(13))
+        noise = np.random.default_rng(0).normal(0, 0.03, fields.shape)
+        noisy = (fields + noise).astype(np.float32)
+        found = len(parse(noisy, range(13)))
+        times = [timed(partial(parse, noisy, range(13))) for _ in range(4 * rounds)]
+        rows.append(
+            {
+                "height": size[0],
+                "width": size[1],
+                "people": people,
+                "found": found,
+                "milliseconds": 1e3 * median(times),
+            }
+        )
     return rows
 
 
 def _crowd(people: int, size: tuple[int, int]) -> Any:
-    """Return standing people (people, 14, 2) side by side, in two rows from six on."""
+    """Return standing people (people, 14, 2) side by side, more than five in two rows."""
     upright = np.array(
         [
             (0, 0), (0, -0.18), (-0.16, 0.02), (-0.24, 0.2), (-0.27, 0.38), (0.16, 0.02),

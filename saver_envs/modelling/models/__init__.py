@@ -85,7 +85,7 @@ def _shapes(header: Header) -> Shapes | None:
     with torch.device("meta"):
         made = model(header["robot"], _task(header["task"]), architecture)
         made._device = torch.device("meta")
-        weights = made._network_to_load().state_dict()
+        weights = made._predictor().state_dict()
         shapes = {f"network.{name}": value for name, value in weights.items()}
         for name, size in (("input", made.network_input_size), ("output", made.output_size)):
             for part in ("mean", "std"):
