@@ -1,4 +1,4 @@
-"""Draw what the pose networks see: ``python -m tools.pose_pictures`` from the repository's root.
+"""Draw pictures of the pose networks: ``python -m tools.pose_pictures`` in the repository's root.
 
 Writes into ``docs/images/perception``:
 
