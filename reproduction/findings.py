@@ -1,13 +1,13 @@
-"""The dissertation's findings about advising, each put to the test of a table of runs.
+"""The dissertation's findings about advising, evaluated on training runs.
 
-A finding comes down to comparisons between rows. In the runs at hand it holds where every
-comparison comes out so by more than the evaluations can resolve; it does not hold where one comes
-out the other way by as much; it holds so far where rows are missing and every comparison that can
-be made comes out so; and it cannot be told where none can be made or two rows are too close.
-Whether other seeds would show the same is another question, and told apart: that takes four seeds a
-row, since of two rows that do not differ, with fewer seeds, one lies wholly above the other by
-chance in more than one of twenty cases (with four in 2 of 70), and a 95% interval of the difference
-that leaves out 0.
+A finding consists of comparisons between rows of a table. In these runs it holds if every
+comparison comes out in its favour by more than the evaluations can resolve. It does not hold if one
+comes out against it by as much. It holds so far if rows are missing and every possible comparison
+is in its favour. It cannot be told if no comparison is possible or if two rows are too close.
+
+Whether other seeds would show the same is a separate question. It takes at least four seeds per row
+and a 95% interval of the difference that excludes 0: with fewer seeds, one of two equal rows lies
+wholly above the other by chance in more than one of twenty cases (with four, in 2 of 70).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from saver_advisors.evaluation.metrics import RISEN
 from saver_advisors.evaluation.statistics import Estimate, difference, estimate
-from saver_advisors.experiments.summary import MethodRow, success_resolution
+from saver_advisors.experiments.summary import Row, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 Metric = Literal["inspired_epoch", "rise_time", "maximum_success_rate", "effective_learning_rate"]
@@ -37,18 +37,28 @@ ABBREVIATIONS: Final[Mapping[Metric, str]] = {
 LOWER_IS_BETTER: Final = ("inspired_epoch", "rise_time")
 
 MIN_SEEDS: Final = 4
-"""Seeds a row from which on a difference can be more than chance at 95%."""
+"""Seeds per row from which on a difference can exceed chance at 95%."""
 
 LEARNED: Final = 0.5
-"""MSR from which on a row has a rise to speak of: that of a run that hardly learns is noise."""
+"""Lowest MSR at which the rise time is used; the rise of a run that hardly learns is noise."""
+
+
+def verdict_of(holds: bool | None) -> Verdict:
+    """Put a verdict into words.
+
+    :param holds: whether a claim holds; None if that is open.
+    :return: the words.
+    """
+    verdicts: dict[bool | None, Verdict] = {True: "holds", False: "does not hold"}
+    return verdicts.get(holds, "cannot be told")
 
 
 @dataclass(frozen=True)
 class Measured:
     """One metric of one row.
 
-    :param values: a figure a seed
-    :param resolution: how finely its evaluations tell it apart from another's
+    :param values: one figure per seed.
+    :param resolution: smallest difference that the evaluations can resolve.
     """
 
     values: Sequence[float]
@@ -56,20 +66,20 @@ class Measured:
 
 
 Table = Callable[[Metric, str], Measured | None]
-"""Looks up a metric of a row: None where there is no such row, no values where it ran and has no
+"""Looks up a metric of a row: None if there is no such row, no values if the row's runs have no
 such figure.
 """
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Whether one row is better than another.
+    """A claim that one row is better than another, and the measured difference.
 
-    :param metric: what is compared
-    :param better: the row that is said to be better
-    :param worse: the other
-    :param advantage: how much better it is; below 0 where it is worse. None where a row is missing
-    :param resolution: what the evaluations can tell apart
+    :param metric: the compared metric.
+    :param better: name of the row that is claimed to be better.
+    :param worse: name of the other row.
+    :param advantage: how much better the first row is, negative if worse; None if a row is missing.
+    :param resolution: smallest difference that the evaluations can resolve.
     """
 
     metric: Metric
@@ -80,42 +90,36 @@ class Comparison:
 
     @property
     def holds(self) -> bool | None:
-        """Whether it is so in the runs at hand; None where a row is missing, or for a tie."""
+        """Whether the claim holds in these runs; None if a row is missing, or for a tie."""
         if self.advantage is None or abs(self.advantage.value) <= self.resolution:
             return None
         return self.advantage.value > 0
 
     @property
     def sure(self) -> bool:
-        """Whether what the runs at hand show is more than the chance of seeds."""
+        """Whether the difference exceeds the variation between seeds."""
         if self.advantage is None or self.holds is None:
             return False
         return self.advantage.n >= MIN_SEEDS and self.advantage.excludes(0.0)
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON"""
-        return {
-            "metric": self.metric,
-            "better": self.better,
-            "worse": self.worse,
-            "advantage": None if self.advantage is None else self.advantage.to_mapping(),
-            "resolution": self.resolution,
-            "holds": self.holds,
-            "sure": self.sure,
-        }
+        """Return plain values, for JSON."""
+        advantage = None if self.advantage is None else self.advantage.to_mapping()
+        own = {**vars(self), "advantage": advantage}
+        return {**own, "holds": self.holds, "sure": self.sure}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim of the dissertation's and what the runs say about it.
+    """A claim of the dissertation, evaluated on training runs.
 
-    :param claim: in words
-    :param task: ``push`` or ``pick-and-place``
-    :param metric: what it is about
-    :param comparisons: what it comes down to
-    :param figures: the metric of every row that it is about
-    :param missing: rows that it is about and that have not been run
-    :param open: whether one of them could still make it true
+    :param claim: the claim in words.
+    :param task: ``push`` or ``pick-and-place``.
+    :param metric: the metric that it is about.
+    :param comparisons: the comparisons that it consists of.
+    :param figures: the metric of every row that it is about.
+    :param missing: rows that it is about and that have not been run.
+    :param open: whether one of the missing rows could still make it true.
     """
 
     claim: str
@@ -128,7 +132,7 @@ class Finding:
 
     @property
     def verdict(self) -> Verdict:
-        """What the runs at hand show."""
+        """What these runs show."""
         parts = [one.holds for one in self._known]
         if False in parts:
             return "cannot be told" if self.open else "does not hold"
@@ -138,10 +142,10 @@ class Finding:
 
     @property
     def beyond_seeds(self) -> BeyondSeeds:
-        """Whether that is more than the chance of seeds."""
+        """Whether the verdict exceeds the variation between seeds."""
         if self.verdict not in ("holds", "does not hold"):
             return "-"
-        # One comparison is enough to refute it; to confirm it takes all.
+        # One comparison refutes a claim; all are needed to confirm it.
         wanted = self.verdict == "holds"
         deciding = [one for one in self.comparisons if one.holds is wanted]
         enough = all if wanted else any
@@ -152,25 +156,23 @@ class Finding:
 
     @property
     def n(self) -> int:
-        """Seeds behind the comparison that has fewest, 0 where none can be made."""
+        """Seeds of the comparison that has the fewest; 0 if no comparison is possible."""
         return min((one.advantage.n for one in self._known if one.advantage), default=0)
 
     @property
     def closest(self) -> Comparison | None:
-        """The comparison that comes nearest to refuting it, or does; None where no two rows are
-        there to be compared.
-        """
+        """The comparison least in favour of the claim; None if no comparison is possible."""
         return min(
             self._known, key=lambda one: one.advantage.value if one.advantage else 0, default=None
         )
 
     @property
     def _known(self) -> list[Comparison]:
-        """The comparisons that can be made."""
+        """The possible comparisons."""
         return [one for one in self.comparisons if one.advantage is not None]
 
     def text(self) -> str:
-        """The closest comparison in words, with its figures."""
+        """Describe the closest comparison with its figures."""
         one = self.closest
         if one is None or one.advantage is None:
             return "no two of its rows can be compared"
@@ -187,7 +189,7 @@ class Finding:
         return f"{told}, resolution {resolvable}" if one.resolution else told
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON"""
+        """Return plain values, for JSON."""
         return {
             "claim": self.claim,
             "task": self.task,
@@ -203,14 +205,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the dissertation reads off its Table 5.2.
+    """A claim of the dissertation about its Table 5.2.
 
-    :param text: in words
-    :param task: ``push`` or ``pick-and-place``
-    :param metric: what it is about
-    :param leaders: rows that are said to be better
-    :param others: than each of these
-    :param each: whether every leader is said to be, or only the best of them
+    :param text: the claim in words.
+    :param task: ``push`` or ``pick-and-place``.
+    :param metric: the metric that it is about.
+    :param leaders: rows that are claimed to be better than each of the others.
+    :param others: the rows they are compared with.
+    :param each: whether the claim is about every leader, or only about the best of them.
     """
 
     text: str
@@ -222,10 +224,10 @@ class Claim:
 
 
 def claims(rows: Sequence[str]) -> list[Claim]:
-    """The dissertation's findings about advising (its chapter 5), in its order.
+    """List the dissertation's claims about advising (chapter 5), in its order.
 
-    :param rows: of Table 5.2
-    :return: the claims
+    :param rows: names of the rows of Table 5.2.
+    :return: the claims.
     """
     advised = [row for row in rows if row != "none"]
     q_filters = [row for row in rows if row.startswith("mc-q ")]
@@ -234,62 +236,51 @@ def claims(rows: Sequence[str]) -> list[Claim]:
     def first(text: str, row: str, task: str, metric: Metric) -> Claim:
         return Claim(text, task, metric, [row], [other for other in rows if other != row])
 
+    tasks = ("push", "pick-and-place")
     elr: Metric = "effective_learning_rate"
     msr: Metric = "maximum_success_rate"
     looser = "a looser MC-Q threshold inspires earlier: 0.1 before 0.01"
     return [
-        Claim("all advice beats none", "push", elr, advised, ["none"], each=True),
-        Claim("all advice beats none", "pick-and-place", elr, advised, ["none"], each=True),
+        *(Claim("all advice beats none", one, elr, advised, ["none"], each=True) for one in tasks),
         Claim("MC-Q is first by ELR", "push", elr, q_filters, no_q),
         first("MC-ACTABS 0.01 has the highest MSR", "mc-actabs 0.01", "push", msr),
-        first("MC-ACT 0.01 rises fastest", "mc-act 0.01", "push", "rise_time"),
-        first("MC-ACT 0.01 rises fastest", "mc-act 0.01", "pick-and-place", "rise_time"),
+        *(first("MC-ACT 0.01 rises fastest", "mc-act 0.01", one, "rise_time") for one in tasks),
         first("EA has the highest MSR", "early", "pick-and-place", msr),
-        Claim(looser, "push", "inspired_epoch", ["mc-q 0.1"], ["mc-q 0.01"]),
-        Claim(looser, "pick-and-place", "inspired_epoch", ["mc-q 0.1"], ["mc-q 0.01"]),
+        *(Claim(looser, one, "inspired_epoch", ["mc-q 0.1"], ["mc-q 0.01"]) for one in tasks),
     ]
 
 
-def judge(claim: Claim, table: Table) -> Finding:
-    """Put a claim to the test.
+def evaluate_claim(claim: Claim, table: Table) -> Finding:
+    """Evaluate a claim.
 
-    :param claim: of the dissertation
-    :param table: the runs of its task
-    :return: what they say
+    :param claim: a claim of the dissertation.
+    :param table: the runs of its task.
+    :return: the finding.
     """
     found = {name: table(claim.metric, name) for name in (*claim.leaders, *claim.others)}
     figures = {name: estimate(one.values) for name, one in found.items() if one and one.values}
     leaders = list(claim.leaders)
     if not claim.each:
-        # A claim about a group is one about its best; of none of it where all are missing.
-        sign = _sign(claim.metric)
+        # A claim about a group is about its best row.
+        best = min if claim.metric in LOWER_IS_BETTER else max
         known = [name for name in leaders if name in figures]
-        leaders = (
-            [max(known, key=lambda name: sign * figures[name].value)] if known else leaders[:1]
-        )
+        leaders = [best(known, key=lambda name: figures[name].value)] if known else leaders[:1]
+    # Rows that ran and have no such figure, since they hardly learned, need not be beaten.
+    others = [name for name in claim.others if (one := found[name]) is None or one.values]
     comparisons = [
-        _compare(claim.metric, leader, other, found)
-        for leader in leaders
-        for other in _contenders(claim.others, found)
+        _compare(claim.metric, leader, other, found) for leader in leaders for other in others
     ]
     missing = [name for name, one in found.items() if one is None]
     still_open = not claim.each and any(name in missing for name in claim.leaders)
     return Finding(claim.text, claim.task, claim.metric, comparisons, figures, missing, still_open)
 
 
-def _contenders(others: Sequence[str], found: Mapping[str, Measured | None]) -> list[str]:
-    """The rows that a leader must beat: all but those that ran and have no such figure, which a row
-    that hardly learned has not.
-    """
-    return [name for name in others if (one := found[name]) is None or one.values]
+def table_of(rows: Iterable[Row]) -> Table:
+    """Make a table that looks metrics up in rows of runs.
 
-
-def table_of(rows: Iterable[MethodRow]) -> Table:
-    """Look metrics up in summed-up runs.
-
-    :param rows: of one task
-    :return: the table; a row that hardly learned has no rise time, one that never succeeded no
-        inspired epoch
+    :param rows: rows of one task.
+    :return: the table. Rows that hardly learned have no rise time, and rows that never succeeded
+        no inspired epoch.
     """
     by_name = {row.name: row for row in rows if row.n}
 
@@ -306,7 +297,7 @@ def table_of(rows: Iterable[MethodRow]) -> Table:
 
 
 def _value_of(metric: Metric, run: TrainingRun) -> tuple[float | None, float]:
-    """A run's figure, and how finely it is known."""
+    """Return a run's figure and its resolution."""
     figures = run.metrics
     best = figures.maximum_success_rate
     of_success = success_resolution(best, run.episodes)
@@ -316,7 +307,7 @@ def _value_of(metric: Metric, run: TrainingRun) -> tuple[float | None, float]:
         rate = figures.effective_learning_rate
         if rate is None:
             return 0.0, 0.0
-        # Of a quotient the relative errors add up; it is 0.9 MSR over so many epochs.
+        # The rate is 0.9 MSR per epochs until then: the relative errors of a quotient add up.
         share = math.hypot(of_success / best, figures.resolution * rate / (RISEN * best))
         return rate, rate * share
     if metric == "rise_time":
@@ -330,23 +321,18 @@ def _compare(
     a, b = found[better], found[worse]
     if not a or not b or not a.values or not b.values:
         return Comparison(metric, better, worse, None)
-    advantage = difference(np.asarray(a.values), np.asarray(b.values))
-    if metric in LOWER_IS_BETTER:
-        advantage = difference(np.asarray(b.values), np.asarray(a.values))
+    values = [np.asarray(a.values), np.asarray(b.values)]
+    advantage = difference(*(reversed(values) if metric in LOWER_IS_BETTER else values))
     return Comparison(metric, better, worse, advantage, math.hypot(a.resolution, b.resolution))
 
 
-def _sign(metric: Metric) -> int:
-    return -1 if metric in LOWER_IS_BETTER else 1
-
-
 def number(value: float, metric: Metric, signed: bool = False) -> str:
-    """A figure of a metric as tables show it: epochs whole, rates with four digits.
+    """Format a figure as tables show it.
 
-    :param value: the figure
-    :param metric: which
-    :param signed: with a plus where it is not below 0
-    :return: the text
+    :param value: the figure.
+    :param metric: its metric.
+    :param signed: whether figures that are not negative have a plus.
+    :return: the text.
     """
     digits = {"maximum_success_rate": 3, "effective_learning_rate": 4}.get(metric, 0)
     return f"{value:{'+' if signed else ''},.{digits}f}"

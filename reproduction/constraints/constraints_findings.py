@@ -1,31 +1,31 @@
-"""What chapter 6 finds about the distance task, each put to the test of a table of runs.
+"""The dissertation's findings about the distance task, evaluated on training runs.
 
-The dissertation shows curves (Figures 6.1 and 6.2) and no table; what it reads off them is here in
-numbers: "succeeds" is a success rate of at least half of the 0.70 that it shows at best, "never
+Chapter 6 shows curves (Figures 6.1 and 6.2) and no table. Here its findings are thresholds:
+"succeeds" is a success rate of at least half of the 0.70 that it shows at best, and "never
 succeeds" one of at most 0.05.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from reproduction.findings import Verdict
-from saver_advisors.experiments.summary import MethodRow, success_resolution
+from reproduction.findings import Verdict, verdict_of
+from saver_advisors.experiments.summary import Row, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 PAPER_BEST: Final = 0.70
-"""SR of the three stages at best, as Figure 6.2 shows it."""
+"""Highest SR of the three stages in Figure 6.2."""
 SUCCEEDS: Final = PAPER_BEST / 2
 NEVER: Final = 0.05
 
 METHOD: Final = "min"
 NO_EXPLORING: Final = "advising without the third stage"
-#: Rows of the table: the classes' names, which `saver benchmark run` calls them by, and one of the
-#: grid's.
+#: Rows of the table, by the class names of `saver benchmark run` and one name of the grid -> names
+#: on the page.
 BASELINES: Final[Mapping[str, str]] = {
     "CPO": "CPO",
     "TRPOLagrangian": "TRPO-Lagrangian",
@@ -38,9 +38,9 @@ BASELINES: Final[Mapping[str, str]] = {
 class ConstraintFinding:
     """One finding of the chapter.
 
-    :param text: what it says
-    :param verdict: in these runs
-    :param evidence: the figures behind the verdict, in words
+    :param text: the finding in words.
+    :param verdict: whether it holds in these runs.
+    :param evidence: the figures behind the verdict.
     """
 
     text: str
@@ -48,72 +48,63 @@ class ConstraintFinding:
     evidence: str
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON"""
-        return {"text": self.text, "verdict": self.verdict, "evidence": self.evidence}
+        """Return plain values, for JSON."""
+        return asdict(self)
 
 
-def judge_all(rows: Sequence[MethodRow]) -> list[ConstraintFinding]:
-    """Every finding, judged.
+Rule = Callable[[Row], tuple[bool | None, str]]
+"""Whether a finding holds for a row (None: cannot be told), and the figures that decide it."""
 
-    :param rows: of the distance task
-    :return: the findings; those about rows that are missing cannot be told
+
+def evaluate_findings(rows: Sequence[Row]) -> list[ConstraintFinding]:
+    """Evaluate every finding.
+
+    :param rows: rows of the distance task.
+    :return: the findings; those about missing rows cannot be told.
     """
     named = {row.name: row for row in rows if row.n}
+
+    def evaluate(text: str, name: str, rule: Rule) -> ConstraintFinding:
+        if name not in named:
+            return ConstraintFinding(text, verdict_of(None), "no finished run")
+        holds, figures = rule(named[name])
+        return ConstraintFinding(text, verdict_of(holds), f"{figures} (n = {named[name].n})")
+
+    succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
+    decays = "Advising without the third stage rises a little and decays"
     return [
-        _succeeds(named.get(METHOD)),
-        *(_never(label, named.get(name)) for name, label in BASELINES.items()),
-        _decays(named.get(NO_EXPLORING)),
+        evaluate(succeed, METHOD, _succeeds),
+        *(evaluate(f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
+        evaluate(decays, NO_EXPLORING, _decays),
     ]
 
 
-def _succeeds(row: MethodRow | None) -> ConstraintFinding:
-    text = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
-    if row is None:
-        return ConstraintFinding(text, "cannot be told", "no finished run")
-    best = max(float(run.curve.success.max()) for run in row.runs)
+def _bests(row: Row) -> list[float]:
+    """Return the highest success rate of each run."""
+    return [float(run.curve.success.max()) for run in row.runs]
+
+
+def _succeeds(row: Row) -> tuple[bool | None, str]:
+    best = max(_bests(row))
     near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
-    verdict: Verdict = "holds" if best >= SUCCEEDS else "does not hold"
-    return ConstraintFinding(
-        text, "cannot be told" if near else verdict, f"SR {best:.2f} at best ({_seeds(row)})"
-    )
+    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
 
 
-def _never(label: str, row: MethodRow | None) -> ConstraintFinding:
-    text = f"{label} never succeeds"
-    if row is None:
-        return ConstraintFinding(text, "cannot be told", "no finished run")
-    best = max(float(run.curve.success.max()) for run in row.runs)
-    return ConstraintFinding(
-        text,
-        "holds" if best <= NEVER else "does not hold",
-        f"SR {best:.2f} at best ({_seeds(row)})",
-    )
+def _never(row: Row) -> tuple[bool | None, str]:
+    best = max(_bests(row))
+    return best <= NEVER, f"SR {best:.2f} at best"
 
 
-def _decays(row: MethodRow | None) -> ConstraintFinding:
-    """A little success while the advice lasts, and less of it in the end."""
-    text = "Advising without the third stage rises a little and decays"
-    if row is None:
-        return ConstraintFinding(text, "cannot be told", "no finished run")
-    best = [float(run.curve.success.max()) for run in row.runs]
-    last = [_last(run) for run in row.runs]
-    apart = float(np.mean(best)) - float(np.mean(last))
-    resolution = success_resolution(float(np.mean(best)), row.runs[0].episodes)
-    verdict: Verdict = "holds" if apart > resolution else "cannot be told"
-    if max(best) <= NEVER:
-        verdict = "does not hold"
-    return ConstraintFinding(
-        text,
-        verdict,
-        f"SR {np.mean(best):.2f} at best, {np.mean(last):.2f} in the last quarter ({_seeds(row)})",
-    )
+def _decays(row: Row) -> tuple[bool | None, str]:
+    """Compare the highest success with the success at the end."""
+    best = float(np.mean(_bests(row)))
+    last = float(np.mean([_last(run) for run in row.runs]))
+    resolved = best - last > success_resolution(best, row.runs[0].episodes)
+    holds = False if max(_bests(row)) <= NEVER else resolved or None
+    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter"
 
 
 def _last(run: TrainingRun) -> float:
-    """Mean success of the last quarter of a curve."""
+    """Compute the mean success of the last quarter of a curve."""
     success = np.asarray(run.curve.success)
     return float(success[-max(1, len(success) // 4) :].mean())
-
-
-def _seeds(row: MethodRow) -> str:
-    return f"n = {row.n}"

@@ -5,36 +5,44 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from saver_advisors.reporting.provenance import machine_in_words
+from reproduction.page_parts import join_parts, measured_at, rows_table
 from saver_advisors.reporting.tables import markdown
 
 INTRODUCTION: Final = """\
-Rendered from the JSON file of `python -m reproduction learning`, never typed. A block is one
-episode in each environment and the gradient steps after it. Processor time on one core; what is
-compared was measured in turn, block by block: figures are medians over the blocks, ratios medians
-of the blocks' ratios. What a change does to the success rate is not measured here; success against
-steps and minutes, ours and SB3's, stands [beside the baselines](benchmark-td3-her.md).
+Generated from the JSON file of `python -m reproduction learning`. A block is one episode in each
+environment and the gradient steps after it. Times are processor time on one core. Compared loops
+were measured alternately, block by block: figures are medians over the blocks, ratios medians of
+the blocks' ratios. The effect of a change on the success rate is not measured here; success against
+steps and minutes, ours and SB3's, is [beside the baselines](benchmark-td3-her.md).
 """
 
 VARIANTS: Final = """\
-One thing changed at a time, and SB3's own algorithms with its hindsight replay, with the same
-widths, batches and updates a block. *Times as fast* is beside the first row, above 1 is faster.
+One change at a time, and SB3's own algorithms with its hindsight replay, with the same widths,
+batches and updates per block. Speed-ups are relative to the first row.
 """
+
+VARIANT_COLUMNS: Final = {
+    "learner": "{name}",
+    "ms per update": "{update_ms:.1f}",
+    "speed-up per update": "{times_as_fast_an_update:.2f}x",
+    "steps per second": "{steps_per_second:,.0f}",
+    "speed-up in all": "{times_as_fast:.2f}x",
+}
 
 
 def render(figures: Mapping[str, Any]) -> str:
-    """The figures as a page.
+    """Render the figures as a page.
 
-    :param figures: what the command measured, or its JSON file's content
-    :return: Markdown
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
     parts = ["# Speed of learning", INTRODUCTION]
     for row in figures["rows"]:
-        parts += [f"## {row['env']}", _settings(row), _parts(row), VARIANTS, _variants(row)]
+        parts += [f"## {row['env']}", _settings(row), _parts(row), VARIANTS]
+        parts.append(rows_table(row["variants"], VARIANT_COLUMNS))
         if "sbx" in row:
             parts.append(_sbx(row["sbx"]))
-    parts.append(_origin(figures))
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts)
+    return join_parts([*parts, _origin(figures)])
 
 
 def _settings(row: Mapping[str, Any]) -> str:
@@ -42,7 +50,7 @@ def _settings(row: Mapping[str, Any]) -> str:
     advice = f"advised by `{row['advice']}`" if row["advice"] else "without advice"
     return (
         f"{row['n_envs']} environments, {widths} units, batches of {row['batch_size']}, "
-        f"{row['gradient_steps']} updates a block, {advice}."
+        f"{row['gradient_steps']} updates per block, {advice}."
     )
 
 
@@ -52,35 +60,14 @@ def _parts(row: Mapping[str, Any]) -> str:
         for name, milliseconds in row["parts"].items()
     ]
     cells.append(["in all", f"{row['total']:.0f}", ""])
-    return markdown(["part", "ms a 1,000 steps", "share"], cells)
-
-
-def _variants(row: Mapping[str, Any]) -> str:
-    columns = [
-        "learner",
-        "ms an update",
-        "times as fast an update",
-        "steps per second",
-        "times as fast in all",
-    ]
-    cells = [
-        [
-            one["name"],
-            f"{one['update_ms']:.1f}",
-            f"{one['times_as_fast_an_update']:.2f}x",
-            f"{one['steps_per_second']:,.0f}",
-            f"{one['times_as_fast']:.2f}x",
-        ]
-        for one in row["variants"]
-    ]
-    return markdown(columns, cells)
+    return markdown(["part", "ms per 1,000 steps", "share"], cells)
 
 
 def _sbx(row: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in row["versions"].items())
     return (
         f"SBX's TD3 ({versions}), compiled by XLA, with the same widths and batches: "
-        f"{row['update_ms']:.1f} ms an update, {row['times_as_fast_an_update']:.2f} times as fast "
+        f"{row['update_ms']:.1f} ms per update, {row['times_as_fast_an_update']:.2f} times as fast "
         "as ours beside it."
     )
 
@@ -90,13 +77,4 @@ def _origin(figures: Mapping[str, Any]) -> str:
         str(one[0]) for one in (figures["load_before"], figures["load_after"]) if one
     )
     told = f" The system's load average was {loads} before and after." if loads else ""
-    origin = figures.get("provenance")
-    if not origin:
-        return f"Medians over {figures['rounds']} blocks.{told}"
-    versions = origin["versions"]
-    return (
-        f"Medians over {figures['rounds']} blocks.{told} Measured {origin['time']} at commit "
-        f"`{origin['commit']}` with `{origin['command']}` on "
-        f"{machine_in_words(origin['machine'])}, PyTorch {versions['torch']}, Stable-Baselines3 "
-        f"{versions['sb3']}."
-    )
+    return f"Medians over {figures['rounds']} blocks.{told} {measured_at(figures)}".rstrip()

@@ -1,4 +1,4 @@
-"""Training loops to be timed: ours as configured, ours with one thing changed, and stock SB3's."""
+"""Training loops to time: ours as configured, ours with one change, and SB3's own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ UPDATE: Final = "update"
 REST: Final = "the rest"
 #: Units of the hidden layers of chapter 6's networks.
 EIGHT_LAYERS: Final = (512, 512, 256, 256, 256, 256, 256, 256)
-#: What is watched: the owner as seen from the model, its method, the part that it counts for.
+#: Timed methods: the owner as an attribute of the model, the method, the part its time counts for.
 PARTS: Final = (
     ("env", "step", "simulation"),
     ("", "_sample_action", "acting and exploring"),
@@ -28,11 +28,11 @@ PARTS: Final = (
 
 @dataclass(frozen=True)
 class Variant:
-    """Our learner with one thing changed.
+    """Our learner with one change.
 
-    :param name: of what is changed
-    :param settings: fields of the run's configuration that differ; numbers below 1 are factors
-    :param prepare: what is done to the model
+    :param name: name of the change.
+    :param settings: fields of the run's configuration that differ; floats are factors.
+    :param prepare: function that changes the model.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Variant:
 
 
 def in_bfloat16(model: Any) -> None:
-    """Let torch choose bfloat16 wherever its automatic mixed precision would."""
+    """Train with torch's automatic mixed precision in bfloat16."""
     import torch
 
     inner = model.train
@@ -76,14 +76,14 @@ VARIANTS: Final = (
 
 
 def settings_of(env_id: str, variant: Variant) -> Any:
-    """The environment's run configuration, with the variant's changes.
+    """Build the environment's run configuration with a variant's changes.
 
-    A student that starts as its teachers is advised by them instead: the start takes no time worth
-    measuring, and is not possible with every width.
+    A warm start from the teachers is replaced by their advice: the warm start takes hardly any time
+    and does not work with every width.
 
-    :param env_id: of the environment
-    :param variant: what is changed
-    :return: a run's configuration
+    :param env_id: id of the environment.
+    :param variant: the change.
+    :return: a run's configuration.
     """
     from saver_advisors.training.defaults import default_settings
     from saver_advisors.training.settings import RunConfig
@@ -106,13 +106,13 @@ def settings_of(env_id: str, variant: Variant) -> Any:
     return replace(config, **changes)
 
 
-class Loop:
+class TimedLoop:
     """A learner that trains block by block: one episode in each environment, then updates.
 
-    :param model: an SB3 algorithm, set up with ``train_freq`` of one episode
-    :param n_envs: of its vector environment
-    :param horizon: steps of an episode
-    :param updates: gradient steps after each block
+    :param model: an SB3 algorithm with a ``train_freq`` of one episode.
+    :param n_envs: number of environments of its vector environment.
+    :param horizon: number of steps of an episode.
+    :param updates: number of gradient steps after each block.
     """
 
     def __init__(self, model: Any, n_envs: int, horizon: int, updates: int) -> None:
@@ -125,8 +125,8 @@ class Loop:
     def block(self) -> dict[str, float]:
         """Train for one block.
 
-        :return: processor seconds by part, ``total`` among them; parts that were not watched are in
-            ``the rest``
+        :return: processor seconds by part, with ``total``, and ``the rest`` for code that is not
+            timed.
         """
         began = time.process_time()
         self.model.learn(self.steps, log_interval=None, reset_num_timesteps=self._blocks == 0)
@@ -136,24 +136,30 @@ class Loop:
         return {**parts, REST: total - sum(parts.values()), "total": total}
 
 
-def our_loop(env_id: str, variant: Variant, by_part: bool) -> Loop:
-    """Our learner in an environment, as `saver train` builds it.
+def _training_env(env_id: str, config: Any) -> Any:
+    from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-    :param env_id: of the environment
-    :param variant: what is changed
-    :param by_part: watch every part, else the update as a whole
+    options = {**config.env_kwargs, **config.train_env_kwargs}
+    return SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
+
+
+def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
+    """Build our learner in an environment, as `saver train` builds it.
+
+    :param env_id: id of the environment.
+    :param variant: the change.
+    :param by_part: whether to time every part instead of the update as a whole.
+    :return: the loop.
     """
     from saver_advisors.learner.algorithms import episode_horizon
     from saver_advisors.training.building import build_model
-    from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     config = settings_of(env_id, variant)
-    options = {**config.env_kwargs, **config.train_env_kwargs}
-    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
+    env = _training_env(env_id, config)
     model: Any = build_model(config, env)
     if variant.prepare is not None:
         variant.prepare(model)
-    loop = Loop(model, config.n_envs, episode_horizon(env), config.gradient_steps)
+    loop = TimedLoop(model, config.n_envs, episode_horizon(env), config.gradient_steps)
     if not by_part:
         loop.watch.watch(model, "train", UPDATE)
         return loop
@@ -164,21 +170,20 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> Loop:
     return loop
 
 
-def stock_loop(env_id: str, algorithm: str) -> Loop:
-    """SB3's own algorithm and hindsight replay, with our networks' sizes, batches and update ratio.
+def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
+    """Build SB3's own algorithm and hindsight replay, with our network sizes, batches and updates.
 
-    :param env_id: of the environment
-    :param algorithm: ``TD3`` or ``DDPG``
+    :param env_id: id of the environment.
+    :param algorithm: ``TD3`` or ``DDPG``.
+    :return: the loop.
     """
     import stable_baselines3
     from stable_baselines3.common.logger import Logger
 
     from saver_advisors.learner.algorithms import episode_horizon
-    from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     config = settings_of(env_id, Variant(AS_CONFIGURED))
-    options = {**config.env_kwargs, **config.train_env_kwargs}
-    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
+    env = _training_env(env_id, config)
     horizon = episode_horizon(env)
     model: Any = getattr(stable_baselines3, algorithm)(
         "MultiInputPolicy",
@@ -187,7 +192,7 @@ def stock_loop(env_id: str, algorithm: str) -> Loop:
         policy_kwargs={"net_arch": list(config.net_arch)},
         batch_size=config.batch_size,
         buffer_size=config.buffer_size,
-        # Its replay gives nothing before an episode of each environment is over.
+        # SB3's replay cannot be sampled before an episode of each environment has ended.
         learning_starts=config.n_envs * horizon,
         train_freq=(horizon, "step"),
         gradient_steps=config.gradient_steps,
@@ -195,16 +200,16 @@ def stock_loop(env_id: str, algorithm: str) -> Loop:
         device="cpu",
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    loop = Loop(model, config.n_envs, horizon, config.gradient_steps)
+    loop = TimedLoop(model, config.n_envs, horizon, config.gradient_steps)
     loop.watch.watch(model, "train", UPDATE)
     return loop
 
 
 def evaluation_seconds(env_id: str) -> tuple[float, int]:
-    """What an evaluation in a run costs.
+    """Time an evaluation of a run.
 
-    :param env_id: of the environment
-    :return: processor seconds of one, and the environment steps between two
+    :param env_id: id of the environment.
+    :return: processor seconds of an evaluation, and the environment steps between two.
     """
     from saver_advisors.evaluation.episodes import evaluate_policy
     from saver_advisors.training.building import build_model

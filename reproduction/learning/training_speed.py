@@ -1,8 +1,8 @@
-"""Where a training run's time goes, and what would make it faster.
+"""The time of a training run by part, and the effect of changes on it.
 
 Each environment's learner is built as `saver train` builds it and trained for some blocks: an
-episode in each environment, then gradient steps. Everything that is compared is measured in turn,
-block by block, on one core, in processor time, so that a machine's other work weighs on all alike.
+episode in each environment, then gradient steps. Compared loops are measured alternately, block by
+block, on one core and in processor time, so that other work on the machine affects all alike.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
+from reproduction.command_parts import add_choices, add_count, measure_and_render
 from reproduction.learning.training_loops import (
     AS_CONFIGURED,
     UPDATE,
     VARIANTS,
-    Loop,
+    TimedLoop,
     evaluation_seconds,
     our_loop,
     settings_of,
@@ -25,30 +26,29 @@ from reproduction.learning.training_loops import (
 from saver_advisors.benchmark.machine import cores, median_ratio, progress
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
-from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 EXAMPLES: Final = """\
 examples:
   python -m reproduction learning                                    minutes
-  python -m reproduction learning --envs JacoPush-v0 --variants      where the time goes, no more
+  python -m reproduction learning --envs JacoPush-v0 --variants      the parts only
   python -m reproduction learning --sbx --json learning.json         SBX's gradient steps as well
   python -m reproduction learning --from learning.json --table page.md"""
 
 ENVS: Final = ("JacoPush-v0", "DualJacoPush-v0")
 STOCK: Final = ("TD3", "DDPG")
 SBX_WORKER: Final = Path(__file__).with_name("sbx_worker.py")
-#: Blocks before the first that counts: caches fill, compilers compile, replay gets its episodes.
+#: Warm-up blocks, which fill caches and replay and run the compilers.
 WARM_UP: Final = 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_page, at_least, env_id
+    from saver_advisors.cli.arguments import add_page, env_id
 
     names = [variant.name for variant in VARIANTS if variant.name != AS_CONFIGURED]
     parser.add_argument(
@@ -57,66 +57,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=env_id,
         default=list(ENVS),
         metavar="ID",
-        help=f"environments, whose learner is TD3 (default: {' '.join(ENVS)})",
+        help=f"environments, trained with TD3 (default: {' '.join(ENVS)})",
     )
-    parser.add_argument(
-        "--variants",
-        nargs="*",
-        choices=names,
-        default=names,
-        metavar="NAME",
-        help=f"what is changed, one thing at a time: any of {names}; none without a name "
-        "(default: all)",
-    )
-    parser.add_argument(
-        "--stock",
-        nargs="*",
-        choices=STOCK,
-        default=list(STOCK),
-        metavar="NAME",
-        help="SB3's algorithms with its own hindsight replay (default: TD3 DDPG)",
-    )
-    parser.add_argument(
-        "--rounds",
-        type=at_least(1),
-        default=7,
-        metavar="N",
-        help="blocks of each; medians are over these (default: 7)",
-    )
+    add_choices(parser, "--variants", names, "single changes to measure", nargs="*")
+    add_choices(parser, "--stock", STOCK, "SB3's algorithms, with its hindsight replay", nargs="*")
+    add_count(parser, "--rounds", 7, "measured blocks of each loop")
     parser.add_argument(
         "--sbx",
         action="store_true",
-        help="also time gradient steps of SBX, in a virtual environment that is made at the first "
-        "use",
+        help="also time gradient steps of SBX, in a virtual environment created at the first use",
     )
     add_peer_cache(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the page, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    :raises UsageError: if SBX cannot be installed or run, or if a file cannot be written.
     """
     from reproduction.learning.learning_page import render
     from saver_advisors.reporting.errors import UsageError
 
     try:
-        figures = measured_or_read(args, "learning", lambda: measure(args))
+        return measure_and_render(args, "learning", lambda: measure(args), render)
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
 
 
 @one_thread_of_algebra()
 def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Take every measurement that was asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: JSON-able: a row an environment, with its ``parts``, ``variants`` and, where asked for,
-        ``sbx``
+    :param args: see :func:`add_arguments`.
+    :return: JSON-able: one row per environment, with its ``parts``, ``variants`` and, if asked for,
+        ``sbx``.
     """
     load_before = load_averages()
     rows = []
@@ -138,9 +115,10 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def settings(env_id: str) -> dict[str, Any]:
-    """What the figures depend on: sizes of networks and batches, updates for each block.
+    """Return the settings that the figures depend on: sizes of networks and batches, updates.
 
-    :param env_id: of the environment
+    :param env_id: id of the environment.
+    :return: JSON-able settings.
     """
     config = settings_of(env_id, VARIANTS[0])
     return {
@@ -155,18 +133,14 @@ def settings(env_id: str) -> dict[str, Any]:
 def parts_row(env_id: str, rounds: int) -> dict[str, Any]:
     """Time every part of the loop.
 
-    :param env_id: of the environment
-    :param rounds: medians are over so many blocks
-    :return: ``parts``, milliseconds a 1,000 environment steps by name, and their ``total``
+    :param env_id: id of the environment.
+    :param rounds: number of measured blocks.
+    :return: ``parts``, median milliseconds per 1,000 environment steps by name, and their
+        ``total``.
     """
     loop = our_loop(env_id, VARIANTS[0], by_part=True)
-    blocks = []
-    with progress(f"{env_id}, parts", WARM_UP + rounds) as advance:
-        for _ in range(WARM_UP + rounds):
-            blocks.append(loop.block())
-            advance()
+    [counted] = _measured_blocks(f"{env_id}, parts", [loop], rounds)
     per_block = 1e6 / loop.steps
-    counted = blocks[WARM_UP:]
     parts = {
         name: per_block * median(block[name] for block in counted)
         for name in counted[0]
@@ -180,14 +154,14 @@ def parts_row(env_id: str, rounds: int) -> dict[str, Any]:
 def variant_rows(
     env_id: str, variants: list[str], stock: list[str], rounds: int
 ) -> list[dict[str, Any]]:
-    """Time whole loops in turn: as configured, with each change, and stock SB3's.
+    """Time whole loops alternately: as configured, with each change, and SB3's own.
 
-    :param env_id: of the environment
-    :param variants: names of what is changed
-    :param stock: algorithms of SB3's
-    :param rounds: medians are over so many blocks of each
-    :return: a row each: ``name``, ``update_ms``, ``steps_per_second`` and the ratios to the first,
-        ``times_as_fast_an_update`` and ``times_as_fast``
+    :param env_id: id of the environment.
+    :param variants: names of the changes.
+    :param stock: names of SB3's algorithms.
+    :param rounds: number of measured blocks of each loop.
+    :return: one row per loop: ``name``, ``update_ms``, ``steps_per_second`` and the ratios to the
+        first, ``times_as_fast_an_update`` and ``times_as_fast``.
     """
     loops = {
         variant.name: our_loop(env_id, variant, by_part=False)
@@ -196,49 +170,47 @@ def variant_rows(
     }
     for name in stock:
         loops[f"SB3's {name} + HER"] = stock_loop(env_id, name)
-    blocks: dict[str, list[dict[str, float]]] = {name: [] for name in loops}
-    with progress(f"{env_id}, variants", WARM_UP + rounds) as advance:
-        for _ in range(WARM_UP + rounds):
-            for name, loop in loops.items():
-                blocks[name].append(loop.block())
-            advance()
-    counted = {name: found[WARM_UP:] for name, found in blocks.items()}
+    blocks = _measured_blocks(f"{env_id}, variants", list(loops.values()), rounds)
+    updates = [
+        [block[UPDATE] / loop.updates for block in found]
+        for loop, found in zip(loops.values(), blocks, strict=True)
+    ]
+    whole = [
+        [block["total"] / loop.steps for block in found]
+        for loop, found in zip(loops.values(), blocks, strict=True)
+    ]
     return [
-        _compared(name, loop, counted[name], loops[AS_CONFIGURED], counted[AS_CONFIGURED])
-        for name, loop in loops.items()
+        {
+            "name": name,
+            "update_ms": 1e3 * median(updates[index]),
+            "steps_per_second": 1.0 / median(whole[index]),
+            "times_as_fast_an_update": median_ratio(updates[0], updates[index]),
+            "times_as_fast": median_ratio(whole[0], whole[index]),
+        }
+        for index, name in enumerate(loops)
     ]
 
 
-def _compared(
-    name: str,
-    loop: Loop,
-    blocks: list[dict[str, float]],
-    base: Loop,
-    base_blocks: list[dict[str, float]],
-) -> dict[str, Any]:
-    def updates(of: Loop, found: list[dict[str, float]]) -> list[float]:
-        return [block[UPDATE] / of.updates for block in found]
-
-    def whole(of: Loop, found: list[dict[str, float]]) -> list[float]:
-        return [block["total"] / of.steps for block in found]
-
-    return {
-        "name": name,
-        "update_ms": 1e3 * median(updates(loop, blocks)),
-        "steps_per_second": 1.0 / median(whole(loop, blocks)),
-        "times_as_fast_an_update": median_ratio(updates(base, base_blocks), updates(loop, blocks)),
-        "times_as_fast": median_ratio(whole(base, base_blocks), whole(loop, blocks)),
-    }
+def _measured_blocks(
+    title: str, loops: Sequence[TimedLoop], rounds: int
+) -> list[list[dict[str, float]]]:
+    """Run loops alternately, and return the blocks of each after the warm-up."""
+    blocks = []
+    with progress(title, WARM_UP + rounds) as advance:
+        for _ in range(WARM_UP + rounds):
+            blocks.append([loop.block() for loop in loops])
+            advance()
+    return [list(found) for found in zip(*blocks[WARM_UP:], strict=True)]
 
 
 def sbx_row(env_id: str, rounds: int, cache: Path) -> dict[str, Any]:
     """Time SBX's gradient steps with networks and batches of the same sizes, beside ours.
 
-    :param env_id: of the environment
-    :param rounds: medians are over so many
-    :param cache: folder of the virtual environments
-    :return: ``update_ms`` of SBX, ``times_as_fast_an_update`` beside ours, and ``versions``
-    :raises PeerError: where it cannot be installed or does not run
+    :param env_id: id of the environment.
+    :param rounds: number of measured blocks.
+    :param cache: folder of the virtual environments.
+    :return: ``update_ms`` of SBX, ``times_as_fast_an_update`` beside ours, and ``versions``.
+    :raises PeerError: if SBX cannot be installed or does not run.
     """
     config = settings_of(env_id, VARIANTS[0])
     loop = our_loop(env_id, VARIANTS[0], by_part=False)

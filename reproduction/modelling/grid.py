@@ -1,4 +1,4 @@
-"""The grid of chapter 7: which cells there are, which are done, and doing the rest."""
+"""The grid of chapter 7: its cells, which of them have results, and training the others."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ import multiprocessing
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import fields, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-from reproduction.modelling.cells import (
+from reproduction.modelling.grid_cells import (
     DEVICES,
     PRECISIONS,
-    Cell,
     Device,
+    GridCell,
     Precision,
     Task,
     run_cell,
 )
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
-#: Models whose networks are trained in the precision that is asked for.
+#: Models whose networks are trained in the requested precision.
 _IN_EITHER_PRECISION = frozenset({"mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional"})
-#: Models that are trained on the device that is asked for; the others have no networks.
+#: Models that are trained on the requested device; the others have no networks.
 _ON_EITHER_DEVICE = _IN_EITHER_PRECISION | {"flow"}
-#: A result has these besides the cell's own fields; one that lacks them is made again.
+#: Keys of a complete result besides the cell's own fields.
 _COMPLETE = frozenset({"test_rmse", "validation_rmse", "latency_ms", "provenance"})
 
 
@@ -40,47 +41,48 @@ def cells_of(
     supervised_weight: float = 0.0,
     precision: Precision = "float32",
     device: Device = "cpu",
-) -> list[Cell]:
-    """The cells of a grid, cheapest sizes first.
+) -> list[GridCell]:
+    """List the cells of a grid, cheapest sizes first.
 
-    Models without fake inputs have one cell a size and seed, those without weights to draw one a
-    size.
+    Models without fake inputs have one cell per size and seed, models without random weights one
+    per size.
 
-    :param robot: the arm's name
-    :param task: "ik" or "id"
-    :param models: their names
-    :param sizes: tens of thousands of samples
-    :param sigmas: of the adversarial models
-    :param seeds: of the training
-    :param epochs: of the training
-    :param supervised_weight: of the adversarial models
-    :param precision: of the networks' products while training
-    :param device: that trains the networks
+    :param robot: name of the arm.
+    :param task: "ik" or "id".
+    :param models: names of the models.
+    :param sizes: numbers of samples, in tens of thousands.
+    :param sigmas: standard deviations of the fake inputs of adversarial models.
+    :param seeds: seeds of the training.
+    :param epochs: epochs of training.
+    :param supervised_weight: weight of the squared error in the adversarial losses.
+    :param precision: precision of the networks' matrix products during training.
+    :param device: device that trains the networks.
+    :return: the cells.
     """
     from saver_envs.modelling.models import ADVERSARIAL
 
     cells = []
-    for size in sizes:
-        for model in models:
-            adversarial = model in ADVERSARIAL
-            for sigma in sigmas if adversarial else (0.0,):
-                for seed in seeds if model != "analytic" else seeds[:1]:
-                    weight = supervised_weight if adversarial else 0.0
-                    cell = Cell(robot, task, model, size, sigma, seed, epochs, weight)
-                    if model in _IN_EITHER_PRECISION:
-                        cell = replace(cell, precision=precision)
-                    if model in _ON_EITHER_DEVICE:
-                        cell = replace(cell, device=device)
-                    cells.append(cell)
+    for size, model in product(sizes, models):
+        adversarial = model in ADVERSARIAL
+        for sigma, seed in product(
+            sigmas if adversarial else (0.0,), seeds if model != "analytic" else seeds[:1]
+        ):
+            weight = supervised_weight if adversarial else 0.0
+            cell = GridCell(robot, task, model, size, sigma, seed, epochs, weight)
+            if model in _IN_EITHER_PRECISION:
+                cell = replace(cell, precision=precision)
+            if model in _ON_EITHER_DEVICE:
+                cell = replace(cell, device=device)
+            cells.append(cell)
     return cells
 
 
-def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
-    """An earlier result of a cell; None where there is none, or one that is cut short or of other
-    settings.
+def read_result(folder: Path, cell: GridCell) -> dict[str, Any] | None:
+    """Read the result of a cell.
 
-    :param folder: of the results
-    :param cell: which
+    :param folder: folder of the results.
+    :param cell: the cell.
+    :return: its result; None if there is none, or if it is incomplete or has other settings.
     """
     try:
         content = json.loads((folder / cell.file_name).read_text(encoding="utf-8"))
@@ -88,7 +90,7 @@ def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
         return None
     if not isinstance(content, dict) or not content.keys() >= _COMPLETE:
         return None
-    # A file from before a setting was there has its default.
+    # A file from before a setting existed has its default.
     same = all(
         content.get(field.name, field.default) == getattr(cell, field.name)
         for field in fields(cell)
@@ -96,35 +98,31 @@ def read_result(folder: Path, cell: Cell) -> dict[str, Any] | None:
     return content if same else None
 
 
-def as_known(cell: Cell, folder: Path) -> Cell:
-    """The cell on the hardware that it has a result of, its own first; itself where it has none.
+def as_known(cell: GridCell, folder: Path) -> GridCell:
+    """Return the cell on the hardware that it has a result of.
 
-    :param cell: what
-    :param folder: of the results
+    :param cell: the cell.
+    :param folder: folder of the results.
+    :return: the cell itself if it has a result or if no other device and precision have one.
     """
     others = (
         replace(cell, device=device, precision=precision)
-        for device in DEVICES
-        for precision in PRECISIONS
+        for device, precision in product(DEVICES, PRECISIONS)
     )
-    return next(
-        (one for one in (cell, *others) if read_result(folder, one) is not None),
-        cell,
-    )
+    return next((one for one in (cell, *others) if read_result(folder, one) is not None), cell)
 
 
-def run_grid(cells: Sequence[Cell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:
-    """Run the cells that have no result yet, and yield each result as it is written.
+def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:
+    """Train the cells that have no result yet, and yield each result once it is written.
 
-    :param cells: which
-    :param folder: where results are and will be, a JSON file a cell
-    :param processes: cells that are trained at once, one core each
+    :param cells: the cells.
+    :param folder: folder of the results, one JSON file per cell.
+    :param processes: number of cells that are trained at once, one core each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     left = [cell for cell in cells if read_result(folder, cell) is None]
     if processes == 1 or len(left) < 2:
-        for cell in left:
-            yield _run(cell, folder)
+        yield from (_run(cell, folder) for cell in left)
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(processes, len(left)), mp_context=context) as pool:
@@ -136,7 +134,7 @@ def run_grid(cells: Sequence[Cell], folder: Path, processes: int) -> Iterator[di
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _run(cell: Cell, folder: Path) -> dict[str, Any]:
+def _run(cell: GridCell, folder: Path) -> dict[str, Any]:
     from saver_advisors.training.threads import one_thread_of_algebra
 
     with one_thread_of_algebra():
@@ -145,11 +143,12 @@ def _run(cell: Cell, folder: Path) -> dict[str, Any]:
     return result
 
 
-def results_of(cells: Iterable[Cell], folder: Path) -> list[dict[str, Any]]:
-    """The results that there are, in the order of the cells.
+def results_of(cells: Iterable[GridCell], folder: Path) -> list[dict[str, Any]]:
+    """Read the results of cells.
 
-    :param cells: which
-    :param folder: of the results
+    :param cells: the cells.
+    :param folder: folder of the results.
+    :return: the results that exist, in the order of the cells.
     """
     found = (read_result(folder, cell) for cell in cells)
     return [result for result in found if result is not None]

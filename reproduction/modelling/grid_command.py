@@ -1,98 +1,155 @@
-"""Inverse kinematics and dynamics of chapter 7: the networks and their peers, beside the tables.
+"""Inverse kinematics or dynamics of chapter 7: the paper's networks and others, beside its tables.
 
-Every cell (model, data size, sigma, seed) is trained once and kept as a JSON file: a run that was
-killed goes on where it was. `ik.py` and `id.py` bind the task.
+Each cell (model, data size, sigma, seed) is trained once and kept as a JSON file, so that an
+interrupted grid can be continued. The commands ``ik`` and ``id`` differ in the task only.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from reproduction.modelling.arguments import check_device
-from reproduction.modelling.cells import SAMPLES_A_SIZE, Task
-from saver_advisors.cli.measured import hand_over, measured_or_read
+from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.modelling.grid_cells import SAMPLES_A_SIZE, SIGMAS, SIZES, Task
+from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
+from saver_advisors.cli.arguments import add_page, at_least
 from saver_advisors.cli.model_data import prepare_data
 
-
-def examples(task: Task) -> str:
-    """The examples of a task's command.
-
-    :param task: "ik" or "id"
-    """
-    return f"""\
+MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
+    "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
+    "id": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "identified"),
+}
+RESULTS: Final = Path("runs/modelling")
+EXAMPLES: Final = """\
 examples:
-  saver benchmark {task} --robot mico --table mico-{task}.md --json mico-{task}.json
-  saver benchmark {task} --robot mico --sizes 1 --sigmas 0 --models mlp cgan --epochs 10
-  saver benchmark {task} --robot fetch --sizes 1 6 --sigmas 0 0.2 --seeds 0 1 --processes 2"""
+  python -m reproduction ik --robot mico --table mico-ik.md --json mico-ik.json
+  python -m reproduction id --robot mico --sizes 1 --sigmas 0 --models mlp cgan --epochs 10
+  python -m reproduction ik --robot fetch --sizes 1 6 --sigmas 0 0.2 --seeds 0 1 --processes 2"""
 
 
-def execute(args: argparse.Namespace, task: Task) -> int:
-    """Train what is missing, show, and write where asked for.
-
-    :param args: see ``arguments.declare``
-    :param task: "ik" or "id"
-    :return: exit status
-    """
-    from reproduction.modelling.table import render
-
-    figures = measured_or_read(args, f"modelling-{task}", lambda: _measure(args, task))
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
-
-
-def _measure(args: argparse.Namespace, task: Task) -> dict[str, Any]:
-    from reproduction.modelling.claims import claims, little_data
-    from reproduction.modelling.grid import (
-        as_known,
-        cells_of,
-        results_of,
-        run_grid,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments; the command's name is the task."""
+    task: Task = "ik" if parser.prog.split()[-1] == "ik" else "id"
+    parser.set_defaults(task=task)
+    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="arm (default: mico)")
+    add_choices(parser, "--models", MODELS[task], "models")
+    add_choices(parser, "--sizes", SIZES, "the first N x 10,000 samples")
+    add_choices(
+        parser, "--sigmas", SIGMAS, "standard deviations of the fake inputs of adversarial models"
     )
+    parser.add_argument(
+        "--seeds",
+        nargs="+",
+        type=at_least(0),
+        default=[0],
+        metavar="N",
+        help="seeds of split, weights and noise (default: 0)",
+    )
+    parser.add_argument(
+        "--supervised-weight",
+        nargs="+",
+        type=_weight,
+        default=[0.0],
+        metavar="W",
+        help="weights of a squared error in the adversarial losses, which the paper's equations "
+        "do not have (default: 0)",
+    )
+    add_training(parser)
+    parser.add_argument(
+        "--processes",
+        type=at_least(1),
+        default=1,
+        metavar="N",
+        help="number of cells trained at once, one core each; they share the GPU, if that is the "
+        "device (default: 1)",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        default=RESULTS,
+        metavar="DIR",
+        help=f"folder of the cells' files (default: {RESULTS})",
+    )
+    parser.add_argument(
+        "--any-hardware",
+        action="store_true",
+        help="accept results of any device and precision, for a grid that moves between machines",
+    )
+    parser.add_argument(
+        "--no-training", action="store_true", help="show the cells that have results only"
+    )
+    add_page(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train the missing cells, print the page, and write the files that were asked for.
+
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    :raises UsageError: if no cell has a result, or if there is no GPU and ``--device`` names one.
+    """
+    from reproduction.modelling.grid_page import render
+
+    return measure_and_render(args, f"modelling-{args.task}", lambda: _measure(args), render)
+
+
+def _measure(args: argparse.Namespace) -> dict[str, Any]:
+    from reproduction.modelling.grid import as_known, cells_of, results_of
+    from reproduction.modelling.paper_claims import claims, little_data
     from saver_advisors.reporting.errors import UsageError
 
-    grid = args.robot, task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
+    grid = args.robot, args.task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
     weighted = [cells_of(*grid, weight, *how) for weight in args.supervised_weight]
     cells = list(dict.fromkeys(cell for part in weighted for cell in part))
     if args.any_hardware:
         cells = [as_known(cell, args.results) for cell in cells]
     if not args.no_training:
-        check_device(args.device)
+        training_of(args)
         prepare_data(args.robot)
-        _train(cells, args.results, args.processes, run_grid)
+        _train(cells, args.results, args.processes)
     results = results_of(cells, args.results)
     if not results:
         raise UsageError(f"argument --results: {args.results} has none of the cells asked for")
     return {
-        "title": _title(task, args.robot, args.sizes),
-        "kind": f"modelling-{task}",
+        "title": _title(args.task, args.robot, args.sizes),
+        "kind": f"modelling-{args.task}",
         "robot": args.robot,
-        "task": task,
+        "task": args.task,
         "epochs": args.epochs,
         "cells": results,
-        "claims": claims(args.robot, task, results),
-        "little_data": little_data(task, results),
+        "claims": claims(args.robot, args.task, results),
+        "little_data": little_data(args.task, results),
     }
 
 
 def _title(task: Task, robot: str, sizes: Sequence[int]) -> str:
-    """What the page is of; a grid of one size says which, for there is one of all sizes beside."""
+    """Name the task and the arm, and the size if the grid has only one."""
     from saver_envs.modelling.arms import TASK_NAMES
 
     title = f"{TASK_NAMES[task].capitalize()}, {robot}"
     return f"{title}, {sizes[0] * SAMPLES_A_SIZE:,} samples" if len(sizes) == 1 else title
 
 
-def _train(cells: Sequence[Any], folder: Path, processes: int, run_grid: Any) -> None:
+def _train(cells: Sequence[Any], folder: Path, processes: int) -> None:
     from tqdm import tqdm
 
-    from reproduction.modelling.grid import read_result
+    from reproduction.modelling.grid import results_of, run_grid
 
-    done = sum(read_result(folder, cell) is not None for cell in cells)
+    done = len(results_of(cells, folder))
     with tqdm(total=len(cells), initial=done, unit="cell", dynamic_ncols=True) as progress:
         for result in run_grid(cells, folder, processes):
             progress.set_description(f"{result['model']}, size {result['size']}")
             progress.update()
+
+
+def _weight(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be 0 or more")
+    return value

@@ -1,8 +1,8 @@
-"""Learned inverse kinematics in use: how exact, how fast, and whether a policy still succeeds.
+"""Learned inverse kinematics in use: accuracy, prediction time, and success of a policy.
 
-Four questions: how far the hand stays from unseen targets, raw and behind the refinement; how long
-a prediction takes; what a call costs beside damped least squares; and the success of a policy when
-set-points become joints through each model instead of through damped least squares.
+The command measures the distance of the hand from unseen targets, with and without refinement; the
+time of a prediction; the time of a call beside damped least squares; and the success of a policy
+whose set-points become joint targets through each model instead of damped least squares.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
+from reproduction.command_parts import add_count, measure_and_render
 from saver_advisors.benchmark.machine import median_ratio, timed
-from saver_advisors.cli.measured import hand_over, measured_or_read
-from saver_envs.modelling.accuracy import TARGETS, accuracy, unseen_targets
+from saver_envs.modelling.accuracy import accuracy, unseen_targets
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
@@ -30,7 +30,7 @@ examples:
 ARMS: Final = ("mico", "jaco", "fetch")
 ENVS: Final = {"jaco": "JacoPush-v0", "mico": "MicoPush-v0"}
 POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
-"""The MICO is driven by the Jaco's policy, which it was not trained for, and by a scripted one."""
+"""The MICO runs the Jaco's policy, which was not trained for it, and a scripted policy."""
 NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
 SQUARES: Final = "damped least squares"
 SHIPPED: Final = "shipped"
@@ -38,55 +38,45 @@ SHIPPED: Final = "shipped"
 _N_ENVS: Final = (16, 64, 256)
 _ROUNDS: Final = 60
 _STEPS: Final = 2
-"""Refinement of the shipped models, Newton steps."""
+"""Newton steps that refine the shipped models."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.arguments import add_arms_and_models
-    from reproduction.modelling.weights import add_weights
-    from saver_advisors.cli.arguments import add_page, at_least
+    from reproduction.modelling.model_arguments import add_arms_and_models
+    from reproduction.modelling.weight_files import add_weights
+    from saver_advisors.cli.arguments import add_page
 
-    purpose = "models that are trained here, on the workspace's targets, and used raw"
-    add_arms_and_models(parser, ARMS, NETWORKS, purpose)
+    add_arms_and_models(
+        parser, ARMS, NETWORKS, "networks to train on the workspace's targets and to use raw"
+    )
     add_weights(parser)
-    parser.add_argument(
-        "--samples",
-        type=at_least(100),
-        default=60_000,
-        metavar="N",
-        help="to train those on (default: 60000)",
-    )
-    parser.add_argument(
-        "--episodes", type=at_least(1), default=100, metavar="N", help="(default: 100)"
-    )
+    add_count(parser, "--samples", 60_000, "samples to train those on", least=100)
+    add_count(parser, "--episodes", 100, "episodes of each evaluation")
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the page, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    :raises UsageError: for weight files or a device that cannot be used.
     """
-    from reproduction.modelling.arguments import training_of
     from reproduction.modelling.kinematics_page import render
-    from reproduction.modelling.weights import cards_of, trained_before
+    from reproduction.modelling.model_arguments import training_of
+    from reproduction.modelling.weight_files import cards_of, trained_before
     from saver_advisors.training.threads import one_thread_of_algebra
 
     training = training_of(args)
     before = trained_before(args.weights, args.robots, "ik", (SHIPPED, *args.models))
+
+    def figures() -> dict[str, Any]:
+        found = measure(args.robots, args.models, before, args.samples, training, args.episodes)
+        return found | cards_of(args.weights)
+
     with one_thread_of_algebra():
-        figures = measured_or_read(
-            args,
-            "kinematics",
-            lambda: (
-                measure(args.robots, args.models, before, args.samples, training, args.episodes)
-                | cards_of(args.weights)
-            ),
-        )
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
+        return measure_and_render(args, "kinematics", figures, render)
 
 
 def measure(
@@ -99,28 +89,23 @@ def measure(
 ) -> dict[str, Any]:
     """Take every measurement.
 
-    :param robots: arms by name
-    :param models: to train here, besides the shipped ones
-    :param before: models that were trained before, of each arm by name
-    :param samples: to train those of here on
-    :param training: of them: ``epochs``, ``precision`` and ``device``
-    :param episodes: of each evaluation
-    :return: JSON-able: ``prediction``, ``cost``, ``accuracy`` and ``success``
+    :param robots: names of the arms.
+    :param models: models to train, besides the shipped ones.
+    :param before: models of weight files, by arm and name.
+    :param samples: number of samples to train on.
+    :param training: ``epochs``, ``precision`` and ``device`` of the training.
+    :param episodes: number of episodes of each evaluation.
+    :return: JSON-able: ``prediction``, ``cost``, ``accuracy`` and ``success``.
     """
     inverses = {
         robot: _inverses(robot, models, samples, training) | dict(before[robot]) for robot in robots
     }
     used = [robot for robot in robots if robot in ENVS]
-    # Times first, and within a minute: the machine should be left alone that long.
+    # Times first: the machine should be idle while they are measured, less than a minute.
     cost = [_cost(robot, inverses[robot][SHIPPED], n_envs) for robot in used for n_envs in _N_ENVS]
-    predictions = [
-        _prediction(robot, name, model)
-        for robot in robots
-        for name, model in inverses[robot].items()
-    ]
-    accuracies = [
-        accuracy(robot, name, model) for robot in robots for name, model in inverses[robot].items()
-    ]
+    every = [(robot, *named) for robot in robots for named in inverses[robot].items()]
+    predictions = [_prediction(*one) for one in every]
+    accuracies = [accuracy(*one) for one in every]
     success = [
         _success(robot, policy, name, model, steps, episodes)
         for robot in used
@@ -141,9 +126,9 @@ def measure(
 
 
 def _in_use(robot: str, name: str) -> list[tuple[int | None, Sequence[str]]]:
-    """Newton steps (None: no model), each with the policies that it is measured behind.
+    """List refinements (Newton steps; None: no model), each with the policies it is measured with.
 
-    The table's networks are of interest raw, behind the arm's own policy.
+    Networks other than the shipped ones are measured raw, with the arm's own policy.
     """
     if name == SQUARES:
         return [(None, POLICIES[robot])]
@@ -155,7 +140,7 @@ def _in_use(robot: str, name: str) -> list[tuple[int | None, Sequence[str]]]:
 def _inverses(
     robot: str, names: Sequence[str], samples: int, training: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The shipped model, and those that are trained here."""
+    """Load the shipped model, and train the others."""
     from tqdm import tqdm
 
     from saver_envs.modelling.models import Training, new_model
@@ -172,23 +157,19 @@ def _inverses(
 
 
 def _prediction(robot: str, name: str, model: Any) -> dict[str, Any]:
-    """How long a model alone takes: for one target, and for each of many."""
-    from reproduction.modelling.cells import prediction_speed
+    """Time a model alone, for one target and for each of many."""
+    from reproduction.modelling.grid_cells import prediction_speed
 
     unseen = unseen_targets(robot)
     present = unseen.joints if model.needs_present else None
-
-    def predict(rows: slice) -> object:
-        return model.predict(unseen.targets[rows], None if present is None else present[rows])
-
-    return {"robot": robot, "model": name, **prediction_speed(predict, TARGETS)}
+    return {"robot": robot, "model": name, **prediction_speed(model, unseen.targets, present)}
 
 
 def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
-    """A call of the refined model beside one of damped least squares, and beside a step.
+    """Time a call of the refined model, of damped least squares, and of a step.
 
-    On the states and set-points of random actions, each call once and after a step, as in use: what
-    is called twice in a row finds everything in the processor's caches.
+    The states and set-points are those of random actions. Each call runs once after a step, as in
+    use: a second call in a row would find its data in the processor's caches.
     """
     import numpy as np
 
@@ -213,7 +194,7 @@ def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
             "squares": partial(squares, arms, target),
             "step": partial(episodes.step, actions),
         }
-        # In turns, for the first call after a step pays for what the second finds in the caches.
+        # Alternate, since the first call after a step fills the caches for the second.
         order = ("learned", "squares", "step") if turn % 2 else ("squares", "learned", "step")
         for name in order:
             taken = timed(calls[name])
@@ -243,7 +224,6 @@ def _success(
     outcomes = evaluate_policy(
         resolve(policy, env_id, {}).predict, env_id, episodes=episodes, env_kwargs=kwargs
     )
-    low, high = outcomes.confidence_interval
     return {
         "env": env_id,
         "policy": policy,
@@ -251,5 +231,5 @@ def _success(
         "refinement": steps,
         "episodes": episodes,
         "success": outcomes.success_rate,
-        "interval": [low, high],
+        "interval": list(outcomes.confidence_interval),
     }

@@ -2,90 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
-from reproduction.modelling.weights import origin
-from saver_advisors.reporting.tables import markdown
+from reproduction.modelling.weight_files import origin
+from reproduction.page_parts import Column, rows_table
+
+ACCURACY: Final = {
+    "arm": "{robot}",
+    "model": "{model}",
+    **{
+        label.replace("_", " "): f"{{millimetres[{label}][median]:.3g}} / "
+        f"{{millimetres[{label}][p99]:.3g}}"
+        for label in ("raw", "one_step", "two_steps", "as_used")
+    },
+}
+PREDICTION: Final = {
+    "arm": "{robot}",
+    "model": "{model}",
+    "one prediction (ms)": "{latency_ms:.3f}",
+    "one of 4096 (us)": "{batch_us:.1f}",
+}
+COST: Final = {
+    "arm": "{robot}",
+    "n_envs": "{n_envs}",
+    "learned (us)": "{learned_us:.0f}",
+    "least squares (us)": "{damped_least_squares_us:.0f}",
+    "ratio": "{ratio:.2f}x",
+    "share of a step": "{share_of_step:.1%}",
+}
+SUCCESS: Final[Mapping[str, Column]] = {
+    "environment": "{env}",
+    "policy": "{policy}",
+    "inverse kinematics": "{inverse_kinematics}",
+    "Newton steps": lambda one: "-" if one["refinement"] is None else str(one["refinement"]),
+    "success": "{success:.3f} [{interval[0]:.3f}, {interval[1]:.3f}]",
+}
 
 
-def render(figures: dict[str, Any]) -> str:
-    """The figures as a page of Markdown.
+def render(figures: Mapping[str, Any]) -> str:
+    """Render the figures as a page.
 
-    :param figures: what was measured, or its JSON file's content
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
     parts = [
         f"# {figures['title']}\n",
-        "## How exact\n",
-        "Distance of the hand from unseen targets over the workspace, median / 99th percentile, "
-        "mm. *As used* adds the search for the nearest point where two steps miss."
+        "## Accuracy\n",
+        "Distance of the hand from unseen targets in the workspace, median / 99th percentile, mm. "
+        "*As used* adds the search for the nearest point if two Newton steps miss the target."
         f"{origin(figures)}\n",
-        _accuracy_table(figures["accuracy"]),
-        "## How fast\n",
+        rows_table(figures["accuracy"], ACCURACY),
+        "## Prediction time\n",
         "A model alone, without refinement: one target, and each of 4,096.\n",
-        _prediction_table(figures["prediction"]),
+        rows_table(figures["prediction"], PREDICTION),
     ]
     if figures["cost"]:
         parts += [
-            "One call for all environments, the shipped models with their refinement, on states "
-            "and set-points of random actions, each after a step, as in use. *Ratio* is the median "
-            "of the turns'.\n",
-            _cost_table(figures["cost"]),
+            "One call for all environments: the shipped models with their refinement, on states "
+            "and set-points of random actions, each call after a step, as in use. *Ratio* is the "
+            "median over the rounds.\n",
+            rows_table(figures["cost"], COST),
         ]
-    if figures["success"]:
-        episodes = figures["success"][0]["episodes"]
+    if success := figures["success"]:
         parts += [
             "## In use\n",
-            f"Success over {episodes} episodes, 95% intervals.\n",
-            _success_table(figures["success"]),
+            f"Success over {success[0]['episodes']} episodes, 95% intervals.\n",
+            rows_table(sorted(success, key=lambda one: (one["env"], one["policy"])), SUCCESS),
         ]
     return "\n".join(parts)
-
-
-def _accuracy_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    def cells(one: Mapping[str, Any]) -> Iterator[str]:
-        for label in ("raw", "one_step", "two_steps", "as_used"):
-            found = one["millimetres"][label]
-            yield f"{found['median']:.3g} / {found['p99']:.3g}"
-
-    columns = ["arm", "model", "raw", "one step", "two steps", "as used"]
-    return markdown(columns, [[one["robot"], one["model"], *cells(one)] for one in rows])
-
-
-def _prediction_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    cells = [
-        [one["robot"], one["model"], f"{one['latency_ms']:.3f}", f"{one['batch_us']:.1f}"]
-        for one in rows
-    ]
-    return markdown(["arm", "model", "one prediction (ms)", "one of 4096 (us)"], cells)
-
-
-def _cost_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    cells = [
-        [
-            one["robot"],
-            str(one["n_envs"]),
-            f"{one['learned_us']:.0f}",
-            f"{one['damped_least_squares_us']:.0f}",
-            f"{one['ratio']:.2f}x",
-            f"{one['share_of_step']:.1%}",
-        ]
-        for one in rows
-    ]
-    columns = ["arm", "n_envs", "learned (us)", "least squares (us)", "ratio", "share of a step"]
-    return markdown(columns, cells)
-
-
-def _success_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    cells = [
-        [
-            one["env"],
-            one["policy"],
-            one["inverse_kinematics"],
-            "-" if one["refinement"] is None else str(one["refinement"]),
-            f"{one['success']:.3f} [{one['interval'][0]:.3f}, {one['interval'][1]:.3f}]",
-        ]
-        for one in sorted(rows, key=lambda one: (one["env"], one["policy"]))
-    ]
-    columns = ["environment", "policy", "inverse kinematics", "Newton steps", "success"]
-    return markdown(columns, cells)

@@ -6,7 +6,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.measured import hand_over, measured_or_read
+from reproduction.command_parts import measure_and_render
+from reproduction.modelling.weight_files import origin
+from reproduction.page_parts import rows_table
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
@@ -19,10 +21,10 @@ examples:
 
 MODELS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "identified")
 UNTRAINED: Final = ("feedback alone", "analytic", "shipped")
-"""Feed-forwards that are there without training."""
+"""Feed-forwards that need no training."""
 GAINS: Final = (1.0, 0.25)
 _UNSEEN: Final = 1000
-"""Seed of the way-points: data sets have seed 0 and the like."""
+"""Seed of the way-points; data sets have small seeds."""
 
 _WAY_POINTS: Final = 12
 _TRAJECTORIES: Final = 4
@@ -30,36 +32,34 @@ _TRAJECTORIES: Final = 4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.arguments import ROBOTS, add_arms_and_models
-    from reproduction.modelling.weights import add_weights
+    from reproduction.modelling.model_arguments import ROBOTS, add_arms_and_models
+    from reproduction.modelling.weight_files import add_weights
     from saver_advisors.cli.arguments import add_page
 
-    purpose = "trained here on the whole data set, beside the shipped ones"
-    add_arms_and_models(parser, ROBOTS, MODELS, purpose)
+    add_arms_and_models(parser, ROBOTS, MODELS, "models to train on the whole data set")
     add_weights(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the page, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    :raises UsageError: for weight files or a device that cannot be used.
     """
-    from reproduction.modelling.arguments import training_of
-    from reproduction.modelling.weights import cards_of, trained_before
+    from reproduction.modelling.model_arguments import training_of
+    from reproduction.modelling.weight_files import cards_of, trained_before
     from saver_advisors.training.threads import one_thread_of_algebra
 
     training = training_of(args)
     before = trained_before(args.weights, args.robots, "id", (*UNTRAINED, *args.models))
+
+    def figures() -> dict[str, Any]:
+        return measure(args.robots, args.models, training, before) | cards_of(args.weights)
+
     with one_thread_of_algebra():
-        figures = measured_or_read(
-            args,
-            "tracking",
-            lambda: measure(args.robots, args.models, training, before) | cards_of(args.weights),
-        )
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
+        return measure_and_render(args, "tracking", figures, render)
 
 
 def measure(
@@ -68,13 +68,13 @@ def measure(
     training: Mapping[str, Any],
     before: Mapping[str, Mapping[str, InverseModel]],
 ) -> dict[str, Any]:
-    """Track with every arm and feed-forward.
+    """Measure the tracking error of every arm and feed-forward.
 
-    :param robots: arms by name
-    :param models: to train here
-    :param training: of them: ``epochs``, ``precision`` and ``device``
-    :param before: models that were trained before, of each arm by name
-    :return: JSON-able; ``rows`` has one of every arm, feed-forward and gain
+    :param robots: names of the arms.
+    :param models: models to train.
+    :param training: ``epochs``, ``precision`` and ``device`` of the training.
+    :param before: models of weight files, by arm and name.
+    :return: JSON-able; ``rows`` has one row per arm, feed-forward and gain.
     """
     rows = [row for robot in robots for row in _rows(robot, models, training, before[robot])]
     return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
@@ -86,26 +86,25 @@ def _feed_forwards(
     training: Mapping[str, Any],
     before: Mapping[str, InverseModel],
 ) -> dict[str, Any]:
-    """Feed-forwards by name; None is feedback alone."""
+    """Return feed-forwards by name; None is feedback alone."""
     from saver_advisors.cli.model_data import prepare_data
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.dynamics import LearnedInverseDynamics
     from saver_envs.modelling.models import Training, new_model
 
     alone, analytic, shipped = UNTRAINED
-    found: dict[str, Any] = {alone: None}
-    found[analytic] = LearnedInverseDynamics(robot, new_model("analytic", robot, "id"))
-    found[shipped] = LearnedInverseDynamics(robot)
+    found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
     if models:
         prepare_data(robot)
         samples = samples_of(twin_data_set(robot).train, "id")
         for name in models:
-            model = new_model(name, robot, "id")
-            model.fit(*samples, Training(**training))
-            found[name] = LearnedInverseDynamics(robot, model)
-    for name, model in before.items():
-        found[name] = LearnedInverseDynamics(robot, model)
-    return found
+            found[name] = new_model(name, robot, "id")
+            found[name].fit(*samples, Training(**training))
+    found |= before
+    return {
+        alone: None,
+        **{name: LearnedInverseDynamics(robot, model) for name, model in found.items()},
+    }
 
 
 def _rows(
@@ -144,38 +143,36 @@ def _rows(
 
 
 def render(figures: dict[str, Any]) -> str:
-    """The figures as a page of Markdown.
+    """Render the figures as a page.
 
-    :param figures: what was measured, or its JSON file's content
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
-    from reproduction.modelling.weights import origin
-    from saver_advisors.reporting.tables import markdown
-
     rows = figures["rows"]
     base = {
         (one["robot"], one["gain"]): one["rms"] for one in rows if one["feed_forward"] == "analytic"
     }
-    cells = [
-        [
-            one["robot"],
-            f"{one['gain']:g}",
-            one["feed_forward"],
-            f"{one['rms'] * 1e3:.2f}",
-            f"{base[one['robot'], one['gain']] / one['rms']:.2f}x",
-            " ".join(f"{value * 1e3:.2f}" for value in one["per_joint"]),
-        ]
-        for one in sorted(rows, key=lambda one: (one["robot"], -one["gain"]))
-    ]
-    columns = ["arm", "gain", "feed-forward", "RMS (mrad)", "analytic's error over it", "per joint"]
+    table = rows_table(
+        sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
+        {
+            "arm": "{robot}",
+            "gain": "{gain:g}",
+            "feed-forward": "{feed_forward}",
+            "RMS (mrad)": lambda one: f"{one['rms'] * 1e3:.2f}",
+            "analytic's error over it": lambda one: (
+                f"{base[one['robot'], one['gain']] / one['rms']:.2f}x"
+            ),
+            "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
+        },
+    )
     before = {card["name"] for card in figures.get("weights", [])}
     trained = {one["feed_forward"] for one in rows} & set(MODELS) - before
-    others = f" The others were trained here for {figures.get('epochs', 100)} epochs."
+    others = f" The others were trained for {figures.get('epochs', 100)} epochs."
     return (
         f"# {figures['title']}\n\n"
         "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
-        "trajectories. A gain of 1 is the twin's own feedback; less is softer. *Shipped* is the "
-        "network that comes along, *analytic* Newton-Euler with the inertia of Appendix A, "
-        f"*feedback alone* no feed-forward at all.{others if trained else ''}"
-        f"{origin(figures)}\n\n"
-        f"{markdown(columns, cells)}"
+        "trajectories. A gain of 1 is the twin's own feedback; a smaller gain is softer. *Shipped* "
+        "is the shipped network, *analytic* Newton-Euler with the inertia of Appendix A, and "
+        f"*feedback alone* has no feed-forward.{others if trained else ''}"
+        f"{origin(figures)}\n\n{table}"
     )

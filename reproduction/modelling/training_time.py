@@ -1,7 +1,8 @@
-"""How long the networks of chapter 7 take to train, and where the time goes.
+"""Training time of chapter 7's networks, and how it is distributed.
 
-A run is the paper's: all samples, 100 epochs, on one core. Where its time goes is read off torch's
-own profiler over an epoch of 10,000 samples, apart from the run, which a profiler would slow down.
+A run has the paper's length: all samples, 100 epochs, on one core. The distribution comes from
+torch's profiler over an epoch of 10,000 samples, in a run of its own, since profiling slows it
+down.
 """
 
 from __future__ import annotations
@@ -11,14 +12,15 @@ import time
 from collections import defaultdict
 from typing import Any, Final
 
-from reproduction.modelling.cells import (
+from reproduction.command_parts import add_choices, add_count, measure_and_render
+from reproduction.modelling.grid_cells import (
     PAPER_EPOCHS,
     SAMPLES_A_SIZE,
     FloatArray,
     Precision,
     Task,
 )
-from saver_advisors.cli.measured import hand_over, measured_or_read
+from reproduction.page_parts import Column, rows_table
 
 EXAMPLES: Final = """\
 examples:
@@ -32,62 +34,43 @@ PARTS: Final = {
     "activations": ("aten::leaky_relu", "aten::leaky_relu_backward"),
     "optimiser": ("aten::_fused_adam_",),
 }
-"""Operators of torch by what they are for; what is in none of them is *other operators*, and what
-is in no operator *Python*."""
+"""Torch's operators by purpose. Time in none of them counts as *other operators*, and time outside
+any operator as *Python*."""
 
 _SAMPLES: Final = 60_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.arguments import ROBOTS, add_precision
-    from saver_advisors.cli.arguments import add_page, at_least
+    from reproduction.modelling.model_arguments import ROBOTS, add_precision
+    from saver_advisors.cli.arguments import add_page
 
-    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="(default: mico)")
-    parser.add_argument(
-        "--tasks", nargs="+", choices=TASKS, default=["ik"], metavar="TASK", help="(default: ik)"
-    )
-    parser.add_argument(
-        "--models",
-        nargs="+",
-        choices=NETWORKS,
-        default=["mlp", "cgan"],
-        metavar="NAME",
-        help="(default: mlp cgan)",
-    )
-    parser.add_argument(
-        "--samples", type=at_least(100), default=_SAMPLES, metavar="N", help="(default: 60000)"
-    )
-    parser.add_argument(
-        "--epochs",
-        type=at_least(1),
-        default=PAPER_EPOCHS,
-        metavar="N",
-        help=f"(default: {PAPER_EPOCHS})",
-    )
+    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="arm (default: mico)")
+    add_choices(parser, "--tasks", TASKS, "tasks", ["ik"])
+    add_choices(parser, "--models", NETWORKS, "networks", ["mlp", "cgan"])
+    add_count(parser, "--samples", _SAMPLES, "samples of the data set", least=100)
+    add_count(parser, "--epochs", PAPER_EPOCHS, "epochs of training")
     add_precision(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the page, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
     """
     from saver_advisors.training.threads import one_thread_of_algebra
 
     with one_thread_of_algebra():
-        figures = measured_or_read(args, "modelling-time", lambda: measure(args))
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
+        return measure_and_render(args, "modelling-time", lambda: measure(args), render)
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Train every model for every task.
 
-    :param args: see :func:`add_arguments`
-    :return: JSON-able; ``rows`` has one of every task and model
+    :param args: see :func:`add_arguments`.
+    :return: JSON-able; ``rows`` has one row per task and model.
     """
     from saver_advisors.cli.model_data import prepare_data
 
@@ -103,7 +86,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _row(args: argparse.Namespace, task: Task, name: str) -> dict[str, Any]:
-    """A whole run, and where a short one's time goes."""
+    """Time a whole run, and profile a short one."""
     from saver_advisors.reporting.provenance import load_averages
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training, new_model
@@ -134,7 +117,7 @@ def _shares(
     precision: Precision,
     samples: tuple[FloatArray, FloatArray],
 ) -> dict[str, float]:
-    """Shares of the process's time by part, over an epoch of few samples."""
+    """Compute each part's share of the process's time, over an epoch of few samples."""
     from torch.profiler import ProfilerActivity, profile
 
     from saver_envs.modelling.models import Training, new_model
@@ -142,7 +125,7 @@ def _shares(
     inputs, outputs = (one[:SAMPLES_A_SIZE] for one in samples)
     model = new_model(name, robot, task)
     training = Training(epochs=1, precision=precision)
-    model.fit(inputs, outputs, training)  # the first run pays for what is set up once
+    model.fit(inputs, outputs, training)  # warm-up: the first run includes one-time setup
     model = new_model(name, robot, task)
     began = time.perf_counter()
     with profile(activities=[ProfilerActivity.CPU]) as profiler:
@@ -162,35 +145,29 @@ def _part(operator: str) -> str:
 
 
 def render(figures: dict[str, Any]) -> str:
-    """The figures as a page of Markdown.
+    """Render the figures as a page.
 
-    :param figures: what was measured, or its JSON file's content
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
-    from saver_advisors.reporting.tables import markdown
     from saver_envs.modelling.arms import TASK_NAMES
 
-    rows = figures["rows"]
-    shares = list(rows[0]["shares"])
-    cells = [
-        [
-            TASK_NAMES[one["task"]],
-            one["model"],
-            f"{one['samples']:,}",
-            str(one["epochs"]),
-            f"{one['wall_minutes']:.1f}",
-            f"{one['cpu_minutes']:.1f}",
-            "-" if one["load_average"] is None else f"{one['load_average']:.1f}",
-            *(f"{one['shares'][name]:.0%}" for name in shares),
-        ]
-        for one in rows
-    ]
-    columns = ["task", "model", "samples", "epochs", "minutes", "of CPU", "load", *shares]
+    columns: dict[str, Column] = {
+        "task": lambda one: TASK_NAMES[one["task"]],
+        "model": "{model}",
+        "samples": "{samples:,}",
+        "epochs": "{epochs}",
+        "minutes": "{wall_minutes:.1f}",
+        "of CPU": "{cpu_minutes:.1f}",
+        "load": lambda one: "-" if one["load_average"] is None else f"{one['load_average']:.1f}",
+    }
+    columns |= {name: f"{{shares[{name}]:.0%}}" for name in figures["rows"][0]["shares"]}
     machine = figures["provenance"]["machine"]
     return (
         f"# {figures['title']}\n\n"
         f"Training runs of the paper's length on one core ({machine['cpu']}), {figures['robot']}, "
-        f"hidden products in {figures['precision']}; *load* is the system's when they ended: where "
-        "it is above the machine's cores, minutes say little. Then the shares of the parts of "
-        "training; *Python* is what is in no operator of torch, the profiler's own part included."
-        f"\n\n{markdown(columns, cells)}"
+        f"hidden products in {figures['precision']}. *Load* is the system's load average at the "
+        "end of the run; minutes are unreliable if it exceeds the number of cores. The last "
+        "columns are shares of the training time; *Python* is the time outside torch's operators, "
+        f"including the profiler's own.\n\n{rows_table(figures['rows'], columns)}"
     )

@@ -1,4 +1,4 @@
-"""A policy under a condition: what it plays, and why its trials fail."""
+"""A policy under a condition: its trials, and why they fail."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 from reproduction.transfer.conditions import TRAINED_ON, Condition
 from reproduction.transfer.failures import Failure, pick_failure, push_failure
-from reproduction.transfer.trajectories import FrameCallback, Trajectory, run_trials
+from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
 from saver_envs.robots import ROBOTS
 
@@ -31,8 +31,8 @@ EXPERT: Final = "expert"
 class Entrant:
     """A policy to try.
 
-    :param label: what tables call it
-    :param policy: a word that ``saver evaluate`` takes
+    :param label: its name in tables.
+    :param policy: a policy as in ``saver evaluate``.
     """
 
     label: str
@@ -43,9 +43,9 @@ class Entrant:
 class Attempt:
     """One policy under one condition.
 
-    :param task: ``push`` or ``pick``
-    :param condition: the condition
-    :param entrant: the policy
+    :param task: ``push`` or ``pick``.
+    :param condition: the condition.
+    :param entrant: the policy.
     """
 
     task: str
@@ -54,17 +54,23 @@ class Attempt:
 
     @property
     def env_id(self) -> str:
-        """Where it takes place."""
+        """Id of the environment."""
         return ENVIRONMENTS[self.task, self.condition.robot]
 
     def play(
         self, trials: int, seed: int, frame_callback: FrameCallback | None = None
-    ) -> list[Trajectory]:
-        """Play it; the same arguments play the same trials."""
+    ) -> list[TrialTrajectory]:
+        """Play trials; the same arguments play the same trials.
+
+        :param trials: number of trials.
+        :param seed: seed of trial 0.
+        :param frame_callback: see `FrameCallback`.
+        :return: one trajectory per trial.
+        """
         condition = self.condition
-        # Anew each time: an expert keeps the plans of the episodes that it has seen.
+        # A new policy each time, since an expert keeps the plans of past episodes.
         policy = resolve(self.entrant.policy, self.env_id, condition.options, seed)
-        # The expert was written for whatever hand it finds.
+        # The expert works with the hand of any robot.
         known = condition.translated and self.entrant.policy != EXPERT
         return run_trials(
             policy.predict,
@@ -77,25 +83,25 @@ class Attempt:
             frame_callback=frame_callback,
         )
 
-    def failure(self, trial: Trajectory) -> Failure | None:
-        """Why a trial failed, None where it succeeded."""
+    def failure(self, trial: TrialTrajectory) -> Failure | None:
+        """Return why a trial failed, None if it succeeded."""
         return (push_failure if self.task == "push" else pick_failure)(trial)
 
 
 def by_kind(
-    found: Sequence[tuple[Attempt, Sequence[Trajectory], Sequence[Failure | None]]],
+    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
 ) -> Iterator[tuple[str, int, int]]:
-    """The first trial of each task that succeeded, and the first of each cause.
+    """Find the first successful trial of each task, and the first of each cause of failure.
 
-    Conditions in which more differs are looked at first, since the table is about them, and the
-    policies of a condition in their order; the scripted expert is left out.
+    Conditions with more differences come first, since the table is about them, and the policies of
+    a condition in their order. The scripted expert is left out.
 
-    :param found: attempts with their trials and failures
-    :return: ``success`` or a cause, the attempt's place in ``found``, and the trial's number
+    :param found: attempts with their trials and failures.
+    :return: ``success`` or a cause, the attempt's index in ``found``, and the trial's index.
     """
     conditions = list(dict.fromkeys((one.task, one.condition.name) for one, _, _ in found))
     seen = set()
-    # Sorting is stable: within a condition policies stay in order.
+    # Sorting is stable: the policies of a condition keep their order.
     places = sorted(
         range(len(found)),
         key=lambda place: -conditions.index((found[place][0].task, found[place][0].condition.name)),

@@ -1,4 +1,4 @@
-"""What is different where a policy is tried from where it was trained: every figure, with why."""
+"""The differences between the conditions of a trial and those of training, with the reasons."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from saver_envs.wrappers.sensor_noise import SensorNoise
 OBJECT_SIZE: Final = 0.09
 """Edge of the cube in the dissertation's physical push runs (m); 5.6 cm in training."""
 FRICTION: Final = 0.35
-"""Of a smooth box on a smooth table; 0.5 in training. Less of it makes things slide on."""
+"""Friction of a smooth box on a smooth table; 0.5 in training. With less, objects slide further."""
 MASS: Final = 0.4
 """Kilograms, twice that of training: a filled box instead of an empty one."""
 DAMPING: Final = 1.0
-"""N s/m; 0 in training. At the hand's top speed of 0.5 m/s it drags half as much as the friction of
-a cube of the training, a third as much as that of one with the two figures above.
+"""N s/m; 0 in training. At the hand's top speed of 0.5 m/s the drag is half the friction of a
+training cube, and a third of that of a cube with the two figures above.
 """
 
 TRAINED_ON: Final = "jaco"
-"""The robot whose hand the policies know."""
+"""The robot that the policies were trained with."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One setting in which policies are tried.
+    """One condition in which policies are tried.
 
-    :param name: what tables and the command line call it
-    :param words: what differs
-    :param robot: name of the arm
-    :param options: keyword arguments of the environment
-    :param noise: of the sensors, or None
-    :param translated: finger readings are told in the angles of the hand of the training
-    :param expert: whether the scripted expert, which is slow, is tried here too
+    :param name: its name in tables and on the command line.
+    :param words: the differences in words.
+    :param robot: name of the arm.
+    :param options: keyword arguments of the environment.
+    :param noise: sensor noise, or None.
+    :param translated: whether finger readings are translated to the hand of the training.
+    :param expert: whether the scripted expert, which is slow, is tried too.
     """
 
     name: str
@@ -53,10 +53,10 @@ _SIZE: Final[dict[str, Any]] = {"object_size": OBJECT_SIZE}
 
 
 def conditions(task: str) -> tuple[Condition, ...]:
-    """The settings of a task, from where it was trained to where everything differs.
+    """List the conditions of a task, from those of training to all differences together.
 
-    :param task: ``push`` or ``pick``
-    :return: the last is the one that stands beside the dissertation's table
+    :param task: ``push`` or ``pick``.
+    :return: the conditions; the last one is compared with the dissertation's table.
     """
     noise = SensorNoise()
     size = f"{100 * OBJECT_SIZE:g} cm cubes"

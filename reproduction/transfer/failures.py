@@ -1,31 +1,31 @@
-"""Why a trial failed, told from its trajectory by conditions that can be measured.
+"""The cause of a failed trial, derived from measurable events of its trajectory.
 
-Every failure has one cause: of the events below that happened to an arm whose cube is not at its
-target at the end, the earliest. An event has a step; what can be said only at the end comes last.
+Every failure has one cause: the earliest of the events below that happened to an arm whose cube is
+not at its target at the end. An event has a step; events that are known only at the end come last.
 
 Pushing (the dissertation's Table 5.4: "the object rolled away", "time-out", "collision"):
 
-- ``slid_away``: at the end the cube is more than `RETREAT` farther from its target than it once
-  was, or out of the arm's reach by more than `OUT_OF_REACH`. It happened when the cube left its
-  closest approach for good, by `LEAVING`.
-- ``collided``: arms touched one another, the table or a stranger's cube on `PRESSED` steps in a
-  row. It happened on the first of them.
+- ``slid_away``: at the end the cube is more than `RETREAT` farther from its target than at its
+  closest approach, or more than `OUT_OF_REACH` out of the arm's reach. The step is the one at which
+  the cube finally left its closest approach, by `LEAVING`.
+- ``collided``: arms touched one another, the table or the cube of another arm on `PRESSED` steps in
+  a row. The step is the first of them.
 - ``inaccurate``: at the end the cube rests (slower than `AT_REST`) within `NEAR` thresholds of its
   target.
-- ``timed_out``: whatever is left: the cube was still on its way, or nobody ever came near it.
+- ``timed_out``: none of these: the cube was still moving, or never came near the target.
 
 Pick and place ("grasp lost", "reached the target position inaccurately", "failed to grasp the
 object firmly"):
 
 - ``grasp_lost``: the cube had been lifted (its lower face `LIFTED` above the table, its centre
-  within one width of the tool point) for `FIRM` steps, then moved by more than `SLIP` within or out
-  of the hand while it had been above `OFF_THE_TABLE` `FIRM` steps before, and was not lifted again.
-  It happened on that step. A cube set down gently has been on the table for longer.
-- ``weak_grasp``: the hand closed round the cube for `FIRM` steps, then rose by `CAME_UP` without
-  it, and the cube was never lifted. It happened when the hand had risen.
+  within one width of the tool point) for `FIRM` steps, then moved by more than `SLIP` relative to
+  the hand although it had been `OFF_THE_TABLE` above the table `FIRM` steps before, and was not
+  lifted again. A cube that is set down gently has been on the table for longer.
+- ``weak_grasp``: the hand closed around the cube for `FIRM` steps, then rose by `CAME_UP` without
+  it, and the cube was never lifted. The step is the one at which the hand had risen.
 - ``collided``, ``inaccurate``, ``timed_out``: as in pushing.
 
-``diverged`` is a simulation that broke down, whatever else happened before.
+``diverged`` means that the simulation broke down, whatever else happened before.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from reproduction.transfer.trajectories import Trajectory
+from reproduction.transfer.trajectories import TrialTrajectory
 
 RETREAT: Final = 0.05
-"""Metres from the closest approach: as far as success may be from the target."""
+"""Metres from the closest approach: the success threshold."""
 OUT_OF_REACH: Final = 0.05
-"""Metres beyond the reach within which cubes and targets are placed."""
+"""Metres beyond the reach of the region of cubes and targets."""
 LEAVING: Final = 0.01
-"""Metres beyond the closest approach at which a cube has left it: above what contact shakes."""
+"""Metres beyond the closest approach at which a cube has left it: above the noise of contact."""
 PRESSED: Final = 3
-"""Steps in a row, 0.12 s: successful trials brush against things for one or two."""
+"""Steps in a row, 0.12 s: successful trials have contacts of one or two steps."""
 AT_REST: Final = 0.05
-"""Metres per second: 2 mm a step."""
+"""Metres per second: 2 mm per step."""
 NEAR: Final = 2.0
 """Thresholds of success."""
 LIFTED: Final = 0.02
-"""Metres between table and cube: more than tipping on an edge gives."""
+"""Metres between table and cube: more than a cube tipped on its edge has."""
 OFF_THE_TABLE: Final = 0.01
-"""Metres between table and cube: more than noise of contact gives."""
+"""Metres between table and cube: more than the noise of contact."""
 FIRM: Final = 3
 """Steps in a row, 0.12 s: longer than a cube stays near the hand by chance."""
 SLIP: Final = 0.02
 """Metres relative to the hand: a third of a cube's width; held ones move by some millimetres."""
 CAME_UP: Final = 0.04
-"""Metres that the hand rose: twice what lifts a cube that it holds."""
+"""Metres that the hand rises: twice what lifts a cube in a firm grasp."""
 
 PUSH_CAUSES: Final = ("slid_away", "collided", "inaccurate", "timed_out", "diverged")
 PICK_CAUSES: Final = (
@@ -80,16 +80,16 @@ WORDS: Final = {
     "timed_out": "timed out",
     "diverged": "simulation broke down",
 }
-"""What tables call them."""
+"""Names in tables."""
 
 
 @dataclass(frozen=True)
 class Failure:
     """Why and when a trial failed.
 
-    :param cause: one of `PUSH_CAUSES` or `PICK_CAUSES`
-    :param step: at which it happened, from 0; T for what is known at the end alone
-    :param arm: whose cube it was; the lowest where an event is the scene's
+    :param cause: one of `PUSH_CAUSES` or `PICK_CAUSES`.
+    :param step: step of the event, from 0; T for events known only at the end.
+    :param arm: index of the cube's arm; the lowest one for events of the whole scene.
     """
 
     cause: str
@@ -97,53 +97,52 @@ class Failure:
     arm: int
 
 
-def push_failure(trial: Trajectory) -> Failure | None:
-    """The cause of a failed push.
+def push_failure(trial: TrialTrajectory) -> Failure | None:
+    """Find the cause of a failed push.
 
-    :param trial: the trajectory
-    :return: None where it succeeded
+    :param trial: the trajectory.
+    :return: the failure; None for a success.
     """
     return _earliest(trial, lambda arm: [_slid_away(trial, arm)])
 
 
-def pick_failure(trial: Trajectory) -> Failure | None:
-    """The cause of a failed pick and place.
+def pick_failure(trial: TrialTrajectory) -> Failure | None:
+    """Find the cause of a failed pick and place.
 
-    :param trial: the trajectory
-    :return: None where it succeeded
+    :param trial: the trajectory.
+    :return: the failure; None for a success.
     """
     return _earliest(trial, lambda arm: [_grasp_lost(trial, arm), _weak_grasp(trial, arm)])
 
 
 def _earliest(
-    trial: Trajectory, events_of: Callable[[int], Sequence[Failure | None]]
+    trial: TrialTrajectory, events_of: Callable[[int], Sequence[Failure | None]]
 ) -> Failure | None:
     if trial.success:
         return None
     if trial.diverged:
         return Failure("diverged", trial.steps, 0)
     failed = np.flatnonzero(trial.distance[-1] > trial.threshold).tolist()
-    # Nothing is off its target where a rule about the whole way was broken: a constrained task's.
-    arms = failed or [0]
+    # All cubes are at their targets if the episode violated a constraint.
     events: list[Failure] = []
-    for arm in arms:
+    for arm in failed or [0]:
         found = [*events_of(arm), _collided(trial, arm), _at_the_end(trial, arm)]
         events += [one for one in found if one is not None]
     return min(events, key=lambda one: one.step)
 
 
-def _at_the_end(trial: Trajectory, arm: int) -> Failure:
+def _at_the_end(trial: TrialTrajectory, arm: int) -> Failure:
     near = trial.distance[-1, arm] <= NEAR * trial.threshold
     rests = trial.object_speed[-1, arm] <= AT_REST
     return Failure("inaccurate" if near and rests else "timed_out", trial.steps, arm)
 
 
-def _collided(trial: Trajectory, arm: int) -> Failure | None:
+def _collided(trial: TrialTrajectory, arm: int) -> Failure | None:
     starts = _runs(trial.collided, PRESSED)
     return Failure("collided", starts[0][0], arm) if starts else None
 
 
-def _slid_away(trial: Trajectory, arm: int) -> Failure | None:
+def _slid_away(trial: TrialTrajectory, arm: int) -> Failure | None:
     distance = trial.distance[:, arm]
     closest = distance.min()
     from_base = np.linalg.norm(trial.object[-1, arm, :2])
@@ -153,31 +152,31 @@ def _slid_away(trial: Trajectory, arm: int) -> Failure | None:
     return Failure("slid_away", min(int(near[-1]) + 1, trial.steps), arm)
 
 
-def _above_table(trial: Trajectory, arm: int) -> NDArray[np.float64]:
-    """(T + 1,) metres between the table and the lower face of a cube that lies flat."""
+def _above_table(trial: TrialTrajectory, arm: int) -> NDArray[np.float64]:
+    """Compute the height (T + 1,) of a flat cube's lower face above the table, metres."""
     height: NDArray[np.float64] = trial.object[:, arm, 2] - trial.object_size / 2
     return height
 
 
-def _in_hand(trial: Trajectory, arm: int) -> NDArray[np.bool_]:
-    """(T + 1,) whether the cube's centre is within a width of the tool point."""
+def _in_hand(trial: TrialTrajectory, arm: int) -> NDArray[np.bool_]:
+    """Tell at each instant (T + 1,) whether the cube is within a width of the tool point."""
     separation = np.linalg.norm(trial.object[:, arm] - trial.tool[:, arm], axis=-1)
     near: NDArray[np.bool_] = separation <= trial.object_size
     return near
 
 
-def _lifted(trial: Trajectory, arm: int) -> list[tuple[int, int]]:
-    """The spans in which the hand had the cube off the table, each [first, last]."""
+def _lifted(trial: TrialTrajectory, arm: int) -> list[tuple[int, int]]:
+    """Find the spans [first, last] in which the hand holds the cube above the table."""
     return _runs(_in_hand(trial, arm) & (_above_table(trial, arm) > LIFTED), FIRM)
 
 
-def _grasp_lost(trial: Trajectory, arm: int) -> Failure | None:
+def _grasp_lost(trial: TrialTrajectory, arm: int) -> Failure | None:
     spans = _lifted(trial, arm)
     if not spans:
         return None
     first, last = spans[-1]
     offset = trial.object[:, arm] - trial.tool[:, arm]
-    # Against the span's middle value: a cube that settles in the hand is not lost.
+    # Relative to the median of the span: a cube that settles in the hand is not lost.
     moved = np.linalg.norm(offset - np.median(offset[first : last + 1], axis=0), axis=-1) > SLIP
     height = _above_table(trial, arm)
     for step in range(first + FIRM, trial.steps + 1):
@@ -186,15 +185,12 @@ def _grasp_lost(trial: Trajectory, arm: int) -> Failure | None:
     return None
 
 
-def _weak_grasp(trial: Trajectory, arm: int) -> Failure | None:
+def _weak_grasp(trial: TrialTrajectory, arm: int) -> Failure | None:
     if _lifted(trial, arm):
         return None
     closed = _in_hand(trial, arm)[1:] & trial.closing[:, arm]
-    spans = _runs(closed, FIRM)
-    if not spans:
-        return None
     height = trial.tool[:, arm, 2]
-    for first, _ in spans:
+    for first, _ in _runs(closed, FIRM):
         lowest = np.minimum.accumulate(height[first + 1 :])
         risen = np.flatnonzero(height[first + 1 :] - lowest >= CAME_UP)
         if risen.size:
@@ -203,7 +199,7 @@ def _weak_grasp(trial: Trajectory, arm: int) -> Failure | None:
 
 
 def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """Spans [first, last] of at least ``least`` True in a row."""
+    """Find spans [first, last] of at least ``least`` True in a row."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     spans = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
     return [(first, last) for first, last in spans if last - first + 1 >= least]

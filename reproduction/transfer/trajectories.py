@@ -1,4 +1,4 @@
-"""Trials recorded step by step, with what truly happened beside what the policy was told."""
+"""Trials recorded step by step: the true state, without the noise that the policy observes."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 FrameCallback = Callable[[Episodes, int], None]
-"""Called with the episodes and the step, at the start of the trials and after each step."""
+"""Receives the episodes and the step, at the start of the trials and after each step."""
 
 _TOOL, _OBJECT, _OBJECT_VELOCITY = slice(0, 3), slice(12, 15), slice(22, 25)
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """One trial as it truly was, each arm in its own base frame; arrays of T + 1 instants.
+class TrialTrajectory:
+    """The true course of one trial, each arm in its own base frame; arrays of T + 1 instants.
 
-    :param tool: (T + 1, arms, 3) tool points, metres
-    :param object: (T + 1, arms, 3) centres of the cubes, metres
-    :param object_speed: (T + 1, arms) metres per second
-    :param target: (arms, 3), metres
-    :param closing: (T, arms) whether the gripper was told to close; False where it cannot move
-    :param collided: (T,) steps with contact that ``cost_collision`` counts
-    :param object_size: edge of the cubes, metres
-    :param threshold: distance to the target that counts as reached, metres
-    :param reach: horizontal distance from the base at which objects may lie, metres
-    :param success: ``is_success`` of the last step
-    :param diverged: whether the simulation broke down
-    :param seed: that the trial started from
+    :param tool: (T + 1, arms, 3) tool points, metres.
+    :param object: (T + 1, arms, 3) centres of the cubes, metres.
+    :param object_speed: (T + 1, arms) metres per second.
+    :param target: (arms, 3), metres.
+    :param closing: (T, arms) whether the action closes the gripper; False if the gripper is fixed.
+    :param collided: (T,) steps with contact that ``cost_collision`` counts.
+    :param object_size: edge of the cubes, metres.
+    :param threshold: distance to the target that counts as reached, metres.
+    :param reach: horizontal distance from the base at which objects may lie, metres.
+    :param success: ``is_success`` of the last step.
+    :param diverged: whether the simulation broke down.
+    :param seed: that the trial started from.
     """
 
     tool: NDArray[np.float64]
@@ -78,22 +78,21 @@ def run_trials(
     noise: SensorNoise | None = None,
     hand: Robot | None = None,
     frame_callback: FrameCallback | None = None,
-) -> list[Trajectory]:
+) -> list[TrialTrajectory]:
     """Play trials side by side and record them; trial i starts from ``seed + i``.
 
-    The same call plays the same trials, so one of them can be drawn when it is known which is
-    worth drawing.
+    The same call plays the same trials, so that chosen trials can be drawn in a second run.
 
-    :param predict: batched Dict observation (n, size) -> actions (n, action_size); deterministic
-    :param env_id: a registered id
-    :param trials: how many
-    :param seed: of trial 0
-    :param env_kwargs: further arguments of the environment
-    :param noise: of the sensors; exact ones where None
-    :param hand: the robot whose finger readings the policy knows; the scene's own where None
-    :param frame_callback: see `FrameCallback`
-    :return: one trajectory a trial
-    :raises ValueError: for fewer than one trial
+    :param predict: batched Dict observation (n, size) -> actions (n, action_size); deterministic.
+    :param env_id: a registered id.
+    :param trials: number of trials.
+    :param seed: seed of trial 0.
+    :param env_kwargs: further arguments of the environment.
+    :param noise: sensor noise; none if None.
+    :param hand: robot whose finger readings the policy was trained with; the scene's own if None.
+    :param frame_callback: see `FrameCallback`.
+    :return: one trajectory per trial.
+    :raises ValueError: for fewer than one trial.
     """
     if trials < 1:
         raise ValueError(f"trials={trials} must be at least 1")
@@ -123,7 +122,7 @@ def run_trials(
 
 
 class _Recorder:
-    """Steps episodes and keeps what happened."""
+    """Steps episodes and records them."""
 
     def __init__(self, episodes: Episodes) -> None:
         self._episodes = episodes
@@ -139,22 +138,22 @@ class _Recorder:
         outcome = episodes.step(actions)
         self._seen.append(episodes.observation().observation.astype(np.float64))
         self._collided.append(outcome.costs["collision"] > 0)
-        # A simulation that broke down begins anew by itself: what follows is not this trial.
+        # A diverged simulation restarts by itself; what follows is not this trial.
         self._success = outcome.success & ~self._diverged & ~outcome.diverged
         self._diverged |= outcome.diverged
         blocks = np.asarray(actions).reshape(episodes.n, episodes.task.n_arms, -1)
         gripper = episodes.task.held_height is None
         self._closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
 
-    def trajectories(self, seed: int) -> list[Trajectory]:
-        """What was recorded, trial by trial."""
+    def trajectories(self, seed: int) -> list[TrialTrajectory]:
+        """Return the recorded trials."""
         episodes = self._episodes
         arms = episodes.task.n_arms
         seen = np.stack(self._seen, axis=1).reshape(episodes.n, -1, arms, SIZE_PER_ARM)
         closing, collided = np.stack(self._closing, axis=1), np.stack(self._collided, axis=1)
         velocity = seen[..., _OBJECT_VELOCITY] / LINEAR_VELOCITY_SCALE
         return [
-            Trajectory(
+            TrialTrajectory(
                 tool=seen[index, ..., _TOOL],
                 object=seen[index, ..., _OBJECT],
                 object_speed=np.linalg.norm(velocity[index], axis=-1),

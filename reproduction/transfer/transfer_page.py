@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from reproduction.page_parts import Column, join_parts, rows_table
 from reproduction.transfer import failures
 from reproduction.transfer.attempts import TITLES
 from saver_advisors.reporting.tables import markdown
@@ -14,35 +16,37 @@ from saver_advisors.reporting.tables import markdown
 PAPER: Final = Path(__file__).with_name("paper.json")
 CAUSES: Final = {"push": failures.PUSH_CAUSES, "pick": failures.PICK_CAUSES}
 HEADLINE: Final = "all"
+SUCCESS: Final = "{successes}/{trials}"
+INTERVAL: Final = "{ci95[0]:.2f} to {ci95[1]:.2f}"
 
 INTRODUCTION: Final = """\
-Rendered from the JSON file of `python -m reproduction transfer`, never typed. The dissertation's
-Table 5.4 tries policies that were trained on two simulated Jacos on two real MICOs. Here they are
-tried, unchanged, on two simulated MICOs, which have four joints, two fingers and a shorter reach,
-with other objects and with sensors that err.
+Generated from the JSON file of `python -m reproduction transfer`. In the dissertation's Table 5.4,
+policies that were trained on two simulated Jacos run on two real MICOs. Here they run, unchanged,
+on two simulated MICOs, which have four joints, two fingers and a shorter reach, with other objects
+and with sensor noise.
 """
 
 HAND: Final = """\
-A policy reads finger angles, and knows those of the Jaco. The MICO's readings are told to it in
-the Jaco's angles, open as open and closed as closed, as whoever connects a policy to another hand
-has to; the rows *raw* show what happens otherwise. Success is read from where the cubes truly are,
-noise or not.
+A policy observes finger angles, and was trained with those of the Jaco. The MICO's readings are
+translated into the Jaco's angles, from open to closed, as any use of a policy with another hand
+requires; the rows *raw* show the result without translation. Success is computed from the true
+positions of the cubes, without noise.
 """
 
 CAUSE_WORDS: Final = """\
-A failed trial has one cause, the first thing that went wrong;
-`reproduction.transfer.failures` defines each by what is measured. *Touched* counts trials,
-successful ones too, with any contact between arms, or of an arm with the table or a stranger's
-cube; as a cause of failure, contact has to last for 0.12 s.
+A failed trial has one cause, the first event that went wrong; `reproduction.transfer.failures`
+defines the causes. *Touched* counts trials, including successful ones, with any contact between
+arms, or of an arm with the table or with the cube of another arm; as a cause of failure, contact
+has to last for 0.12 s.
 """
 
 
 def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
-    """The figures as a page.
+    """Render the figures as a page.
 
-    :param figures: what ``python -m reproduction transfer`` measured, or its JSON file's content
-    :param clips: the folder of the videos as the page sees it; no videos where None
-    :return: Markdown
+    :param figures: what was measured, or the content of its JSON file.
+    :param clips: folder of the videos relative to the page; no videos if None.
+    :return: Markdown.
     """
     parts = ["# Transfer", INTRODUCTION, "## Beside Table 5.4", _headline(figures)]
     parts += [HAND, CAUSE_WORDS]
@@ -54,11 +58,14 @@ def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
     if clips is not None and figures.get("videos"):
         parts += ["## Videos", _videos(figures["videos"], clips)]
     parts += ["## Sensors", _sensors(figures), _origin(figures)]
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts)
+    return join_parts(parts)
 
 
 def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
-    """Table 5.4, by task and policy."""
+    """Read Table 5.4.
+
+    :return: its rows by task and policy.
+    """
     content = json.loads(PAPER.read_text(encoding="utf-8"))
     return {
         (one["task"], one["policy"]): {**one, "trials": content["trials"]}
@@ -67,7 +74,7 @@ def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def _headline(figures: Mapping[str, Any]) -> str:
-    """The condition in which everything differs, beside the paper's rows."""
+    """Render the condition with all differences beside the paper's rows."""
     paper = paper_rows()
     columns = ["task", "policy", "success here", "95% interval", "failures here"]
     columns += ["paper, on real arms", "failures there"]
@@ -87,15 +94,14 @@ def _headline(figures: Mapping[str, Any]) -> str:
 def _ours(one: Mapping[str, Any] | None) -> list[str]:
     if one is None:
         return ["-", "-", "not tried"]
-    low, high = one["ci95"]
-    return [f"{one['successes']}/{one['trials']}", f"{low:.2f} to {high:.2f}", _failures(one)]
+    return [SUCCESS.format_map(one), INTERVAL.format_map(one), _failures(one)]
 
 
 def _theirs(one: Mapping[str, Any] | None) -> list[str]:
     if one is None:
         return ["-", "-"]
     told = _failures(one) if one["causes"] else one["words"]
-    return [f"{one['successes']}/{one['trials']}", told]
+    return [SUCCESS.format_map(one), told]
 
 
 def _failures(one: Mapping[str, Any]) -> str:
@@ -109,24 +115,22 @@ def _conditions(task: str, figures: Mapping[str, Any]) -> str:
 
 
 def _table(task: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    causes = [one for one in CAUSES[task] if any(one in row["causes"] for row in rows)]
-    columns = ["condition", "policy", "success", "95% interval"]
-    columns += [*(failures.WORDS[one] for one in causes), "touched", "final distance (cm)"]
-    cells = []
-    for row in rows:
-        low, high = row["ci95"]
-        cells.append(
-            [
-                row["condition"],
-                row["label"],
-                f"{row['successes']}/{row['trials']}",
-                f"{low:.2f} to {high:.2f}",
-                *(str(row["causes"].get(one, 0)) for one in causes),
-                str(row["touched"]),
-                f"{100 * row['final_distance_mean']:.1f}",
-            ]
-        )
-    return markdown(columns, cells)
+    columns: dict[str, Column] = {
+        "condition": "{condition}",
+        "policy": "{label}",
+        "success": SUCCESS,
+        "95% interval": INTERVAL,
+    }
+    for cause in CAUSES[task]:
+        if any(cause in row["causes"] for row in rows):
+            columns[failures.WORDS[cause]] = partial(_count, cause)
+    columns["touched"] = "{touched}"
+    columns["final distance (cm)"] = lambda row: f"{100 * row['final_distance_mean']:.1f}"
+    return rows_table(rows, columns)
+
+
+def _count(cause: str, row: Mapping[str, Any]) -> str:
+    return str(row["causes"].get(cause, 0))
 
 
 def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
@@ -142,19 +146,12 @@ def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
 
 
 def _sensors(figures: Mapping[str, Any]) -> str:
-    noise = next(
-        (
-            one["noise"]
-            for several in figures["conditions"].values()
-            for one in several
-            if one["noise"] is not None
-        ),
-        None,
-    )
+    every = [one["noise"] for several in figures["conditions"].values() for one in several]
+    noise = next((one for one in every if one is not None), None)
     if noise is None:
         return "Sensors were exact.\n"
     rows = [[name.replace("_", " "), f"{value:g}"] for name, value in noise.items()]
-    text = "Standard deviations, SI units; `saver_envs.wrappers.sensor_noise` says why.\n\n"
+    text = "Standard deviations, SI units, see `saver_envs.wrappers.sensor_noise`.\n\n"
     return text + markdown(["reading", "standard deviation"], rows)
 
 
@@ -165,6 +162,6 @@ def _origin(figures: Mapping[str, Any]) -> str:
         return text
     return (
         f"{text} Measured at commit `{origin['commit']}` with `{origin['command']}`, MuJoCo "
-        f"{origin['versions']['mujoco']}. Contact is chaotic: another machine gives other trials, "
-        "and rates within their intervals."
+        f"{origin['versions']['mujoco']}. Contact is chaotic: trials differ on another machine, "
+        "rates stay within their intervals."
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -11,35 +12,35 @@ from saver_advisors.reporting.video import EpisodeVideo, Frame, write_clip, writ
 if TYPE_CHECKING:
     from reproduction.transfer.attempts import Attempt
     from reproduction.transfer.failures import Failure
-    from reproduction.transfer.trajectories import Trajectory
+    from reproduction.transfer.trajectories import TrialTrajectory
     from saver_envs.episodes import Episodes
 
 SIZE: Final = (960, 720)
-"""Pixels of a picture of the whole bench, width and height."""
+"""Width and height of a picture of the whole bench, in pixels."""
 ROWS: Final = slice(210, 610)
-"""Of a picture, what a video shows: where hands and cubes are."""
+"""Rows of a picture that a video shows: those with hands and cubes."""
 COLUMNS: Final = slice(270, 810)
-"""The same across."""
+"""Columns of a picture that a video shows."""
 STRIDE: Final = 2
-"""Steps from frame to frame of a clip."""
+"""Steps between two frames of a clip."""
 
 
 def record_each_kind(
     folder: Path,
-    found: Sequence[tuple[Attempt, Sequence[Trajectory], Sequence[Failure | None]]],
+    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
     trials: int,
     seed: int,
 ) -> list[dict[str, Any]]:
-    """Play the attempts that have something to show once more, and draw it.
+    """Replay attempts, and record a trial of each kind.
 
-    All trials of an attempt are played again, not the drawn one alone: policies compute a batch in
-    one go, and another batch would round otherwise, which contact makes large.
+    All trials of an attempt are replayed, not the recorded one alone: a policy rounds differently
+    in a batch of another size, and contact amplifies the difference.
 
-    :param folder: where the videos go, made if need be
-    :param found: attempts with their trials and failures
-    :param trials: of each attempt
-    :param seed: of trial 0
-    :return: JSON-able: ``file`` without its ending, and what it shows
+    :param folder: folder of the videos, created if missing.
+    :param found: attempts with their trials and failures.
+    :param trials: number of trials of each attempt.
+    :param seed: seed of trial 0.
+    :return: JSON-able: ``file`` without its suffix, and what it shows.
     """
     from reproduction.transfer.attempts import by_kind
     from saver_advisors.benchmark.machine import progress
@@ -63,23 +64,21 @@ def record_each_kind(
 def _draw(
     attempt: Attempt, numbers: Sequence[int], trials: int, seed: int
 ) -> dict[int, list[Frame]]:
-    """The frames of some of an attempt's trials."""
+    """Draw the frames of some of an attempt's trials."""
     from saver_envs.envs.pictures import Pictures
 
     frames: dict[int, list[Frame]] = {number: [] for number in numbers}
-    pictures: list[Pictures] = []
+    with ExitStack() as stack:
+        pictures: list[Pictures] = []
 
-    def look(episodes: Episodes, step: int) -> None:
-        if not pictures:
-            pictures.append(Pictures(episodes, "rgb_array", *SIZE))
-        for number in numbers:
-            frames[number].append(pictures[0].draw(number)[ROWS, COLUMNS].copy())
+        def look(episodes: Episodes, step: int) -> None:
+            if not pictures:
+                pictures.append(Pictures(episodes, "rgb_array", *SIZE))
+                stack.callback(pictures[0].close)
+            for number in numbers:
+                frames[number].append(pictures[0].draw(number)[ROWS, COLUMNS].copy())
 
-    try:
         attempt.play(trials, seed, look)
-    finally:
-        for one in pictures:
-            one.close()
     return frames
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from reproduction.page_parts import Column, join_parts, row_cells, rows_table
 from saver_advisors.reporting.provenance import machine_in_words
 from saver_advisors.reporting.tables import markdown
 
@@ -20,21 +21,21 @@ WORDS: Final = {
 }
 
 INTRODUCTION: Final = """\
-Rendered from the JSON files of `python -m reproduction wrist-push`, never typed. Every row plays
-the same trials of `WristPush-v0` from the first on (other bodies, postures and places from trial to
-trial), as many as it says, through the loop of [Integration](integration.md). A trial *succeeded*
-where both wrists end within 5 cm of their targets and the trunk was never pressed with more than 50
-N nor moved by more than 20 mm. It *failed in reaching* where a wrist that missed was never brought
-2 cm nearer to its target: the hand never came to push it. Else it *failed in pushing*. *Harmed*
-counts trials beyond a limit of the trunk's.
+Generated from the JSON files of `python -m reproduction wrist-push`. Every row plays the given
+number of trials of `WristPush-v0` through the loop of [Integration](integration.md). All rows start
+from the same seed, and trials differ in body, posture and position. A trial *succeeded* if both
+wrists end within 5 cm of their targets and the trunk was never pressed with more than 50 N nor
+moved by more than 20 mm. It *failed in reaching* if a wrist that missed its target was never
+brought 2 cm nearer to it, which means that the hand did not come to push it. Otherwise it *failed
+in pushing*. *Harmed* counts trials beyond a limit of the trunk.
 """
 
 FAULTS: Final = """\
 Each fault is injected into the loop with everything learned while the arms move, for 0.6 s. *Stood*
-is the time from the fault's begin until both tools are slower than 1 cm/s, and stay so while it
-lasts. *Named* counts cases in which the log names the stage at fault, or the one that checks its
-results. *Went on* is the time from the fault's end until the arms are free again. Force and
-displacement are the highest of all cases, from the fault's begin on.
+is the time from the start of the fault until both tools are slower than 1 cm/s and stay so while it
+lasts. *Named* counts cases in which the log names the faulty stage, or the stage that checks its
+results. *Went on* is the time from the end of the fault until the arms are released. Force and
+displacement are the maxima of all cases, from the start of the fault.
 """
 
 STAGES: Final = """\
@@ -44,51 +45,73 @@ settings of the loop.
 
 
 def render(figures: Mapping[str, Any]) -> str:
-    """The figures as a page.
+    """Render the figures as a page.
 
-    :param figures: what was measured, or its JSON file's content
-    :return: Markdown
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
     parts = ["# The whole robot", INTRODUCTION, "## Beside chapter 8's table", _table(figures)]
-    parts += [_causes(figures["rows"])]
+    parts.append(_causes(figures["rows"]))
     if figures["faults"]:
-        parts += ["## Faults", FAULTS, _fault_table(figures["faults"])]
-    parts += ["## Rates and latencies", STAGES, _speed(figures["rows"]), *_stages(figures)]
-    parts.append(_origin(figures))
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts)
+        parts += ["## Faults", FAULTS, rows_table(figures["faults"], FAULT_COLUMNS)]
+    parts += ["## Rates and latencies", STAGES, rows_table(figures["rows"], SPEED_COLUMNS)]
+    return join_parts([*parts, *_stages(figures), _origin(figures)])
+
+
+def _words(row: Mapping[str, Any]) -> str:
+    """Name a row, with its policy if that is not the table's."""
+    words = WORDS[row["row"]]
+    return f"{words}, policy `{row['policy']}`" if "policy" in row else words
+
+
+def _spread(values: Sequence[float] | None) -> str:
+    return "-" if values is None else f"{values[0]:.0f}, {values[1]:.0f}"
+
+
+FAULT_COLUMNS: Final[Mapping[str, Column]] = {
+    "fault": "{fault}: {words}",
+    "cases": "{injections}",
+    "stood": "{stopped}",
+    "within 100 ms": "{stopped_in_time}",
+    "until standing: median, longest (ms)": lambda one: _spread(one["still_ms"]),
+    "named": "{named_rightly}",
+    "went on": "{recovered}",
+    "until release: median, longest (ms)": lambda one: _spread(one["recovery_ms"]),
+    "force (N)": "{torso_force_n:.0f}",
+    "displacement (mm)": lambda one: f"{1000 * one['torso_displacement_m']:.1f}",
+}
+SPEED_COLUMNS: Final[Mapping[str, Column]] = {
+    "loop": _words,
+    "simulated s per s, one process": "{real_time_share:.2f}",
+    "all processes": "{throughput:.2f}",
+    "wall clock per trial (s)": "{wall_s_per_trial:.1f}",
+    "age of the policy's input, median and 95% (ms)": "{age_ms[0]:.0f}, {age_ms[1]:.0f}",
+}
+OUTCOME_COLUMNS: Final[Mapping[str, Column]] = {
+    "loop": _words,
+    "trials": "{trials}",
+    "succeeded": "{succeeded}",
+    "rate": lambda one: f"{one['succeeded'] / one['trials']:.2f}",
+    "95% interval": "{ci95[0]:.2f} to {ci95[1]:.2f}",
+    "failed in reaching": "{failed_reaching}",
+    "failed in pushing": "{failed_pushing}",
+    "harmed": "{harmed}",
+}
 
 
 def _table(figures: Mapping[str, Any]) -> str:
     paper = json.loads(PAPER.read_text(encoding="utf-8"))
-    columns = ["loop", "trials", "succeeded", "rate", "95% interval"]
-    columns += ["failed in reaching", "failed in pushing", "harmed"]
-    rows = []
-    for one in figures["rows"]:
-        low, high = one["ci95"]
-        rows.append(
-            [
-                _words(one),
-                str(one["trials"]),
-                str(one["succeeded"]),
-                f"{one['succeeded'] / one['trials']:.2f}",
-                f"{low:.2f} to {high:.2f}",
-                str(one["failed_reaching"]),
-                str(one["failed_pushing"]),
-                str(one["harmed"]),
-            ]
-        )
-    theirs = [str(paper[key]) for key in ("failed_reaching", "failed_pushing")]
-    rate = f"{paper['succeeded'] / paper['trials']:.2f}"
-    row = ["paper, on real arms", str(paper["trials"]), str(paper["succeeded"]), rate, "-"]
-    rows.append([*row, *theirs, "-"])
+    theirs = {"loop": "paper, on real arms", "95% interval": "-", "harmed": "-"}
+    rows = row_cells(figures["rows"], OUTCOME_COLUMNS.values())
+    rows += row_cells([paper], [theirs.get(name, one) for name, one in OUTCOME_COLUMNS.items()])
     settings = figures["settings"]
     speed = settings["limits"]["max_speed"]
     told = f"Policy: `{settings['policy']}`; tools at up to {speed:g} m/s; seeds from "
-    return f"{told}{figures['seed']}.\n\n{markdown(columns, rows)}"
+    return f"{told}{figures['seed']}.\n\n{markdown(list(OUTCOME_COLUMNS), rows)}"
 
 
 def _causes(rows: Sequence[Mapping[str, Any]]) -> str:
-    """What stopped the arms most often."""
+    """List what stopped the arms most often."""
     lines = []
     for one in rows:
         stops = Counter(
@@ -99,87 +122,34 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> str:
         told = "; ".join(f"{words} ({count})" for words, count in stops.most_common(4))
         held = 100 * one["held_share"]
         lines.append(f"- {_words(one)}: held for {held:.1f}% of the time. {told or 'None'}.")
-    return "Stops by the safety layer, the most frequent ones:\n\n" + "\n".join(lines) + "\n"
-
-
-def _fault_table(faults: Sequence[Mapping[str, Any]]) -> str:
-    columns = ["fault", "cases", "stood", "within 100 ms", "median, longest (ms)", "named"]
-    columns += ["went on", "median, longest (ms)", "force (N)", "displacement (mm)"]
-    rows = [
-        [
-            f"{one['fault']}: {one['words']}",
-            str(one["injections"]),
-            str(one["stopped"]),
-            str(one["stopped_in_time"]),
-            _spread(one["still_ms"]),
-            str(one["named_rightly"]),
-            str(one["recovered"]),
-            _spread(one["recovery_ms"]),
-            f"{one['torso_force_n']:.0f}",
-            f"{1000 * one['torso_displacement_m']:.1f}",
-        ]
-        for one in faults
-    ]
-    return markdown(columns, rows)
-
-
-def _spread(values: Sequence[float] | None) -> str:
-    return "-" if values is None else f"{values[0]:.0f}, {values[1]:.0f}"
-
-
-def _speed(rows: Sequence[Mapping[str, Any]]) -> str:
-    columns = ["loop", "share of real time, a process", "all processes", "wall clock a trial (s)"]
-    columns.append("age of what the policy sees, median and 95% (ms)")
-    return markdown(
-        columns,
-        [
-            [
-                _words(one),
-                f"{one['real_time_share']:.2f}",
-                f"{one['throughput']:.2f}",
-                f"{one['wall_s_per_trial']:.1f}",
-                "{:.0f}, {:.0f}".format(*one["age_ms"]),
-            ]
-            for one in rows
-        ],
-    )
+    return "The most frequent stops by the safety layer:\n\n" + "\n".join(lines) + "\n"
 
 
 def _stages(figures: Mapping[str, Any]) -> list[str]:
-    """The stages of the fullest row."""
+    """Render the stages of the row with most stages."""
     if not figures["rows"]:
         return []
     fullest = max(figures["rows"], key=lambda one: len(one["stages"]))
     latencies = figures["settings"]["latencies"]
-    columns = ["stage", "rate (Hz)", "median (ms)", "95% (ms)", "simulated latency (ms)"]
-    rows = [
-        [
-            name,
-            f"{one['rate_hz']:.1f}",
-            f"{one['median_ms']:.3f}",
-            f"{one['p95_ms']:.3f}",
-            _latency(latencies.get(name, 0.0)),
-        ]
-        for name, one in fullest["stages"].items()
-    ]
-    return [f"Stages of *{_words(fullest)}*:\n", markdown(columns, rows)]
 
+    def latency(one: Mapping[str, Any]) -> str:
+        value = latencies.get(one["name"], 0.0)
+        return value if isinstance(value, str) else f"{1000 * value:g}"
 
-def _latency(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{1000 * value:g}"
-
-
-def _words(row: Mapping[str, Any]) -> str:
-    """What a row is called; with its policy where that is another than the table's."""
-    words = WORDS[row["row"]]
-    return f"{words}, policy `{row['policy']}`" if "policy" in row else words
+    columns: dict[str, Column] = {
+        "stage": "{name}",
+        "rate (Hz)": "{rate_hz:.1f}",
+        "median (ms)": "{median_ms:.3f}",
+        "95% (ms)": "{p95_ms:.3f}",
+        "simulated latency (ms)": latency,
+    }
+    stages = [{"name": name, **one} for name, one in fullest["stages"].items()]
+    return [f"Stages of *{_words(fullest)}*:\n", rows_table(stages, columns)]
 
 
 def _origin(figures: Mapping[str, Any]) -> str:
-    lines = []
-    for origin in figures.get("sources") or [figures["provenance"]]:
-        lines.append(
-            f"`{origin['command']}`, commit {origin['commit'] or 'unknown'}, {origin['time']}, "
-            f"{machine_in_words(origin['machine'])}.\n"
-        )
-    return "\n".join(lines)
+    return "\n".join(
+        f"`{origin['command']}`, commit {origin['commit'] or 'unknown'}, {origin['time']}, "
+        f"{machine_in_words(origin['machine'])}.\n"
+        for origin in figures.get("sources") or [figures["provenance"]]
+    )

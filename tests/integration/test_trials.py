@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from reproduction.program import main as reproduce
-from reproduction.wrist_push.trials import _counted, fault_row, play_row, shares
+from reproduction.wrist_push.loop_trials import _counted, fault_row, play_row, shares
 from reproduction.wrist_push.wrist_push_page import render
 from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for

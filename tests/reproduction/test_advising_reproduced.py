@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from run_files import EVERY, curve, write_run
 
-from reproduction.advising.figures import strategies
+from reproduction.advising.advising_command import evaluate_findings, figures, tables
+from reproduction.advising.advising_curves import strategies
 from reproduction.advising.paper import PaperFigures, table_5_2
-from reproduction.advising.table_5_2 import figures, judge_all, tables
 from reproduction.findings import (
     Finding,
     Measured,
     Metric,
     Table,
     claims,
-    judge,
+    evaluate_claim,
     table_of,
 )
 from reproduction.program import main as reproduce
@@ -54,7 +54,7 @@ def judged(text: str, table: Table, task: str = "push") -> Finding:
         for claim in claims(list(table_5_2().labels))
         if text in claim.text and claim.task == task
     ]
-    return judge(claim, table)
+    return evaluate_claim(claim, table)
 
 
 def test_the_papers_table_obeys_its_own_definition() -> None:
@@ -71,7 +71,7 @@ def test_the_papers_table_obeys_its_own_definition() -> None:
 def test_the_papers_findings_hold_in_its_own_table(copies: int, beyond: str) -> None:
     paper = table_5_2()
     for claim in claims(list(paper.labels)):
-        found = judge(claim, paper_as_table(paper.figures[claim.task], copies))
+        found = evaluate_claim(claim, paper_as_table(paper.figures[claim.task], copies))
         assert found.verdict == "holds", claim
         assert found.beyond_seeds == beyond
         assert found.n == copies
@@ -315,7 +315,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     # A table of the same files is the same.
     results = read([folder])
     assert json.loads(
-        json.dumps(figures(tables(results), judge_all(tables(results)), results))
+        json.dumps(figures(tables(results), evaluate_findings(tables(results)), results))
     ) == {key: value for key, value in content.items() if key != "provenance"}
 
 

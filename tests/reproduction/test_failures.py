@@ -22,7 +22,7 @@ from reproduction.transfer.failures import (
     pick_failure,
     push_failure,
 )
-from reproduction.transfer.trajectories import Trajectory
+from reproduction.transfer.trajectories import TrialTrajectory
 
 T, SIZE = 40, 0.056
 TARGET = np.array([0.45, 0.0, SIZE / 2])
@@ -36,7 +36,7 @@ def path(*points: Any) -> Any:
     return np.stack(columns, axis=1) + np.array([0, 0, SIZE / 2])
 
 
-def trial(cube: Any, tool: Any = None, **more: Any) -> Trajectory:
+def trial(cube: Any, tool: Any = None, **more: Any) -> TrialTrajectory:
     """A trial of one arm; the hand stays far away where no path is given."""
     tool = path((0, 0.2, 0.3, 0.2)) if tool is None else tool
     speed = np.linalg.norm(np.gradient(cube, axis=0), axis=-1) / 0.04
@@ -52,7 +52,7 @@ def trial(cube: Any, tool: Any = None, **more: Any) -> Trajectory:
         "reach": 0.62,
         "success": False,
     }
-    return Trajectory(**{**values, **more})
+    return TrialTrajectory(**{**values, **more})
 
 
 def touching(*steps: int) -> Any:
@@ -155,7 +155,7 @@ def test_a_simulation_that_broke_down_is_no_policys_fault() -> None:
 # Pick and place -----------------------------------------------------------------------------------
 
 
-def carried(*cube: Any, tool: Any, closed_from: int = 5) -> Trajectory:
+def carried(*cube: Any, tool: Any, closed_from: int = 5) -> TrialTrajectory:
     """A trial with a hand that closes."""
     closing = np.zeros((T, 1), bool)
     closing[closed_from:] = True
@@ -229,7 +229,7 @@ def test_every_failure_has_one_known_cause_within_the_trial(seed: int, arms: int
 
     cube = wander(0.01)
     cube[..., 2] = np.maximum(cube[..., 2], SIZE / 2)
-    made = Trajectory(
+    made = TrialTrajectory(
         tool=cube + wander(0.005) - [0.4, 0, 0.05],
         object=cube,
         object_speed=random.uniform(0, 0.2, (T + 1, arms)),

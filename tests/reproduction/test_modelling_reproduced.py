@@ -12,17 +12,6 @@ import pytest
 import torch
 
 from reproduction.modelling import grid, kinematics_page, tracking, training_time
-from reproduction.modelling.cells import Cell
-from reproduction.modelling.claims import (
-    ADVERSARIAL,
-    CLAIMS,
-    Missing,
-    Table,
-    claims,
-    little_data,
-    paper,
-    paper_cells,
-)
 from reproduction.modelling.grid import (
     as_known,
     cells_of,
@@ -30,14 +19,25 @@ from reproduction.modelling.grid import (
     results_of,
     run_grid,
 )
-from reproduction.modelling.table import render
+from reproduction.modelling.grid_cells import GridCell
+from reproduction.modelling.grid_page import render
+from reproduction.modelling.paper_claims import (
+    ADVERSARIAL,
+    CLAIMS,
+    MissingCells,
+    RmseTable,
+    claims,
+    little_data,
+    paper,
+    paper_cells,
+)
 from reproduction.program import main as reproduce
 from saver_envs.modelling.accuracy import distances
 
 MODELS = (*ADVERSARIAL, "mlp")
 
 
-def result(cell: Cell, test: float = 0.5) -> dict[str, Any]:
+def result(cell: GridCell, test: float = 0.5) -> dict[str, Any]:
     """What a cell's file holds."""
     spread = {"median": 1.0, "p99": 2.0, "mean": 1.1}
     return {
@@ -55,11 +55,11 @@ def result(cell: Cell, test: float = 0.5) -> dict[str, Any]:
 
 
 @pytest.fixture
-def trained(monkeypatch: pytest.MonkeyPatch) -> list[Cell]:
+def trained(monkeypatch: pytest.MonkeyPatch) -> list[GridCell]:
     """Cells that were run instead of being trained."""
-    done: list[Cell] = []
+    done: list[GridCell] = []
 
-    def fake(cell: Cell) -> dict[str, Any]:
+    def fake(cell: GridCell) -> dict[str, Any]:
         done.append(cell)
         return result(cell)
 
@@ -113,13 +113,13 @@ def test_the_grid_has_one_cell_of_what_sigma_does_not_change() -> None:
     assert "supervised0.5" in weighted[1].file_name
 
 
-def test_a_killed_grid_goes_on_where_it_was(tmp_path: Path, trained: list[Cell]) -> None:
+def test_a_killed_grid_goes_on_where_it_was(tmp_path: Path, trained: list[GridCell]) -> None:
     cells = cells_of("mico", "ik", ["mlp", "cgan"], [1, 2], [0.0], [0], 3)
     assert len(list(run_grid(cells[:2], tmp_path, 1))) == 2
     whole = (tmp_path / cells[0].file_name).read_text()
     (tmp_path / cells[0].file_name).write_text(whole[: len(whole) // 2])
     # Of other settings: not an answer to what is asked.
-    other = Cell(**{**asdict(cells[1]), "epochs": 4})
+    other = GridCell(**{**asdict(cells[1]), "epochs": 4})
     (tmp_path / cells[1].file_name).write_text(
         json.dumps({**result(other), "provenance": {"commit": None}})
     )
@@ -191,15 +191,15 @@ def test_claims_follow_the_figures() -> None:
 
 def test_seeds_are_averaged() -> None:
     cell = {"model": "mlp", "size": 1, "sigma": 0.0}
-    table = Table([{**cell, "test": 1.0}, {**cell, "test": 3.0}])
+    table = RmseTable([{**cell, "test": 1.0}, {**cell, "test": 3.0}])
     assert table.best("mlp", 1) == 2.0
-    with pytest.raises(Missing):
+    with pytest.raises(MissingCells):
         table.best("mlp", 2)
 
 
 def test_the_command(
     tmp_path: Path,
-    trained: list[Cell],
+    trained: list[GridCell],
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -261,7 +261,7 @@ def test_epochs_and_precision_have_files_of_their_own() -> None:
     assert flow[0].precision == "float32"
 
 
-def test_what_a_gpu_trained_has_a_file_of_its_own(tmp_path: Path, trained: list[Cell]) -> None:
+def test_what_a_gpu_trained_has_a_file_of_its_own(tmp_path: Path, trained: list[GridCell]) -> None:
     models = ["mlp", "flow", "analytic"]
     there = cells_of("mico", "ik", models, [1], [0.0], [0], 100, device="cuda")
     here = cells_of("mico", "ik", models, [1], [0.0], [0], 100)
@@ -286,7 +286,7 @@ def test_a_grid_on_a_gpu_is_refused_where_there_is_none(
     assert "argument --device: device='cuda'" in capsys.readouterr().err
 
 
-def test_a_grid_goes_on_on_other_hardware(tmp_path: Path, trained: list[Cell]) -> None:
+def test_a_grid_goes_on_on_other_hardware(tmp_path: Path, trained: list[GridCell]) -> None:
     half = cells_of("mico", "ik", ["mlp", "flow"], [1], [0.0], [0], 30, 0.0, "bfloat16")
     list(run_grid(half, tmp_path, 1))
     whole = cells_of("mico", "ik", ["mlp", "flow"], [1, 2], [0.0], [0], 30)
@@ -357,7 +357,7 @@ def test_a_real_cell_and_a_search(tmp_path: Path, short_campaign: None) -> None:
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.search import search
 
-    cell = Cell("mico", "ik", "cgan", 1, 0.2, 0, epochs=1)
+    cell = GridCell("mico", "ik", "cgan", 1, 0.2, 0, epochs=1)
     found = grid._run(cell, tmp_path)
     assert read_result(tmp_path, cell) == found
     assert found["task_space_mm"]["refined"]["median"] <= found["task_space_mm"]["raw"]["median"]

@@ -20,7 +20,7 @@ from reproduction.transfer.attempts import (
 )
 from reproduction.transfer.conditions import OBJECT_SIZE, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, Failure
-from reproduction.transfer.table_5_4 import attempts, entrants
+from reproduction.transfer.transfer_command import attempts, entrants
 from reproduction.transfer.transfer_page import paper_rows, render
 from saver_advisors.policies import WEIGHTS_DIR
 from saver_advisors.reporting.errors import UsageError

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from reproduction.wrist_push.chapter_8 import joined
+from reproduction.wrist_push.wrist_push_command import joined
 from saver_advisors.reporting.errors import UsageError
 
 

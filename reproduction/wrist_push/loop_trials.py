@@ -1,23 +1,25 @@
-"""Trials and injections of ``python -m reproduction wrist-push``, shared out to processes."""
+"""Trials and injections of ``python -m reproduction wrist-push``, distributed over processes."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import ControlLoop
+from reproduction.page_parts import success_interval
 
-#: Trials that a process plays before it reports.
+if TYPE_CHECKING:
+    from saver_advisors.integration.assembly import Loop
+
+#: Trials of a job.
 _CHUNK: Final = 5
-#: Calls of a stage whose durations are kept of each such report.
+#: Largest number of durations that a job keeps of each stage.
 _KEPT: Final = 400
 
 Job = tuple[str, Mapping[str, Any], tuple[int, ...], str]
@@ -26,36 +28,29 @@ Share = Callable[[str, Sequence[Job]], list[dict[str, Any]]]
 
 @contextmanager
 def shares(processes: int) -> Iterator[Share]:
-    """Yield what works jobs off, in this process alone or in several.
+    """Provide a function that runs jobs, in this process or in several.
 
-    :param processes: how many
+    :param processes: number of processes.
+    :return: a context manager; the function takes a title and the jobs.
     """
     from saver_advisors.benchmark.machine import progress
 
-    if processes == 1:
+    with ExitStack() as stack:
+        each: Callable[..., Iterable[dict[str, Any]]] = map
+        if processes > 1:
+            # Spawn, since graphics contexts and threads do not survive a fork.
+            pool = stack.enter_context(get_context("spawn").Pool(processes, _one_thread))
+            each = pool.imap
 
-        def alone(what: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
-            with progress(what, len(jobs)) as advance:
-                results = []
-                for job in jobs:
-                    results.append(work(job))
-                    advance()
-            return results
-
-        yield alone
-        return
-    # Fresh processes: graphics contexts and threads do not survive a fork.
-    with get_context("spawn").Pool(processes, _one_thread) as pool:
-
-        def together(what: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
-            with progress(what, len(jobs)) as advance:
-                results = []
-                for result in pool.imap(work, jobs):
+        def share(title: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
+            results = []
+            with progress(title, len(jobs)) as advance:
+                for result in each(work, jobs):
                     results.append(result)
                     advance()
             return results
 
-        yield together
+        yield share
 
 
 def _one_thread() -> None:
@@ -65,24 +60,19 @@ def _one_thread() -> None:
     torch.set_num_threads(1)
 
 
-_bench: Any = None
-
-
+@cache
 def _own_bench() -> Any:
-    """This process's bench: compiled once."""
-    global _bench
-    if _bench is None:
-        from saver_advisors.integration.wrist_bench import WristBench
+    """Compile this process's bench once."""
+    from saver_advisors.integration.wrist_bench import WristBench
 
-        _bench = WristBench()
-    return _bench
+    return WristBench()
 
 
 def work(job: Job) -> dict[str, Any]:
     """Play trials, or inject a fault into them.
 
-    :param job: what, the loop's settings, seeds, and the fault's name where it is one
-    :return: JSON-able, and the durations of stages
+    :param job: ``play`` or ``inject``, the loop's settings, the seeds, and the name of the fault.
+    :return: JSON-able outcomes, and the durations of stages.
     """
     from saver_advisors.integration.assembly import LoopSettings, build_loop
     from saver_advisors.integration.injections import inject
@@ -90,11 +80,11 @@ def work(job: Job) -> dict[str, Any]:
     what, mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if what == "inject":
-        return {"injections": [asdict(inject(settings, bench, fault, s)) for s in seeds]}
+        return {"injections": [inject(settings, bench, fault, s).to_mapping() for s in seeds]}
     return _play(build_loop(settings, bench), seeds)
 
 
-def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
+def _play(loop: Loop, seeds: Sequence[int]) -> dict[str, Any]:
     from saver_advisors.integration.messages import Message, Person
     from saver_advisors.integration.trial import run_trial
 
@@ -113,27 +103,27 @@ def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
         "trials": trials,
         "wall_s": time.perf_counter() - began,
         "stages": {
-            name: {"calls": len(seconds), "seconds": _thinned(seconds)}
-            for name, seconds in loop.graph.seconds.items()
+            name: {"calls": timing.calls, "seconds": _thinned(timing.seconds)}
+            for name, timing in loop.graph.timings.items()
         },
         "ages": _thinned(ages),
     }
 
 
 def _thinned(values: Sequence[float]) -> list[float]:
-    """Evenly chosen values, a few hundred at most."""
+    """Select evenly spaced values, a few hundred at most."""
     step = max(1, len(values) // _KEPT)
     return list(values[::step])
 
 
 def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, Any]:
-    """Play a row of the table.
+    """Play the trials of a row.
 
-    :param share: works jobs off
-    :param settings: of the loop
-    :param trials: how many
-    :param seed: of the first
-    :return: JSON-able
+    :param share: runs jobs, see :func:`shares`.
+    :param settings: settings of the loop.
+    :param trials: number of trials.
+    :param seed: seed of the first trial.
+    :return: JSON-able figures.
     """
     seeds = range(seed, seed + trials)
     name = f"{'network' if settings.seeing else 'true state'}, "
@@ -158,7 +148,6 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
 
 
 def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    from saver_advisors.evaluation.statistics import success_interval
     from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
     from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT
 
@@ -173,14 +162,14 @@ def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "succeeded": succeeded,
         "failed_reaching": outcomes.count(REACHING),
         "failed_pushing": outcomes.count(PUSHING),
-        "ci95": list(success_interval(succeeded, len(played))),
+        "ci95": success_interval(succeeded, len(played)),
         "harmed": harmed,
         "held_share": float(np.mean([one["held_share"] for one in played])),
     }
 
 
 def _stages(results: Sequence[Mapping[str, Any]], simulated: float) -> dict[str, Any]:
-    """Rate in simulated time, and wall-clock time of a call, of each stage."""
+    """Summarise each stage: rate in simulated time, and wall-clock time of a call."""
     table = {}
     for name in results[0]["stages"]:
         parts = [result["stages"][name] for result in results]
@@ -196,14 +185,14 @@ def _stages(results: Sequence[Mapping[str, Any]], simulated: float) -> dict[str,
 def fault_row(
     share: Share, settings: Any, fault: str, injections: int, seed: int
 ) -> dict[str, Any]:
-    """Inject a fault into as many trials, and sum up.
+    """Inject a fault into trials, and summarise them.
 
-    :param share: works jobs off
-    :param settings: of the loop
-    :param fault: its name
-    :param injections: how many
-    :param seed: of the first
-    :return: JSON-able
+    :param share: runs jobs, see :func:`shares`.
+    :param settings: settings of the loop.
+    :param fault: name of the fault.
+    :param injections: number of trials, with one injection each.
+    :param seed: seed of the first trial.
+    :return: JSON-able figures.
     """
     from saver_advisors.integration.faults import FAULTS
     from saver_advisors.integration.injections import ALLOWED
@@ -235,5 +224,5 @@ def fault_row(
 
 
 def _spread(values: Sequence[float]) -> list[float] | None:
-    """Median and maximum, None of nothing."""
+    """Return median and maximum; None without values."""
     return [float(np.median(values)), float(max(values))] if values else None

@@ -1,4 +1,4 @@
-"""Models that were trained before a measurement: their files, and how they came about."""
+"""Weight files of models that are measured besides those trained by the command."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reproduction.modelling.cells import Task
+from reproduction.modelling.grid_cells import Task
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
 
 
 def add_weights(parser: argparse.ArgumentParser) -> None:
-    """Declare files of models that were trained before and are measured too.
+    """Declare weight files of models to measure.
 
-    :param parser: a command's that measures models in use
+    :param parser: the command's parser.
     """
     parser.add_argument(
         "--weights",
@@ -24,8 +24,7 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=[],
         metavar="FILE",
-        help="models that were trained before, named after their files; each is measured with its "
-        "own arm",
+        help="weight files of models to measure, each with its own arm, shown by file name",
     )
 
 
@@ -34,13 +33,13 @@ def trained_before(
 ) -> dict[str, dict[str, InverseModel]]:
     """Read weight files.
 
-    :param paths: of a command with :func:`add_weights`
-    :param robots: arms that are measured
-    :param task: that all of them must be for
-    :param taken: names that other models are shown under
-    :return: the models of each arm, by their files' names without ending
-    :raises UsageError: for a file that is cut short or not ours, of another task, of an arm that
-        is not measured, or with a name that another model of its arm has
+    :param paths: the files.
+    :param robots: arms that are measured.
+    :param task: task that all models must be for.
+    :param taken: names of the other models.
+    :return: the models of each arm, by their files' names without suffix.
+    :raises UsageError: for a file that is damaged or no weight file, of another task, of an arm
+        that is not measured, or with a name that another model of its arm has.
     """
     from saver_advisors.reporting.errors import UsageError, user_mistakes
     from saver_envs.modelling.models import load_model
@@ -64,9 +63,10 @@ def trained_before(
 
 
 def cards_of(paths: Sequence[Path]) -> dict[str, Any]:
-    """What the figures keep of the files: ``weights``, with the card and the name of each.
+    """Read what the figures keep of the files.
 
-    :param paths: of a command with :func:`add_weights`
+    :param paths: the files.
+    :return: ``weights``, with the card and the name of each file.
     """
     from saver_envs.modelling.models import read_card
 
@@ -74,9 +74,10 @@ def cards_of(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def origin(figures: Mapping[str, Any]) -> str:
-    """Say how the models came about that were trained before; empty where no card tells.
+    """Say how the models of weight files were trained.
 
-    :param figures: with what :func:`cards_of` returns, or without
+    :param figures: with or without what :func:`cards_of` returns.
+    :return: a sentence; empty if no card says so.
     """
     by_training: dict[str, list[str]] = {}
     for card in figures.get("weights", []):

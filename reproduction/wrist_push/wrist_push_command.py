@@ -1,6 +1,6 @@
 """The whole robot over many trials, part by part, and with faults, beside chapter 8's table.
 
-Four loops play the same trials: with the true state or the camera and the pose network, with exact
+Four loops play the same trials: with the true state or with camera and pose network, and with exact
 or learned inverse kinematics. Then every fault is injected into the loop with everything learned.
 """
 
@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.measured import hand_over, read_measurement
+from reproduction.command_parts import add_choices, add_count
+from saver_advisors.cli.measured import hand_over, read_figures
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ examples:
   python -m reproduction wrist-push --policy expert --injections 0
   python -m reproduction wrist-push --from rows.json faults.json --table page.md"""
 
-#: Name of a row -> whether it sees by camera and network, and whether its kinematics are learned.
+#: Name of a row -> whether it uses camera and pose network, and whether its kinematics are learned.
 ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
     "true-state-exact": (False, False),
     "true-state-learned": (False, True),
@@ -35,32 +36,14 @@ ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, add_table, at_least
+    from saver_advisors.cli.arguments import add_json, add_table
     from saver_advisors.cli.run import add_loop_arguments
 
-    parser.add_argument(
-        "--trials", type=at_least(1), default=200, metavar="N", help="of each row (default: 200)"
-    )
-    parser.add_argument(
-        "--seed", type=at_least(0), default=0, metavar="S", help="of trial 0 (default: 0)"
-    )
-    parser.add_argument(
-        "--rows",
-        nargs="*",
-        choices=tuple(ROWS),
-        default=list(ROWS),
-        help="which; none leaves that table out (default: all)",
-    )
-    parser.add_argument(
-        "--injections",
-        type=at_least(0),
-        default=20,
-        metavar="N",
-        help="of each fault; 0 leaves that table out (default: 20)",
-    )
-    parser.add_argument(
-        "--processes", type=at_least(1), default=1, metavar="N", help="that share the trials"
-    )
+    add_count(parser, "--trials", 200, "trials of each row")
+    add_count(parser, "--seed", 0, "seed of trial 0", least=0)
+    add_choices(parser, "--rows", tuple(ROWS), "rows of the table", nargs="*")
+    add_count(parser, "--injections", 20, "injections of each fault; 0 omits that table", least=0)
+    add_count(parser, "--processes", 1, "processes that share the trials")
     add_loop_arguments(parser)
     add_table(parser)
     parser.add_argument(
@@ -69,18 +52,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="FILE",
-        help="show earlier measurements' JSON files instead of measuring; what was measured apart "
-        "comes into one table",
+        help="show the JSON files of earlier measurements instead of measuring, in one table",
     )
     add_json(parser)
 
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the page, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status
+    :param args: see :func:`add_arguments`.
+    :return: exit status.
+    :raises UsageError: for files that cannot be read or do not belong together.
     """
     from reproduction.wrist_push.wrist_push_page import render
     from saver_advisors.reporting.provenance import provenance
@@ -89,21 +72,20 @@ def run(args: argparse.Namespace) -> int:
         origin = provenance()
         figures = {**measure(args), "provenance": origin}
     else:
-        figures = joined([read_measurement(path, "wrist-push") for path in args.from_json])
-    page = render(figures)
-    hand_over(page, figures, args.json, args.table)
+        figures = joined([read_figures(path, "wrist-push") for path in args.from_json])
+    hand_over(render(figures), figures, args.json, args.table)
     return 0
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Play every row's trials, and inject every fault.
 
-    :param args: see :func:`add_arguments`
-    :return: JSON-able: ``rows``, ``faults``, and what was asked for
+    :param args: see :func:`add_arguments`.
+    :return: JSON-able: ``rows``, ``faults``, and the settings.
     """
     from dataclasses import replace
 
-    from reproduction.wrist_push.trials import fault_row, play_row, shares
+    from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
     from saver_advisors.cli.run import settings_of
     from saver_advisors.integration.faults import FAULTS
 
@@ -131,11 +113,11 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Measurements that were made apart as one.
+    """Join separate measurements into one.
 
-    :param measured: each with its own origin; all with the same settings, the policy apart
-    :return: rows and faults of all; a row whose policy is not the first's tells it
-    :raises UsageError: for other settings, another first seed, or a row that is there twice
+    :param measured: the measurements, whose settings may differ in the policy only.
+    :return: rows and faults of all; a row whose policy is not the first measurement's names it.
+    :raises UsageError: for different settings or first seeds, or for a row that is there twice.
     """
     from saver_advisors.reporting.errors import UsageError
 

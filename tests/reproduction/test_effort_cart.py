@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import minimize
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from reproduction.constraints import safe
-from reproduction.constraints.known_problem import (
+from reproduction.constraints import safe_command
+from reproduction.constraints.effort_cart import (
     COST_LIMIT,
     HORIZON,
     EffortCartVecEnv,
@@ -19,7 +19,7 @@ from reproduction.constraints.known_problem import (
     best_return,
 )
 from reproduction.program import main as reproduce
-from saver_advisors.cli.measured import read_measurement
+from saver_advisors.cli.measured import read_figures
 from saver_advisors.safe_baselines import ALGORITHMS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -53,12 +53,12 @@ def test_the_closed_form_is_the_numerical_optimum(horizon, limit):
 
 
 def test_the_environment_pays_and_charges_what_the_form_says():
-    returned, cost = safe.judge(Efforts(best_efforts()), deterministic=True)
+    returned, cost = safe_command.judge(Efforts(best_efforts()), deterministic=True)
     assert cost == pytest.approx(COST_LIMIT, rel=1e-5)
     # Up to the mean of 2,000 starting speeds, which is felt in every step.
     assert returned == pytest.approx(best_return(), abs=4 * HORIZON * 0.2 / np.sqrt(3 * 2000))
     constant = Efforts(np.full(HORIZON, np.sqrt(COST_LIMIT / HORIZON)))
-    worse, same_cost = safe.judge(constant, deterministic=True)
+    worse, same_cost = safe_command.judge(constant, deterministic=True)
     assert same_cost == pytest.approx(COST_LIMIT, rel=1e-5)
     assert worse < 0.9 * best_return()
 
@@ -85,8 +85,8 @@ def test_a_limit_beyond_the_closed_form_is_refused():
 
 
 def test_the_command_writes_a_file_and_a_table(tmp_path, capsys):
-    figures, page = tmp_path / "safe.json", tmp_path / "page.md"
-    page.write_text(f"before\n{safe.BEGIN}\nold\n{safe.END}\nafter\n")
+    figures, page = tmp_path / "safe_command.json", tmp_path / "page.md"
+    page.write_text(f"before\n{safe_command.BEGIN}\nold\n{safe_command.END}\nafter\n")
     words = f"safe --algorithms cpo --seeds 3 --steps 4000 --json {figures}"
     # Four thousand steps, one rollout, are not enough, and the status says so.
     assert reproduce([*words.split(), "--table", str(page)]) == 1
@@ -115,14 +115,14 @@ def test_a_file_that_is_no_measurement_is_named(text, tmp_path, capsys):
 
 def test_the_page_shows_the_file():
     """What the docs show was measured, and is what the file holds: nothing where there is none."""
-    page, file = DOCS / "safe-baselines.md", DOCS / "results" / "safe.json"
+    page, file = DOCS / "safe-baselines.md", DOCS / "results" / "safe_command.json"
     text = page.read_text()
     if not file.exists():
-        assert not text.partition(safe.BEGIN)[2].partition(safe.END)[0].strip()
+        assert not text.partition(safe_command.BEGIN)[2].partition(safe_command.END)[0].strip()
         return
-    figures = read_measurement(file, "safe")
-    assert safe.placed(page, safe.render(figures)) == text
-    assert safe.BEGIN in text
+    figures = read_figures(file, "safe")
+    assert safe_command.placed(page, safe_command.render(figures)) == text
+    assert safe_command.BEGIN in text
     assert {one["algorithm"] for one in figures["rows"]} == {
         algorithm.__name__ for algorithm in ALGORITHMS.values()
     }
@@ -131,8 +131,8 @@ def test_the_page_shows_the_file():
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("name", safe.NAMES)
+@pytest.mark.parametrize("name", safe_command.NAMES)
 def test_each_meets_the_limit_near_the_optimum(name, seed):
-    row = safe.one_run(name, seed, safe.STEPS[name])
+    row = safe_command.one_run(name, seed, safe_command.STEPS[name])
     assert row["cost"] <= COST_LIMIT
-    assert 1 - safe.WITHIN <= row["share_of_optimum"] <= 1.0 + 1e-6
+    assert 1 - safe_command.WITHIN <= row["share_of_optimum"] <= 1.0 + 1e-6

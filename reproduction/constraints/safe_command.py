@@ -1,7 +1,7 @@
 """CPO and the Lagrangians on a constrained problem whose optimum is known.
 
-Each learns with several seeds; its mean action is then judged over fresh episodes by the return,
-as a share of the best that any policy can have, and by the cost beside the limit.
+Each algorithm learns with several seeds. Its mean action is then evaluated over fresh episodes: the
+return as a fraction of the optimum, and the cost against the limit.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
+from reproduction.command_parts import add_choices
+from reproduction.page_parts import Column, measured_at, rows_table
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.cli.measured import measured_or_read
-from saver_advisors.reporting.provenance import machine_in_words
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -29,32 +30,32 @@ examples:
 
 NAMES: Final = ("cpo", "trpolag", "ppolag")
 SEEDS: Final = (9, 10, 11)
-"""That had no part in finding the settings below, which was done on seeds 0 to 8."""
+"""Seeds that were not used to find the settings below, which used seeds 0 to 8."""
 N_ENVS: Final = 100
 EPISODES: Final = 2000
 EVALUATION_SEED: Final = 1_000_000
 MARGIN: Final = 0.03
-"""Share of the limit that is left as a margin when learning: a rollout of 200 episodes tells the
-cost to a few per cent, and the limit is to hold, not to be met on average.
+"""Fraction of the limit that learning keeps as a margin: a rollout of 200 episodes gives the cost
+to a few per cent, and the limit should hold, not be met on average.
 """
 WITHIN: Final = 0.05
-"""The return may fall short of the optimum by this share."""
+"""Largest fraction of the optimum by which the return may fall short."""
 COMMON: Final[dict[str, Any]] = {
-    # Two episodes of each environment: by one, the cost that the price answers to is noise.
+    # Two episodes of each environment: the cost of one is too noisy for the multiplier.
     "n_steps": 40,
     "batch_size": 500,
     "gamma": 1.0,
     "cost_gamma": 1.0,
-    # As exploration dies down, an action's effect is small beside what a critic gets wrong.
+    # With little exploration, the effect of an action is small compared to the critic's error.
     "n_cost_critic_updates": 20,
 }
 PRICED: Final[dict[str, Any]] = {
-    # The advantages keep the unit of the rewards, so that lambda is what a unit of cost is worth
-    # in reward: R* / (2 d), 0.67. Standardised, that price grows as exploration dies down.
+    # The advantages keep the unit of the rewards, so that lambda is the reward that a unit of cost
+    # is worth: R* / (2 d), 0.67. With standardised advantages it grows as exploration decreases.
     "normalize_advantage": False,
-    # Integral control: the price must move more slowly than the policy that answers it.
+    # Integral control: the multiplier must change more slowly than the policy.
     "multiplier_lr": 0.002,
-    # On top of that, what the cost exceeds the limit by now: without it price and cost swing.
+    # Proportional control on top: without it multiplier and cost oscillate.
     "multiplier_gain": 0.3,
 }
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
@@ -63,18 +64,18 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
         **PRICED,
         "multiplier_init": 0.65,
         "n_critic_updates": 20,
-        # A step of the usual 0.01 changes the cost by more than the margin.
+        # A step of the default 0.01 changes the cost by more than the margin.
         "target_kl": 0.005,
     },
     "ppolag": {
         **PRICED,
         "multiplier_init": 0.65,
         "n_epochs": 20,
-        # Its steps have no trust region: unless they shrink, the cost of its last one is chance.
+        # PPO has no trust region: without a schedule the cost of the last step is random.
         "learning_rate": lambda remaining: 5e-5 + 2e-3 * remaining,
     },
 }
-"""Beside the classes' defaults."""
+"""Settings that differ from the classes' defaults."""
 STEPS: Final[dict[str, int]] = {"cpo": 240_000, "trpolag": 320_000, "ppolag": 480_000}
 
 BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
@@ -84,20 +85,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.cli.arguments import add_json, at_least
 
-    parser.add_argument(
-        "--algorithms",
-        nargs="+",
-        choices=NAMES,
-        default=list(NAMES),
-        help=f"which (default: {' '.join(NAMES)})",
-    )
+    add_choices(parser, "--algorithms", NAMES, "algorithms")
     parser.add_argument(
         "--seeds",
         nargs="+",
         type=at_least(0),
         default=list(SEEDS),
         metavar="N",
-        help="one run each (default: 9 10 11)",
+        help="seeds, one run each (default: 9 10 11)",
     )
     parser.add_argument(
         "--steps",
@@ -112,29 +107,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=at_least(1),
         default=1,
         metavar="N",
-        help="runs at a time, a core each (default: 1)",
+        help="runs at a time, one core each (default: 1)",
     )
     parser.add_argument(
         "--table",
         type=Path,
         metavar="FILE",
-        help=f"write the figures there as Markdown; in a page with {BEGIN} and {END}, between them",
+        help=f"write the figures as Markdown; between {BEGIN} and {END} if the page has them",
     )
     parser.add_argument(
         "--from",
         dest="from_json",
         type=Path,
         metavar="FILE",
-        help="show an earlier measurement's JSON file instead of measuring",
+        help="show the JSON file of an earlier measurement instead of measuring",
     )
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the figures, and write the files that were asked for.
 
-    :param args: see :func:`add_arguments`
-    :return: exit status: 0 where every run meets limit and optimum, else 1
+    :param args: see :func:`add_arguments`.
+    :return: exit status: 0 if every run meets limit and optimum, else 1.
+    :raises UsageError: if a file cannot be read or written.
     """
     from saver_advisors.reporting.errors import UsageError
     from saver_advisors.reporting.provenance import write_json_atomic
@@ -147,7 +143,7 @@ def run(args: argparse.Namespace) -> int:
             write_json_atomic(args.json, figures)
             print(f"wrote {args.json}")
         if args.table is not None:
-            args.table.write_text(placed(args.table, page), encoding="utf-8")
+            args.table.write_text(page_with(args.table, page), encoding="utf-8")
             print(f"wrote {args.table}")
     except OSError as error:
         raise UsageError(str(error)) from error
@@ -155,18 +151,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
-    """Do every run that was asked for.
+    """Train and evaluate every algorithm with every seed.
 
-    :param args: see :func:`add_arguments`
-    :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one a run
+    :param args: see :func:`add_arguments`.
+    :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one per run.
     """
-    from reproduction.constraints.known_problem import COST_LIMIT, HORIZON, best_return
+    from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, best_return
 
     runs = [
         (name, seed, args.steps or STEPS[name]) for name in args.algorithms for seed in args.seeds
     ]
     rows = []
-    # Fresh processes: a forked one would share torch's threads and generators with this one.
+    # Spawn, since a forked process would share torch's threads and generators with this one.
     with (
         ProcessPoolExecutor(args.processes, get_context("spawn")) as pool,
         progress("safe", len(runs)) as advance,
@@ -189,14 +185,14 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 @one_thread_of_algebra()
 def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
-    """Learn once, and judge what was learned.
+    """Train a policy once, and evaluate it.
 
-    :param name: of the algorithm
-    :param seed: of everything random
-    :param steps: environment steps
-    :return: JSON-able figures
+    :param name: name of the algorithm.
+    :param seed: seed of everything random.
+    :param steps: number of environment steps.
+    :return: JSON-able figures.
     """
-    from reproduction.constraints.known_problem import (
+    from reproduction.constraints.effort_cart import (
         COST_LIMIT,
         EffortCartVecEnv,
         best_return,
@@ -209,8 +205,8 @@ def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
     model: Any = ALGORITHMS[name]("MlpPolicy", env, seed=seed, device="cpu", **settings)
     model.learn(steps, log_interval=None)
     seconds = time.process_time() - began
-    returned, cost = judge(model, deterministic=True)
-    exploring_return, exploring_cost = judge(model, deterministic=False)
+    returned, cost = evaluate(model, deterministic=True)
+    exploring_return, exploring_cost = evaluate(model, deterministic=False)
     share = returned / best_return()
     return {
         "algorithm": type(model).__name__,
@@ -227,13 +223,14 @@ def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
     }
 
 
-def judge(model: Any, deterministic: bool) -> tuple[float, float]:
-    """Mean return and mean cost of fresh episodes.
+def evaluate(model: Any, deterministic: bool) -> tuple[float, float]:
+    """Compute mean return and mean cost over fresh episodes.
 
-    :param model: what has SB3's ``predict``
-    :param deterministic: whether the mean action is taken, or one drawn as in learning
+    :param model: an SB3 algorithm.
+    :param deterministic: whether to take the mean action instead of sampling.
+    :return: mean return and mean cost.
     """
-    from reproduction.constraints.known_problem import EffortCartVecEnv
+    from reproduction.constraints.effort_cart import EffortCartVecEnv
 
     env = EffortCartVecEnv(EPISODES, seed=EVALUATION_SEED)
     observation: Any = env.reset()
@@ -246,66 +243,42 @@ def judge(model: Any, deterministic: bool) -> tuple[float, float]:
     return returned, cost
 
 
-COLUMNS: Final = (
-    "algorithm",
-    "seed",
-    "steps",
-    "return",
-    "of the optimum",
-    "cost",
-    "limit met",
-    "cost while exploring",
-    "CPU s",
-)
+COLUMNS: Final[Mapping[str, Column]] = {
+    "algorithm": "{algorithm}",
+    "seed": "{seed}",
+    "steps": "{steps:,}",
+    "return": "{return:.3f}",
+    "of the optimum": "{share_of_optimum:.1%}",
+    "cost": "{cost:.3f}",
+    "limit met": lambda one: "yes" if one["limit_met"] else "no",
+    "cost while exploring": "{exploring_cost:.3f}",
+    "CPU s": "{cpu_seconds:.0f}",
+}
 
 
 def render(figures: Mapping[str, Any]) -> str:
-    """The figures as Markdown.
+    """Render the figures as Markdown.
 
-    :param figures: what the command measured, or its JSON file's content
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
     """
-    from saver_advisors.reporting.tables import markdown
-
-    cells = [
-        [
-            one["algorithm"],
-            str(one["seed"]),
-            f"{one['steps']:,}",
-            f"{one['return']:.3f}",
-            f"{one['share_of_optimum']:.1%}",
-            f"{one['cost']:.3f}",
-            "yes" if one["limit_met"] else "no",
-            f"{one['exploring_cost']:.3f}",
-            f"{one['cpu_seconds']:.0f}",
-        ]
-        for one in figures["rows"]
-    ]
     text = (
-        f"The limit is a mean cost of {figures['cost_limit']:g} an episode; the best mean return "
-        f"under it is {figures['best_return']:.3f}. The algorithms were given "
-        f"{(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost of the mean action, "
-        f"over {figures['episodes']:,} fresh episodes.\n"
+        f"The limit is a mean cost of {figures['cost_limit']:g} per episode; the optimal mean "
+        f"return under it is {figures['best_return']:.3f}. The algorithms were trained with a "
+        f"limit of {(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost are those "
+        f"of the mean action, over {figures['episodes']:,} fresh episodes.\n"
     )
-    return "\n".join([text, markdown(COLUMNS, cells), _origin(figures)])
+    origin = measured_at(figures)
+    table = rows_table(figures["rows"], COLUMNS)
+    return "\n".join([text, table, f"{origin}\n" if origin else ""])
 
 
-def _origin(figures: Mapping[str, Any]) -> str:
-    origin = figures.get("provenance")
-    if not origin:
-        return ""
-    versions = origin["versions"]
-    return (
-        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
-        f"{machine_in_words(origin['machine'])}, PyTorch {versions['torch']}, "
-        f"Stable-Baselines3 {versions['sb3']}.\n"
-    )
+def page_with(path: Path, text: str) -> str:
+    """Return the new content of a page.
 
-
-def placed(path: Path, text: str) -> str:
-    """What a file should read: the text, or its old content with the text between its markers.
-
-    :param path: of the file, which need not exist
-    :param text: the figures as Markdown
+    :param path: the page's file, which need not exist.
+    :param text: the figures as Markdown.
+    :return: the text, or the page's content with the text between its markers if it has them.
     """
     from saver_advisors.reporting.tables import between_markers
 

@@ -1,15 +1,19 @@
-"""One cell of the grid of chapter 7: a model trained on so much data, and all that is measured."""
+"""One cell of chapter 7's grid: a model, the data it is trained on, and its measurements."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+
+from saver_advisors.benchmark.machine import timed
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.models import InverseModel
 
 FloatArray = NDArray[np.float64]
 Task = Literal["ik", "id"]
@@ -20,16 +24,16 @@ PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
 DEVICES: Final[tuple[Device, ...]] = get_args(Device)
 
 SAMPLES_A_SIZE: Final = 10_000
-"""Size k is the first k x 10,000 consecutive samples."""
+"""Size k stands for the first k x 10,000 consecutive samples."""
 
 SIZES: Final = (1, 2, 3, 4, 5, 6)
 SIGMAS: Final = (0.0, 0.2, 0.4, 0.6)
 
 PAPER_EPOCHS: Final = 100
-"""What the paper trains for."""
+"""Epochs of the paper's training runs."""
 
 REFINED: Final = 2
-"""Newton steps behind a network, for the refined figures."""
+"""Newton steps after a network's prediction, for the refined figures."""
 
 _TASK_SPACE_ROWS: Final = 6000
 _LARGE_BATCH: Final = 4096
@@ -37,20 +41,20 @@ _LATENCY_CALLS: Final = 300
 
 
 @dataclass(frozen=True)
-class Cell:
-    """What is trained, and on what; everything that its result depends on.
+class GridCell:
+    """Everything that the result of a training run depends on.
 
-    :param robot: the arm's name
-    :param task: "ik" or "id"
-    :param model: its name
-    :param size: tens of thousands of samples
-    :param sigma: of the fake inputs; 0 for models that are not adversarial
-    :param seed: of split, weights and noise
-    :param epochs: of the training
-    :param supervised_weight: of the squared error in an adversarial model's loss
-    :param precision: of the products while training
-    :param data_seed: of the data set
-    :param device: that trains
+    :param robot: name of the arm.
+    :param task: "ik" or "id".
+    :param model: name of the model.
+    :param size: number of samples, in tens of thousands.
+    :param sigma: standard deviation of the fake inputs; 0 for models that are not adversarial.
+    :param seed: seed of split, weights and noise.
+    :param epochs: epochs of training.
+    :param supervised_weight: weight of the squared error in an adversarial model's loss.
+    :param precision: precision of the matrix products during training.
+    :param data_seed: seed of the data set.
+    :param device: device that trains.
     """
 
     robot: str
@@ -67,7 +71,7 @@ class Cell:
 
     @property
     def file_name(self) -> str:
-        """The name of its JSON file."""
+        """Name of the cell's JSON file."""
         supervised = f"-supervised{self.supervised_weight:g}" if self.supervised_weight else ""
         epochs = f"-epochs{self.epochs}" if self.epochs != PAPER_EPOCHS else ""
         precision = f"-{self.precision}" if self.precision != "float32" else ""
@@ -78,13 +82,13 @@ class Cell:
         )
 
 
-def run_cell(cell: Cell) -> dict[str, Any]:
-    """Train and measure.
+def run_cell(cell: GridCell) -> dict[str, Any]:
+    """Train a cell's model and measure it.
 
-    :param cell: what
+    :param cell: the cell.
     :return: JSON-able: the cell's own fields, and ``validation_rmse``, ``test_rmse`` (over all
         joints, and over those that move the hand), ``per_joint``, ``task_space_mm``,
-        ``latency_ms``, ``batch_us`` and ``training_s``
+        ``latency_ms``, ``batch_us`` and ``training_s``.
     """
     from saver_envs.modelling.arms import arm_named
     from saver_envs.modelling.datasets import samples_of, twin_data_set
@@ -105,7 +109,7 @@ def run_cell(cell: Cell) -> dict[str, Any]:
     wall, cpu = time.perf_counter(), time.process_time()
     history = model.fit(inputs, outputs, training)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    # A model that asks for the present joints gets those of the sample before.
+    # A model that needs the present joints receives those of the previous sample.
     before = np.concatenate([test_outputs[:1], test_outputs[:-1]])
     present = before if model.needs_present else None
     predicted = model.predict(test_inputs, present)
@@ -120,9 +124,7 @@ def run_cell(cell: Cell) -> dict[str, Any]:
         "per_joint": per_joint.tolist(),
         "best_epoch": history.best_epoch,
         "training_s": {"wall": wall, "cpu": cpu},
-        **prediction_speed(
-            lambda rows: model.predict(test_inputs[rows], _of(present, rows)), len(before)
-        ),
+        **prediction_speed(model, test_inputs, present),
     }
     if cell.task == "ik":
         result["task_space_mm"] = _task_space(arm_named(cell.robot), test_inputs, predicted)
@@ -130,16 +132,12 @@ def run_cell(cell: Cell) -> dict[str, Any]:
 
 
 def rms(values: list[float]) -> float:
-    """Root mean square of channels' root mean squares."""
+    """Combine the root mean squares of channels into one."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _of(values: FloatArray | None, rows: slice) -> FloatArray | None:
-    return None if values is None else values[rows]
-
-
 def _task_space(arm: Any, targets: FloatArray, joints: FloatArray) -> dict[str, dict[str, float]]:
-    """How far the hand is from its target, before and behind Newton steps."""
+    """Measure the distance from hand to target (mm), before and after Newton steps."""
     from saver_envs.modelling.accuracy import distances
     from saver_envs.modelling.solvers import newton
 
@@ -152,21 +150,23 @@ def _task_space(arm: Any, targets: FloatArray, joints: FloatArray) -> dict[str, 
     }
 
 
-def prediction_speed(predict: Callable[[slice], object], rows: int) -> dict[str, float]:
-    """Time of one prediction, and of one among many; medians over calls.
+def prediction_speed(
+    model: InverseModel, inputs: FloatArray, present: FloatArray | None
+) -> dict[str, float]:
+    """Time single predictions and batches; figures are medians over calls.
 
-    :param predict: what is timed, of some of the rows
-    :param rows: that there are
-    :return: ``latency_ms``, and ``batch_us`` for each of up to 4,096
+    :param model: the model.
+    :param inputs: (n, inputs), at least one row.
+    :param present: (n, joints) present joints in rad, if the model needs them.
+    :return: ``latency_ms`` of one prediction, and ``batch_us`` per prediction of up to 4,096.
     """
-    one = [timed(predict, slice(row % rows, row % rows + 1)) for row in range(_LATENCY_CALLS)]
-    many = min(_LARGE_BATCH, rows)
-    batch = [timed(predict, slice(0, many)) for _ in range(7)]
+    rows, many = len(inputs), min(_LARGE_BATCH, len(inputs))
+
+    def duration(first: int, count: int) -> float:
+        chosen = slice(first, first + count)
+        now = None if present is None else present[chosen]
+        return timed(lambda: model.predict(inputs[chosen], now))
+
+    one = [duration(call % rows, 1) for call in range(_LATENCY_CALLS)]
+    batch = [duration(0, many) for _ in range(7)]
     return {"latency_ms": median(one) * 1e3, "batch_us": median(batch) / many * 1e6}
-
-
-def timed(predict: Callable[[slice], object], rows: slice) -> float:
-    """Duration of one call (s)."""
-    began = time.perf_counter()
-    predict(rows)
-    return time.perf_counter() - began

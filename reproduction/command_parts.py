@@ -1,0 +1,140 @@
+"""Arguments and steps that the commands of ``python -m reproduction`` share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from saver_advisors.cli.arguments import at_least
+from saver_advisors.cli.measured import hand_over, measured_or_read
+
+if TYPE_CHECKING:
+    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.training_runs import Results
+    from saver_advisors.reporting.figures import Drawn
+
+
+def add_count(
+    parser: argparse.ArgumentParser, flag: str, default: int, purpose: str, least: int = 1
+) -> None:
+    """Declare an argument that is a whole number.
+
+    :param parser: the command's parser.
+    :param flag: such as ``--trials``.
+    :param default: its default.
+    :param purpose: what it counts, for the help.
+    :param least: the smallest valid value.
+    """
+    parser.add_argument(
+        flag,
+        type=at_least(least),
+        default=default,
+        metavar="N",
+        help=f"{purpose} (default: {default})",
+    )
+
+
+def add_choices(
+    parser: argparse.ArgumentParser,
+    flag: str,
+    choices: Sequence[Any],
+    purpose: str,
+    default: Sequence[Any] | None = None,
+    nargs: str = "+",
+) -> None:
+    """Declare an argument that selects some of several values.
+
+    :param parser: the command's parser.
+    :param flag: such as ``--models``.
+    :param choices: the valid values, all of one type.
+    :param purpose: what is selected, for the help.
+    :param default: the values without the argument; all of them if None.
+    :param nargs: ``*`` where none is a valid selection.
+    """
+    chosen = list(choices if default is None else default)
+    parser.add_argument(
+        flag,
+        nargs=nargs,
+        type=type(choices[0]),
+        choices=choices,
+        default=chosen,
+        metavar="NAME" if isinstance(choices[0], str) else "N",
+        help=f"{purpose}: any of {' '.join(map(str, choices))} "
+        f"(default: {' '.join(map(str, chosen)) or 'none'})",
+    )
+
+
+def measure_and_render(
+    args: argparse.Namespace,
+    kind: str,
+    measure: Callable[[], Mapping[str, Any]],
+    render: Callable[[dict[str, Any]], str],
+) -> int:
+    """Measure or read figures, print their page, and write the files that were asked for.
+
+    :param args: with the arguments of :func:`saver_advisors.cli.arguments.add_page`.
+    :param kind: the kind of the figures, as their JSON file names it.
+    :param measure: takes the measurements.
+    :param render: turns figures into a page.
+    :return: exit status.
+    :raises UsageError: if ``--from`` names a file without such figures.
+    """
+    figures = measured_or_read(args, kind, measure)
+    hand_over(render(figures), figures, args.json, args.table)
+    return 0
+
+
+def write_comparison(
+    args: argparse.Namespace,
+    figures: dict[str, Any],
+    draw: Callable[[Path], list[Drawn]],
+    page: Callable[[Sequence[Drawn], Path], str],
+) -> int:
+    """Write the JSON file, the pictures and the page of compared training runs, as asked for.
+
+    :param args: with the arguments of
+        :func:`saver_advisors.cli.result_files.add_result_arguments`.
+    :param figures: everything that was computed.
+    :param draw: draws the figures into a folder.
+    :param page: renders the page, from the drawn figures and the page's folder.
+    :return: exit status.
+    """
+    from saver_advisors.cli.arguments import write_json
+
+    # First, since the provenance says whether the checkout has changed.
+    write_json(args.json, figures)
+    drawn = [] if args.figures is None else draw(args.figures)
+    if args.table is not None:
+        args.table.write_text(page(drawn, args.table.parent), encoding="utf-8")
+        print(f"wrote {args.table}")
+    return 0
+
+
+def comparison_figures(
+    rows: Sequence[Row], flat: Sequence[Any], findings: Sequence[Any], results: Results
+) -> dict[str, Any]:
+    """Collect what every comparison of training runs writes as JSON.
+
+    :param rows: of the table.
+    :param flat: the rows as a flat table.
+    :param findings: the dissertation's findings, evaluated on these runs.
+    :param results: what was read.
+    :return: ``rows``, ``detail`` with intervals, ``findings`` and ``skipped`` files.
+    """
+    return {
+        "rows": list(flat),
+        "detail": [row.to_mapping() for row in rows],
+        "findings": [finding.to_mapping() for finding in findings],
+        "skipped": [{"file": one.file, "reason": one.reason} for one in results.skipped],
+    }
+
+
+def print_skipped(results: Results) -> None:
+    """Print which files were left out, and why.
+
+    :param results: what was read.
+    """
+    for one in results.skipped:
+        print(f"left out {one.file}: {one.reason}")

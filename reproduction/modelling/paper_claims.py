@@ -1,0 +1,316 @@
+"""The paper's claims about its Tables 7.4 and 7.5, evaluated on its cells and on ours.
+
+A claim is a function of a table of RMSEs. The same function evaluates the paper's table and ours.
+A claim stays open if cells are missing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from importlib import resources
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+ADVERSARIAL: Final = ("cgan", "lsgan", "bigan", "dualgan")
+_SIMILAR: Final = 0.25
+"""Figures are similar if they differ by at most this fraction of the smaller one."""
+
+_MUCH: Final = 0.75
+"""A figure is much lower than another if it is below this fraction of it."""
+
+
+class MissingCells(Exception):
+    """A claim needs cells that the table does not have."""
+
+
+@cache
+def paper() -> dict[str, Any]:
+    """Read the paper's Tables 7.4 and 7.5 from ``chapter7.json``.
+
+    :return: the file's content.
+    """
+    file = resources.files(__package__) / "chapter7.json"
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+def paper_cells(robot: str, task: str) -> list[dict[str, Any]]:
+    """List the cells of the paper's table: size, sigma, model, validation and test RMSE.
+
+    :param robot: name of the arm.
+    :param task: "ik" or "id".
+    :return: one mapping per cell.
+    """
+    cells = list(paper()["tables"][robot][task])
+    analytic = paper()["analytic"].get(robot, {}).get(task)
+    if analytic is not None:
+        sizes = sorted({cell["size"] for cell in cells})
+        cells += [
+            {"size": size, "sigma": 0.0, "model": "analytic", "test": analytic} for size in sizes
+        ]
+    return cells
+
+
+class RmseTable:
+    """RMSEs by model, size and sigma, each a mean over seeds.
+
+    :param cells: with ``model``, ``size``, ``sigma``, ``test`` and, if known, ``validation``.
+    """
+
+    def __init__(self, cells: Iterable[Mapping[str, Any]]) -> None:
+        groups: dict[tuple[str, int, float], list[Mapping[str, Any]]] = defaultdict(list)
+        for cell in cells:
+            groups[cell["model"], cell["size"], cell["sigma"]].append(cell)
+        self._groups = groups
+        self.sizes = sorted({size for _, size, _ in groups})
+
+    @property
+    def largest(self) -> int:
+        """The size of all data, 6.
+
+        :raises MissingCells: if there are no cells of that size.
+        """
+        if not self.sizes or self.sizes[-1] != 6:
+            raise MissingCells
+        return self.sizes[-1]
+
+    def at(self, model: str, size: int, column: str = "test") -> dict[float, float]:
+        """Return a model's RMSE at a size, by sigma.
+
+        :param model: name of the model.
+        :param size: number of samples, in tens of thousands.
+        :param column: ``test`` or ``validation``.
+        :return: the means over seeds.
+        :raises MissingCells: if there are none.
+        """
+        found = {
+            sigma: [cell[column] for cell in cells if column in cell]
+            for (name, of_size, sigma), cells in self._groups.items()
+            if (name, of_size) == (model, size)
+        }
+        if not found or not all(found.values()):
+            raise MissingCells
+        return {sigma: float(np.mean(values)) for sigma, values in found.items()}
+
+    def best(self, model: str, size: int, column: str = "test") -> float:
+        """Return a model's lowest RMSE at a size, over sigma; arguments as for :meth:`at`.
+
+        :raises MissingCells: if there are none.
+        """
+        return min(self.at(model, size, column).values())
+
+    def best_adversarial(self, size: int, column: str = "test") -> float:
+        """Return the lowest RMSE of any adversarial model at a size; arguments as for :meth:`at`.
+
+        :raises MissingCells: if there are none.
+        """
+        models = {name for name, of_size, _ in self._groups if of_size == size}
+        found = [self.best(name, size, column) for name in ADVERSARIAL if name in models]
+        if not found:
+            raise MissingCells
+        return min(found)
+
+    def both(self, size: int, column: str = "test") -> tuple[float, float]:
+        """Return the lowest RMSE of the adversarial models and that of the MLP at a size.
+
+        :raises MissingCells: if there are none.
+        """
+        return self.best_adversarial(size, column), self.best("mlp", size, column)
+
+
+Evaluated = tuple[bool, str]
+Rule = Callable[[RmseTable], Evaluated]
+
+
+def _little_data(table: RmseTable) -> Evaluated:
+    gan, mlp = table.both(1)
+    return gan < mlp, f"best GAN {gan:.3g}, MLP {mlp:.3g}"
+
+
+def _advantage_shrinks(table: RmseTable) -> Evaluated:
+    first, last = (mlp - gan for gan, mlp in (table.both(1), table.both(table.largest)))
+    return first > last, f"MLP less best GAN: {first:+.3g} at size 1, {last:+.3g} at the largest"
+
+
+def _similar_at_the_end(table: RmseTable) -> Evaluated:
+    gan, mlp = table.both(table.largest)
+    return abs(gan - mlp) <= _SIMILAR * min(gan, mlp), f"best GAN {gan:.3g}, MLP {mlp:.3g}"
+
+
+def _base_overfits(table: RmseTable) -> Evaluated:
+    found = [table.both(size, "validation") for size in table.sizes]
+    if not found:
+        raise MissingCells
+    lower = sum(mlp < _MUCH * gan for gan, mlp in found)
+    return lower == len(found), f"at {lower} of {len(found)} sizes below {_MUCH:.0%} of any GAN's"
+
+
+def _base_wins(table: RmseTable) -> Evaluated:
+    gan, mlp = table.both(table.largest)
+    return mlp < gan, f"MLP {mlp:.3g}, best GAN {gan:.3g}"
+
+
+def _analytic_worst(table: RmseTable) -> Evaluated:
+    analytic = table.best("analytic", table.largest)
+    worst = max(table.best(model, table.largest) for model in (*ADVERSARIAL, "mlp"))
+    return analytic > worst, f"analytic {analytic:.3g}, worst network at its best sigma {worst:.3g}"
+
+
+def _dualgan_best(table: RmseTable) -> Evaluated:
+    figures = {model: table.best(model, table.largest) for model in ADVERSARIAL}
+    best = min(figures, key=lambda model: figures[model])
+    return best == "dualgan", f"{best} {figures[best]:.3g}, dualgan {figures['dualgan']:.3g}"
+
+
+def _most_gan_cells_beat_base(table: RmseTable) -> Evaluated:
+    better = [
+        value < table.best("mlp", size)
+        for size in table.sizes
+        for model in ADVERSARIAL
+        for value in table.at(model, size).values()
+    ]
+    return _mostly(better), f"{sum(better)} of {len(better)} cells"
+
+
+def _middle_sigma_best(table: RmseTable) -> Evaluated:
+    middle = []
+    for size in table.sizes:
+        for model in ADVERSARIAL:
+            figures = table.at(model, size)
+            if len(figures) < 3:
+                raise MissingCells
+            best = min(figures, key=lambda sigma: figures[sigma])
+            middle.append(best not in (min(figures), max(figures)))
+    told = f"{sum(middle)} of {len(middle)} (model, size)"
+    return _mostly(middle), f"a sigma between the ends is best in {told}"
+
+
+def _mostly(cases: Sequence[bool]) -> bool:
+    if not cases:
+        raise MissingCells
+    return sum(cases) > 0.5 * len(cases)
+
+
+_LITTLE: Final = (
+    "With 10,000 samples the best GAN beats the MLP on the unseen trajectory",
+    _little_data,
+)
+_OVERFIT: Final = ("The MLP's validation error is much lower than any GAN's", _base_overfits)
+_SIMILAR_END: Final = ("With all data GANs and MLP are similar", _similar_at_the_end)
+_WORST: Final = ("The analytic model is the worst", _analytic_worst)
+_SHRINKS: Final = ("The GANs' advantage shrinks as data grow", _advantage_shrinks)
+_WINS: Final = ("With all data the MLP is better than every GAN", _base_wins)
+_DUALGAN: Final = ("DualGAN is the best of the GANs", _dualgan_best)
+_MOST: Final = ("Most GAN cells beat the MLP on the unseen trajectory", _most_gan_cells_beat_base)
+_MIDDLE: Final = ("A sigma between 0 and 0.6 is best", _middle_sigma_best)
+CLAIMS: Final[Mapping[tuple[str, str], tuple[tuple[str, Rule], ...]]] = {
+    ("mico", "ik"): (_LITTLE, _SHRINKS, _SIMILAR_END, _OVERFIT),
+    ("mico", "id"): (_WINS, _WORST, _OVERFIT),
+    ("fetch", "ik"): (_DUALGAN, _SIMILAR_END, _OVERFIT),
+    ("fetch", "id"): (_LITTLE, _MOST, _MIDDLE, _WORST, _OVERFIT),
+}
+
+
+def claims(robot: str, task: str, results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Evaluate the paper's claims on its own table and on ours.
+
+    Ours uses the joints that move the hand. The claim that a GAN wins with little data stays open
+    unless some GAN's interval over seeds excludes the MLP, since a mean of a few seeds may be
+    chance.
+
+    :param robot: name of the arm.
+    :param task: "ik" or "id".
+    :param results: results of cells.
+    :return: for each claim ``claim``, and ``holds`` (None: open) and ``figures`` of either table.
+    """
+    results = list(results)
+    ours = RmseTable(
+        {
+            **{name: one[name] for name in ("model", "size", "sigma")},
+            **{kind: one[_column(task, kind)] for kind in ("test", "validation")},
+        }
+        for one in results
+        if not one.get("supervised_weight")
+    )
+    theirs = RmseTable(paper_cells(robot, task))
+    found: list[dict[str, Any]] = [
+        {"claim": claim, "paper": _evaluated(rule, theirs), "here": _evaluated(rule, ours)}
+        for claim, rule in CLAIMS[robot, task]
+    ]
+    for one in found:
+        here = one["here"]
+        if one["claim"] == _LITTLE[0] and here["holds"] and not _beyond_seeds(task, results):
+            here["holds"] = None
+            here["figures"] += "; no GAN's 95% interval leaves the MLP out"
+    return found
+
+
+def _beyond_seeds(task: str, results: Sequence[Mapping[str, Any]]) -> bool:
+    """Tell whether any GAN without a squared error is better than the MLP beyond chance."""
+    return any(
+        row["supervised_weight"] == 0 and row["interval"] is not None and row["interval"][1] < 0
+        for row in little_data(task, results)
+    )
+
+
+def little_data(task: str, results: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Compare adversarial models with the MLP on the unseen trajectory, with 10,000 samples.
+
+    :param task: "ik" or "id".
+    :param results: results of cells.
+    :return: for each (model, sigma, supervised weight) the mean over seeds of its RMSE minus that
+        of the MLP of the same seed, the number of ``seeds``, and for at least two of them the 95%
+        ``interval`` of Student's t.
+    """
+    column = _column(task, "test")
+    base: dict[int, float] = {}
+    groups: dict[tuple[str, float, float], dict[int, float]] = defaultdict(dict)
+    for one in results:
+        if one["size"] != 1:
+            continue
+        if one["model"] == "mlp":
+            base[one["seed"]] = one[column]
+        elif one["model"] in ADVERSARIAL:
+            key = one["model"], one["sigma"], float(one.get("supervised_weight", 0.0))
+            groups[key][one["seed"]] = one[column]
+    found = []
+    for (model, sigma, weight), values in groups.items():
+        less = np.array([value - base[seed] for seed, value in values.items() if seed in base])
+        if less.size:
+            found.append(
+                {
+                    "model": model,
+                    "sigma": sigma,
+                    "supervised_weight": weight,
+                    "seeds": int(less.size),
+                    "difference": float(less.mean()),
+                    "interval": _interval(less),
+                }
+            )
+    return found
+
+
+def _interval(values: NDArray[np.float64]) -> list[float] | None:
+    """Compute the 95% interval of a mean; None for a single value."""
+    if values.size < 2:
+        return None
+    from scipy.stats import t as student
+
+    half = student.ppf(0.975, values.size - 1) * values.std(ddof=1) / np.sqrt(values.size)
+    return [float(values.mean() - half), float(values.mean() + half)]
+
+
+def _column(task: str, kind: str) -> str:
+    return f"{kind}_rmse_moving" if task == "ik" else f"{kind}_rmse"
+
+
+def _evaluated(rule: Rule, table: RmseTable) -> dict[str, Any]:
+    try:
+        holds, figures = rule(table)
+    except MissingCells:
+        return {"holds": None, "figures": "cells are missing"}
+    return {"holds": bool(holds), "figures": figures}
