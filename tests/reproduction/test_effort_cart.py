@@ -53,12 +53,12 @@ def test_the_closed_form_is_the_numerical_optimum(horizon, limit):
 
 
 def test_the_environment_pays_and_charges_what_the_form_says():
-    returned, cost = safe_command.judge(Efforts(best_efforts()), deterministic=True)
+    returned, cost = safe_command.evaluate(Efforts(best_efforts()), deterministic=True)
     assert cost == pytest.approx(COST_LIMIT, rel=1e-5)
     # Up to the mean of 2,000 starting speeds, which is felt in every step.
     assert returned == pytest.approx(best_return(), abs=4 * HORIZON * 0.2 / np.sqrt(3 * 2000))
     constant = Efforts(np.full(HORIZON, np.sqrt(COST_LIMIT / HORIZON)))
-    worse, same_cost = safe_command.judge(constant, deterministic=True)
+    worse, same_cost = safe_command.evaluate(constant, deterministic=True)
     assert same_cost == pytest.approx(COST_LIMIT, rel=1e-5)
     assert worse < 0.9 * best_return()
 
@@ -85,7 +85,7 @@ def test_a_limit_beyond_the_closed_form_is_refused():
 
 
 def test_the_command_writes_a_file_and_a_table(tmp_path, capsys):
-    figures, page = tmp_path / "safe_command.json", tmp_path / "page.md"
+    figures, page = tmp_path / "safe.json", tmp_path / "page.md"
     page.write_text(f"before\n{safe_command.BEGIN}\nold\n{safe_command.END}\nafter\n")
     words = f"safe --algorithms cpo --seeds 3 --steps 4000 --json {figures}"
     # Four thousand steps, one rollout, are not enough, and the status says so.
@@ -115,13 +115,13 @@ def test_a_file_that_is_no_measurement_is_named(text, tmp_path, capsys):
 
 def test_the_page_shows_the_file():
     """What the docs show was measured, and is what the file holds: nothing where there is none."""
-    page, file = DOCS / "safe-baselines.md", DOCS / "results" / "safe_command.json"
+    page, file = DOCS / "safe-baselines.md", DOCS / "results" / "safe.json"
     text = page.read_text()
     if not file.exists():
         assert not text.partition(safe_command.BEGIN)[2].partition(safe_command.END)[0].strip()
         return
     figures = read_figures(file, "safe")
-    assert safe_command.placed(page, safe_command.render(figures)) == text
+    assert safe_command.page_with(page, safe_command.render(figures)) == text
     assert safe_command.BEGIN in text
     assert {one["algorithm"] for one in figures["rows"]} == {
         algorithm.__name__ for algorithm in ALGORITHMS.values()
