@@ -11,7 +11,7 @@ from saver_advisors.cli.arguments import at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 
 if TYPE_CHECKING:
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
     from saver_advisors.reporting.figures import Drawn
 
@@ -113,7 +113,7 @@ def write_comparison(
 
 
 def comparison_figures(
-    rows: Sequence[Row], flat: Sequence[Any], findings: Sequence[Any], results: Results
+    rows: Sequence[MethodRow], flat: Sequence[Any], findings: Sequence[Any], results: Results
 ) -> dict[str, Any]:
     """Collect what every comparison of training runs writes as JSON.
 

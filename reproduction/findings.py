@@ -21,7 +21,7 @@ import numpy as np
 
 from saver_advisors.evaluation.metrics import RISEN
 from saver_advisors.evaluation.statistics import Estimate, difference, estimate
-from saver_advisors.experiments.summary import Row, success_resolution
+from saver_advisors.experiments.summary import MethodRow, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 Metric = Literal["inspired_epoch", "rise_time", "maximum_success_rate", "effective_learning_rate"]
@@ -275,7 +275,7 @@ def evaluate_claim(claim: Claim, table: Table) -> Finding:
     return Finding(claim.text, claim.task, claim.metric, comparisons, figures, missing, still_open)
 
 
-def table_of(rows: Iterable[Row]) -> Table:
+def table_of(rows: Iterable[MethodRow]) -> Table:
     """Make a table that looks metrics up in rows of runs.
 
     :param rows: rows of one task.

@@ -73,16 +73,3 @@ def measured_at(figures: JsonRow) -> str:
         f"{machine_in_words(origin['machine'])}, PyTorch {versions['torch']}, Stable-Baselines3 "
         f"{versions['sb3']}."
     )
-
-
-def success_interval(successes: int, trials: int) -> list[float]:
-    """Compute the 95% Wilson interval of a success rate.
-
-    :param successes: number of successful trials.
-    :param trials: number of trials.
-    :return: its lower and upper end.
-    """
-    from scipy.stats import binomtest
-
-    interval = binomtest(successes, trials).proportion_ci(method="wilson")
-    return [float(interval.low), float(interval.high)]

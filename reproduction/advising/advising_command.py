@@ -17,7 +17,7 @@ from saver_advisors.cli.result_files import add_result_arguments, read
 
 if TYPE_CHECKING:
     from reproduction.findings import Finding
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
 
-def tables(results: Results) -> dict[str, list[Row]]:
+def tables(results: Results) -> dict[str, list[MethodRow]]:
     """Summarise the runs of every task, the paper's tasks and the paper's rows first.
 
     :param results: what was read.
@@ -73,7 +73,7 @@ def tables(results: Results) -> dict[str, list[Row]]:
     return {task: summarize(task, results.of_task(task), list(paper.labels)) for task in order}
 
 
-def evaluate_findings(tasks: Mapping[str, Sequence[Row]]) -> list[Finding]:
+def evaluate_findings(tasks: Mapping[str, Sequence[MethodRow]]) -> list[Finding]:
     """Evaluate the paper's claims about the tasks that were run.
 
     :param tasks: see :func:`tables`.
@@ -91,7 +91,7 @@ def evaluate_findings(tasks: Mapping[str, Sequence[Row]]) -> list[Finding]:
 
 
 def figures(
-    tasks: Mapping[str, Sequence[Row]], findings: Sequence[Finding], results: Results
+    tasks: Mapping[str, Sequence[MethodRow]], findings: Sequence[Finding], results: Results
 ) -> dict[str, Any]:
     """Collect everything that was computed, for JSON.
 

@@ -23,7 +23,7 @@ from saver_advisors.benchmark.run_tables import (
     under_way_list,
 )
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
-from saver_advisors.experiments.summary import Row
+from saver_advisors.experiments.summary import MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
 from saver_advisors.reporting.tables import markdown
@@ -60,7 +60,7 @@ FEW_NAMES: Final = 3
 
 
 def page(
-    tasks: Mapping[str, Sequence[Row]],
+    tasks: Mapping[str, Sequence[MethodRow]],
     findings: Sequence[Finding],
     results: Results,
     drawn: Sequence[Drawn],
@@ -90,7 +90,7 @@ def page(
     return join_parts([*parts, skipped_list(results.skipped), origin(results.runs)])
 
 
-def _task(task: str, rows: Sequence[Row]) -> list[str]:
+def _task(task: str, rows: Sequence[MethodRow]) -> list[str]:
     """Everything about one environment."""
     finished = [row for row in rows if row.n]
     paper = table_5_2().of_environment(task)
@@ -109,7 +109,7 @@ def _task(task: str, rows: Sequence[Row]) -> list[str]:
     return parts
 
 
-def strategy_table(rows: Sequence[Row], paper: Mapping[str, PaperFigures]) -> str:
+def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures]) -> str:
     """Render the counterpart of Table 5.2.
 
     :param rows: rows of a task.
@@ -123,7 +123,7 @@ def strategy_table(rows: Sequence[Row], paper: Mapping[str, PaperFigures]) -> st
     return markdown(columns, cells)
 
 
-def scratch_table(tasks: Mapping[str, Sequence[Row]]) -> str:
+def scratch_table(tasks: Mapping[str, Sequence[MethodRow]]) -> str:
     """Render the epochs to 0.9 without advice, with one arm and with two.
 
     :param tasks: rows by environment id.
@@ -182,7 +182,9 @@ def finding_table(findings: Sequence[Finding]) -> str:
     return markdown(list(cells[0]), [list(one.values()) for one in cells])
 
 
-def show(tasks: Mapping[str, Sequence[Row]], findings: Sequence[Finding], results: Results) -> None:
+def show(
+    tasks: Mapping[str, Sequence[MethodRow]], findings: Sequence[Finding], results: Results
+) -> None:
     """Print the counterparts of Table 5.2, the findings, and the files that were left out.
 
     :param tasks: rows by environment id.

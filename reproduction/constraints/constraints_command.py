@@ -14,7 +14,7 @@ from reproduction.command_parts import comparison_figures, write_comparison
 from saver_advisors.cli.result_files import add_result_arguments, read
 
 if TYPE_CHECKING:
-    from saver_advisors.experiments.summary import Row
+    from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
 
-def table(results: Results) -> list[Row]:
+def table(results: Results) -> list[MethodRow]:
     """Summarise the runs of the distance task.
 
     :param results: what was read.
@@ -73,7 +73,7 @@ def table(results: Results) -> list[Row]:
     """
     from saver_advisors.experiments.summary import summarize
 
-    def success(row: Row) -> float:
+    def success(row: MethodRow) -> float:
         return -1.0 if row.final_success is None else row.final_success.value
 
     return sorted(summarize(TASK, results.of_task(TASK)), key=success, reverse=True)

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from reproduction.findings import Verdict, verdict_of
-from saver_advisors.experiments.summary import Row, success_resolution
+from saver_advisors.experiments.summary import MethodRow, success_resolution
 from saver_advisors.experiments.training_runs import TrainingRun
 
 PAPER_BEST: Final = 0.70
@@ -52,11 +52,11 @@ class ConstraintFinding:
         return asdict(self)
 
 
-Rule = Callable[[Row], tuple[bool | None, str]]
+Rule = Callable[[MethodRow], tuple[bool | None, str]]
 """Whether a finding holds for a row (None: cannot be told), and the figures that decide it."""
 
 
-def evaluate_findings(rows: Sequence[Row]) -> list[ConstraintFinding]:
+def evaluate_findings(rows: Sequence[MethodRow]) -> list[ConstraintFinding]:
     """Evaluate every finding.
 
     :param rows: rows of the distance task.
@@ -79,23 +79,23 @@ def evaluate_findings(rows: Sequence[Row]) -> list[ConstraintFinding]:
     ]
 
 
-def _bests(row: Row) -> list[float]:
+def _bests(row: MethodRow) -> list[float]:
     """Return the highest success rate of each run."""
     return [float(run.curve.success.max()) for run in row.runs]
 
 
-def _succeeds(row: Row) -> tuple[bool | None, str]:
+def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
     near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
     return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
 
 
-def _never(row: Row) -> tuple[bool | None, str]:
+def _never(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
     return best <= NEVER, f"SR {best:.2f} at best"
 
 
-def _decays(row: Row) -> tuple[bool | None, str]:
+def _decays(row: MethodRow) -> tuple[bool | None, str]:
     """Compare the highest success with the success at the end."""
     best = float(np.mean(_bests(row)))
     last = float(np.mean([_last(run) for run in row.runs]))

@@ -18,7 +18,7 @@ from saver_advisors.benchmark.run_tables import (
 )
 from saver_advisors.evaluation.statistics import Estimate, estimate
 from saver_advisors.experiments.plots import Panel, draw_panels
-from saver_advisors.experiments.summary import MINUTE, Row
+from saver_advisors.experiments.summary import MINUTE, MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
 from saver_advisors.reporting.tables import markdown
@@ -66,7 +66,7 @@ FINDINGS: Final = """\
 FINDING_COLUMNS: Final = {"finding": "text", "in these runs": "verdict", "evidence": "evidence"}
 
 
-def final_rate(row: Row, name: str) -> Estimate | None:
+def final_rate(row: MethodRow, name: str) -> Estimate | None:
     """Summarise an entry of the final evaluations on the report seeds.
 
     :param row: row of the table.
@@ -76,7 +76,7 @@ def final_rate(row: Row, name: str) -> Estimate | None:
     return _estimate([run.final.get(name) for run in row.runs if run.final])
 
 
-def flat_row(row: Row) -> dict[str, Any]:
+def flat_row(row: MethodRow) -> dict[str, Any]:
     """Return a row of the flat table in the JSON file.
 
     :param row: row of the table.
@@ -91,7 +91,7 @@ def flat_row(row: Row) -> dict[str, Any]:
 
 
 def page(
-    rows: Sequence[Row],
+    rows: Sequence[MethodRow],
     findings: Sequence[ConstraintFinding],
     results: Results,
     drawn: Sequence[Drawn],
@@ -122,7 +122,7 @@ def page(
     return join_parts([*parts, skipped_list(results.skipped), origin(results.runs)])
 
 
-def method_table(rows: Sequence[Row]) -> str:
+def method_table(rows: Sequence[MethodRow]) -> str:
     """Render every row with its rates and violations.
 
     :param rows: rows with finished runs.
@@ -132,7 +132,7 @@ def method_table(rows: Sequence[Row]) -> str:
     return markdown(list(cells[0]), [list(one.values()) for one in cells])
 
 
-def _method_cells(row: Row) -> dict[str, str]:
+def _method_cells(row: MethodRow) -> dict[str, str]:
     """Return the cells of a row by their headings."""
     costs = [run.final.get("cost_means", {}).get("cost_distance") for run in row.runs if run.final]
     training = [run.points[-1].get("training_cost") for run in row.runs]
@@ -151,7 +151,7 @@ def _method_cells(row: Row) -> dict[str, str]:
     }
 
 
-def on_threads(row: Row) -> str:
+def on_threads(row: MethodRow) -> str:
     """Return the number of threads of a row's runs in words; empty for a single thread."""
     told = sorted({run.threads for run in row.runs})
     return "" if told == [1] else f" on {' or '.join(map(str, told))} threads"
@@ -171,7 +171,7 @@ def references(results: Results) -> str:
     return rows_table(results.references, {"policy": "{policy}", "episodes": "{episodes}", **rates})
 
 
-def equal_time_table(rows: Sequence[Row]) -> str:
+def equal_time_table(rows: Sequence[MethodRow]) -> str:
     """Render the mean and the highest success of each row up to the same training time.
 
     :param rows: rows with finished runs.
@@ -198,7 +198,7 @@ def equal_time_table(rows: Sequence[Row]) -> str:
     return markdown(("row", "minutes", "steps until then", "mean SR", "highest SR"), cells)
 
 
-def draw_all(rows: Sequence[Row], folder: Path) -> list[Drawn]:
+def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     """Draw the curves of the three rates (Figures 6.1 and 6.2).
 
     :param rows: rows of the distance task.
@@ -222,7 +222,9 @@ def draw_all(rows: Sequence[Row], folder: Path) -> list[Drawn]:
     return drawn
 
 
-def show(rows: Sequence[Row], findings: Sequence[ConstraintFinding], results: Results) -> None:
+def show(
+    rows: Sequence[MethodRow], findings: Sequence[ConstraintFinding], results: Results
+) -> None:
     """Print the rates, the findings, and the files that were left out.
 
     :param rows: rows of the distance task.

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_count, measure_and_render
-from reproduction.page_parts import success_interval
 from reproduction.transfer.attempts import (
     EXPERT,
     STUDENTS,
@@ -24,6 +23,7 @@ from reproduction.transfer.attempts import (
     Attempt,
     Entrant,
 )
+from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.figures import link
 from saver_advisors.training.threads import one_thread_of_algebra
 

@@ -6,16 +6,17 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from functools import cache
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from reproduction.page_parts import success_interval
+from saver_advisors.evaluation.statistics import success_interval
 
 if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import Loop
+    from saver_advisors.integration.assembly import ControlLoop
 
 #: Trials of a job.
 _CHUNK: Final = 5
@@ -80,11 +81,11 @@ def work(job: Job) -> dict[str, Any]:
     what, mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if what == "inject":
-        return {"injections": [inject(settings, bench, fault, s).to_mapping() for s in seeds]}
+        return {"injections": [asdict(inject(settings, bench, fault, s)) for s in seeds]}
     return _play(build_loop(settings, bench), seeds)
 
 
-def _play(loop: Loop, seeds: Sequence[int]) -> dict[str, Any]:
+def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
     from saver_advisors.integration.messages import Message, Person
     from saver_advisors.integration.trial import run_trial
 
@@ -103,8 +104,8 @@ def _play(loop: Loop, seeds: Sequence[int]) -> dict[str, Any]:
         "trials": trials,
         "wall_s": time.perf_counter() - began,
         "stages": {
-            name: {"calls": timing.calls, "seconds": _thinned(timing.seconds)}
-            for name, timing in loop.graph.timings.items()
+            name: {"calls": len(seconds), "seconds": _thinned(seconds)}
+            for name, seconds in loop.graph.seconds.items()
         },
         "ages": _thinned(ages),
     }

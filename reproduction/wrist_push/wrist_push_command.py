@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, add_count
-from saver_advisors.cli.measured import hand_over, read_figures
+from saver_advisors.cli.measured import hand_over, read_measurement
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         origin = provenance()
         figures = {**measure(args), "provenance": origin}
     else:
-        figures = joined([read_figures(path, "wrist-push") for path in args.from_json])
+        figures = joined([read_measurement(path, "wrist-push") for path in args.from_json])
     hand_over(render(figures), figures, args.json, args.table)
     return 0
 

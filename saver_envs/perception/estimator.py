@@ -86,7 +86,7 @@ class PoseEstimator:
         poses = parse(self.fields(picture), self.limbs, self.options)
         joints = _turned_back((poses.joints - offset) / scale, self.turn, height, width)
         # Joints in the margin beside the picture are dropped.
-        inside = ((joints >= 0) & (joints <= (width, height))).all(axis=-1)
+        inside = np.all((joints >= 0) & (joints <= (width, height)), axis=-1)
         joints = np.where(inside[..., None], joints, np.nan)
         return Poses(joints, np.where(inside, poses.scores, 0.0), poses.person_scores)
 
