@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,12 @@ def bounded(
 ) -> NDArray[np.float64]:
     """Return values between bounds, as ``numpy.clip`` does, at half its cost on few values."""
     return np.minimum(np.maximum(values, lower), upper)
+
+
+def shortened(vectors: NDArray[np.floating], longest: NDArray[np.floating] | float) -> NDArray[Any]:
+    """Return vectors (..., 3), those longer than ``longest`` (..., 1) scaled down to it."""
+    length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
+    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-12))
 
 
 class InverseKinematics(Protocol):
@@ -144,3 +150,53 @@ class Workspace:
         """Greatest distance from the base's axis at given heights, metres."""
         rise = height - self.shoulder_height
         return np.sqrt(np.maximum(self.hand_reach**2 - rise**2, 0.0))
+
+
+#: A set-point leads the tool by at most this many actions' way at top speed, 0.05 m at 0.5 m/s, so
+#: that a blocked arm presses with bounded force, turns round at once, and does not race to catch up
+#: when it comes free.
+LEAD_LIMIT = 2.5
+
+
+@dataclass(frozen=True)
+class SetPointRule:
+    """How a Cartesian action moves the tools' set-points.
+
+    :param workspace: where set-points may be.
+    :param longest: way of a set-point in one action at top speed, metres.
+    :param held_height: of all set-points (m), or ``None`` where the action sets it.
+    """
+
+    workspace: Workspace
+    longest: float
+    held_height: float | None = None
+
+    def unclipped(
+        self,
+        previous: NDArray[np.float64],
+        motion: NDArray[np.float64],
+        tool: NDArray[np.float64],
+        freedom: NDArray[np.float64] | float = 1.0,
+    ) -> NDArray[np.float64]:
+        """Move set-points within top speed and lead limit, but not yet within the workspace.
+
+        :param previous: (..., arms, 3) set-points so far, base frames, metres.
+        :param motion: (..., arms, 3) in [-1, 1].
+        :param tool: (..., arms, 3) where the tools are, base frames, metres.
+        :param freedom: (..., arms, 1) fraction of the lead limit that is allowed.
+        :return: (..., arms, 3), metres.
+        """
+        wanted = previous + shortened(motion * self.longest, self.longest)
+        moved = tool + shortened(wanted - tool, LEAD_LIMIT * self.longest * freedom)
+        if self.held_height is not None:
+            moved[..., 2] = self.held_height
+        return moved
+
+    def moved(
+        self,
+        previous: NDArray[np.float64],
+        motion: NDArray[np.float64],
+        tool: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Move set-points within top speed, lead limit and workspace; see :meth:`unclipped`."""
+        return self.workspace.clip(self.unclipped(previous, motion, tool))

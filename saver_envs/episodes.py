@@ -4,102 +4,68 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import DampedLeastSquares, InverseKinematics, bounded
-from saver_envs.grasping import Grasp, settled_grasp
-from saver_envs.people.bench import compose_with_person
-from saver_envs.people.patient import Patient, People, joined
-from saver_envs.reachability import reachability_map
+from saver_envs.control import DampedLeastSquares, InverseKinematics, SetPointRule, bounded
 from saver_envs.robots.description import Fingers, Robot
-from saver_envs.scenes import Layout, ObjectProperties, Scene, compose
-from saver_envs.simulation import SUBSTEPS, ArmState, ObjectState, Simulation, SimulationState
-from saver_envs.tasks.base import Readings, Task
-from saver_envs.tasks.observation import SIZE_PER_ARM, observe
-from saver_envs.tasks.regions import OVERLAP, regions
-from saver_envs.tasks.sampling import Start, StartSampler
-from saver_envs.tasks.wrist_starts import WristStart, WristStartSampler
+from saver_envs.scenes import Arms, Scene, compose
+from saver_envs.simulation import SUBSTEPS, ArmState, Simulation, SimulationState
+from saver_envs.tasks.contract import Memory, Start, Task
+from saver_envs.world import TIMESTEP
 
 Control = Literal["cartesian", "joints"]
 
 #: Duration of an action (s): 25 Hz.
-ACTION_DURATION = SUBSTEPS * 0.002
+ACTION_DURATION = SUBSTEPS * TIMESTEP
 #: Top speeds of the set-point (m/s): ours by default, the makers' (Table 5.3) when rated.
 DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
-DEFAULT_HORIZON, RATED_HORIZON = 50, 125
-#: A set-point runs at most this many actions' way at top speed ahead of the tool, 0.05 m at
-#: 0.5 m/s, so that a blocked arm presses with bounded force, turns round at once, and does not
-#: race to catch up when it comes free.
-LEASH = 2.5
-#: So far may joint targets run ahead of the joints where they are the action (rad): more than they
-#: lag at full speed, 0.11.
-JOINT_LEASH = 0.15
-#: Edges of cubes (m) that can be pushed by these hands and lie on the table within their reach.
-OBJECT_SIZE = (0.04, 0.12)
+#: In joint control the targets may run ahead of the joints by this much (rad): more than they lag
+#: at full speed, 0.11.
+JOINT_LEAD = 0.15
 _MOST_REDRAWS = 50
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that makes a scene and its episodes, apart from the task.
+    """How the arms of an episode are driven, whatever the task.
 
     :param robot: the arm.
     :param horizon: actions in an episode.
     :param max_speed: top speed of the set-points, m/s.
     :param limit_joint_speed: keep the joints' targets within the makers' joint speed limits.
     :param control: ``cartesian`` (displacements of the tool) or ``joints`` (of the joint angles).
-    :param objects: size, mass and friction of the cubes.
-    :param layout: ``row`` or ``ring``.
-    :param overlap: how far an arm's box reaches beyond the middle line to a neighbour, metres.
-    :param in_hand_share: share of the arms that start an episode with their cube in hand, for
-        training; 0 in evaluation.
+    :raises ValueError: for a value out of range.
     """
 
     robot: Robot
-    horizon: int = DEFAULT_HORIZON
+    horizon: int = Task.horizon
     max_speed: float = DEFAULT_SPEED
     limit_joint_speed: bool = False
     control: Control = "cartesian"
-    objects: ObjectProperties = field(default_factory=ObjectProperties)
-    layout: Layout = "row"
-    overlap: float = OVERLAP
-    in_hand_share: float = 0.0
 
     def __post_init__(self) -> None:
         checks = {
             "horizon": (self.horizon >= 1, "at least 1 action"),
             "max_speed": (0 < self.max_speed <= 2, "above 0 and at most 2 m/s"),
             "control": (self.control in ("cartesian", "joints"), "'cartesian' or 'joints'"),
-            "overlap": (0 <= self.overlap <= 0.2, "0 to 0.2 m"),
-            "in_hand_share": (0 <= self.in_hand_share <= 1, "0 to 1"),
         }
         for name, (holds, valid) in checks.items():
             if not holds:
                 raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
-        least, greatest = OBJECT_SIZE
-        properties = {
-            "size": (least <= self.objects.size <= greatest, f"{least} to {greatest} m"),
-            "mass": (0 < self.objects.mass < np.inf, "above 0 kg"),
-            "friction": (0 <= self.objects.friction < np.inf, "at least 0"),
-            "damping": (0 <= self.objects.damping < np.inf, "at least 0 N s/m"),
-        }
-        for name, (holds, valid) in properties.items():
-            if not holds:
-                value = getattr(self.objects, name)
-                raise ValueError(f"object_{name}={value!r}: must be {valid}")
 
 
 @dataclass(frozen=True)
 class Observation:
     """What an agent sees; fresh float32 arrays with one row per episode.
 
-    :param observation: (n, 28 * arms).
-    :param achieved_goal: (n, goal_size).
-    :param desired_goal: (n, goal_size).
+    :param observation: (n, observation size).
+    :param achieved_goal: (n, goal size).
+    :param desired_goal: (n, goal size).
     """
 
     observation: NDArray[np.float32]
@@ -122,12 +88,10 @@ class Outcome:
     :param reward: (n,) float32.
     :param truncated: (n,) the episode is over: its horizon is reached, or it diverged.
     :param success: (n,) ``is_success``.
-    :param reached: (n,) every object is at its target now.
+    :param reached: (n,) the goal is reached now.
     :param diverged: (n,) the simulation broke down in this step.
-    :param costs: name -> (n,) of every cost.
     :param cost: (n,) sum of the costs that the task names.
-    :param readings: name -> (n,) of what was measured besides, with a person on the bench:
-        ``torso_force`` (N) and ``torso_displacement`` (m).
+    :param measured: name -> (n,) of every cost, ``cost_<name>``, and of the task's readings.
     """
 
     reward: NDArray[np.float32]
@@ -135,9 +99,8 @@ class Outcome:
     success: NDArray[np.bool_]
     reached: NDArray[np.bool_]
     diverged: NDArray[np.bool_]
-    costs: dict[str, NDArray[np.float64]]
     cost: NDArray[np.float64]
-    readings: Readings = field(default_factory=dict)
+    measured: dict[str, NDArray[np.float64]]
 
     def info(self) -> dict[str, NDArray[np.generic]]:
         """Return the entries of ``info``, an array of n each."""
@@ -146,8 +109,7 @@ class Outcome:
             "goal_reached": self.reached,
             "diverged": self.diverged,
             "cost": self.cost,
-            **{f"cost_{name}": cost for name, cost in self.costs.items()},
-            **self.readings,
+            **self.measured,
         }
 
     def info_of(self, index: int) -> dict[str, bool | float]:
@@ -161,26 +123,24 @@ class EpisodesState:
 
     :param simulation: the simulations' state.
     :param set_point: (n, arms, 3) tool set-points in base frames, metres.
-    :param target: (n, arms, 3) target points in base frames, metres.
-    :param goal: (n, goal_size) desired goals.
+    :param goal: (n, goal size) desired goals.
     :param elapsed: (n,) actions since the reset.
-    :param constraint_broken: (n,) whether what the task must never do was done.
-    :param observation: (n, 28 * arms) as last read.
-    :param achieved: (n, goal_size) as last read.
+    :param failed: (n,) whether a hard constraint was broken.
+    :param observation: (n, observation size) as last read.
+    :param achieved: (n, goal size) as last read.
     :param generators: the episodes' sources of randomness.
-    :param people: who lies on the bench, where somebody does.
+    :param memory: what the task keeps besides.
     """
 
     simulation: SimulationState
     set_point: NDArray[np.float64]
-    target: NDArray[np.float64]
     goal: NDArray[np.float64]
     elapsed: NDArray[np.int64]
-    constraint_broken: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
     observation: NDArray[np.float64]
     achieved: NDArray[np.float64]
     generators: tuple[np.random.Generator, ...]
-    people: People | None = None
+    memory: Memory
 
 
 class Episodes:
@@ -190,7 +150,7 @@ class Episodes:
     the constructor's arguments, takes over the state and goes on identically.
 
     :param task: what is to be done.
-    :param settings: robot, limits, objects and control.
+    :param settings: robot, limits and control.
     :param n: number of episodes.
     :param threads: native threads of the simulation.
     :param inverse_kinematics: set-points to joint targets; damped least squares by default.
@@ -208,17 +168,14 @@ class Episodes:
         self.settings = settings
         self.n = n
         robot = settings.robot
-        self.scene: Scene = _scene(task, settings)
-        self.simulation = Simulation(self.scene, n, threads)
-        self.patient = Patient(self.simulation) if task.moves_person else None
-        self.regions = regions(robot, task.n_arms, settings.layout, settings.overlap)
+        arms = Arms(robot, task.n_arms, task.fingers, task.bases)
+        self.scene: Scene = compose(arms, task)
+        self.simulation = Simulation(self.scene, n, threads, task.keeps_peaks)
         self._threads = threads
         self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)
-        self._reachability = reachability_map(robot)
-        self._sampler = self._start_sampler()
-        self._grasp: Grasp | None = None
-        if settings.in_hand_share > 0 and task.fingers is Fingers.ACTUATED:
-            self._grasp = settled_grasp(robot, settings.objects)
+        self.set_point_rule = SetPointRule(
+            task.workspace(arms), settings.max_speed * ACTION_DURATION, task.held_height
+        )
         self._joint_lower = np.asarray(robot.joint_lower)
         self._joint_upper = np.asarray(robot.joint_upper)
         self._joint_speed = np.asarray(robot.joint_speed_limits)
@@ -226,21 +183,14 @@ class Episodes:
         degrees_of_freedom = len(robot.arm_joints)
         self._motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
         self._generators = [np.random.default_rng() for _ in range(n)]
-        arms = task.n_arms
-        self.set_point = np.zeros((n, arms, 3))
-        self.target = np.zeros((n, arms, 3))
+        self.memory: Memory = task.memory(n)
+        self.set_point = np.zeros((n, task.n_arms, 3))
         self.elapsed = np.zeros(n, dtype=np.int64)
-        self._goal = np.zeros((n, task.goal_size))
-        self._constraint_broken = np.zeros(n, dtype=bool)
+        self._goal = np.zeros((n, self.goal_size))
+        self._failed = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
-        self._achieved = np.zeros((n, task.goal_size))
-
-    def _start_sampler(self) -> StartSampler | WristStartSampler:
-        if self.patient is not None:
-            return WristStartSampler(self.scene, self.regions, self._reachability)
-        rules = self.task.start_rules(self.scene.object_rest_height)
-        return StartSampler(self.scene, self.regions, self._reachability, rules)
+        self._achieved = np.zeros((n, self.goal_size))
 
     @property
     def action_size_per_arm(self) -> int:
@@ -254,13 +204,18 @@ class Episodes:
 
     @property
     def observation_size(self) -> int:
-        """Numbers of an observation, 28 an arm."""
-        return SIZE_PER_ARM * self.task.n_arms
+        """Numbers of an observation."""
+        return self.task.observation_layout.size
 
     @property
     def goal_size(self) -> int:
         """Numbers of a goal."""
-        return self.task.goal_size
+        return self.task.goal_layout.size
+
+    @property
+    def goal(self) -> NDArray[np.float64]:
+        """Desired goals (n, goal size); not a copy."""
+        return self._goal
 
     def set_generator(self, index: int, generator: np.random.Generator) -> None:
         """Give episode ``index`` its source of randomness for the resets to come."""
@@ -271,14 +226,13 @@ class Episodes:
         return EpisodesState(
             simulation=self.simulation.get_state(),
             set_point=self.set_point.copy(),
-            target=self.target.copy(),
             goal=self._goal.copy(),
             elapsed=self.elapsed.copy(),
-            constraint_broken=self._constraint_broken.copy(),
+            failed=self._failed.copy(),
             observation=self._observation.copy(),
             achieved=self._achieved.copy(),
             generators=tuple(copy.deepcopy(self._generators)),
-            people=None if self.patient is None else self.patient.get_people(),
+            memory=copy.deepcopy(self.memory),
         )
 
     def set_state(self, state: EpisodesState) -> None:
@@ -287,14 +241,13 @@ class Episodes:
         :param state: of these episodes, or of others built from the same arguments.
         :raises ValueError: for a state of another scene or another number of episodes.
         """
-        if self.patient is not None and state.people is not None:
-            self.patient.set_people(state.people)
+        self.memory = copy.deepcopy(state.memory)
+        self.task.restore(self.simulation, self.memory)
         self.simulation.set_state(state.simulation)
         self.set_point = state.set_point.copy()
-        self.target = state.target.copy()
         self._goal = state.goal.copy()
         self.elapsed = state.elapsed.copy()
-        self._constraint_broken = state.constraint_broken.copy()
+        self._failed = state.failed.copy()
         self._observation = state.observation.copy()
         self._achieved = state.achieved.copy()
         self._arms = self.simulation.arm_state()
@@ -319,65 +272,34 @@ class Episodes:
         rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
         starts = self._begin(rows)
         self.set_point[rows] = np.stack([start.hand for start in starts])
-        self.target[rows] = np.stack([start.target for start in starts])
-        self._goal[rows] = np.stack([self.task.desired_goal(start.target) for start in starts])
+        self._goal[rows] = self.task.desired(starts)
         self.elapsed[rows] = 0
-        self._constraint_broken[rows] = False
+        self._failed[rows] = False
         self._read(rows)
-        return self._outcome(np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool))
+        self.simulation.collided[:] = False
+        return self._outcome(np.zeros(self.n, dtype=bool))
 
     def _begin(self, rows: NDArray[np.intp]) -> list[Start]:
         """Draw starts of episodes ``rows`` and put everything there.
 
-        The sampler knows hands as points. Whether one touches its cube, with fingers open and
-        the cube larger than usual, shows in the simulation: such a start is drawn again.
+        The sampler knows hands as points. Whether one touches its object, with fingers open and
+        the object larger than usual, shows in the simulation: such a start is drawn again.
         """
+        task, simulation = self.task, self.simulation
         starts: dict[int, Start] = {}
         left = rows
         for _ in range(_MOST_REDRAWS):
-            drawn = [self._sampler.sample(self._generators[row]) for row in left]
+            drawn = [task.sample(self._generators[row], self.scene) for row in left]
             starts.update(zip(left.tolist(), drawn, strict=True))
-            held = self._place(left, drawn)
-            left = left[self.simulation.touching(left) & ~held]
+            task.place(simulation, self.memory, left, drawn)
+            left = left[~task.valid(simulation, self.memory, left, drawn)]
             if not left.size:
                 return [starts[row] for row in rows.tolist()]
+        touching = simulation.contacts_of(int(left[0]), task.resting)
         raise RuntimeError(
-            f"{_MOST_REDRAWS} starts in a row had contact: objects of "
-            f"{self.settings.objects.size} m leave no room for the hand"
+            f"{_MOST_REDRAWS} starts of the task {task.name!r} in a row were not valid; in the "
+            f"last one {touching or 'nothing'} touched ({task})"
         )
-
-    def _place(self, rows: NDArray[np.intp], starts: list[Start]) -> NDArray[np.bool_]:
-        """Put arms, fingers and cubes of episodes ``rows`` (k,) where their starts say.
-
-        :return: (k,) episodes that start with a cube in hand.
-        """
-        robot, arms = self.settings.robot, self.task.n_arms
-        hand = np.stack([start.hand for start in starts])
-        joints = self._reachability.postures_at(hand.reshape(-1, 3))
-        fingers = np.full((len(rows), *self.scene.finger_qpos.shape), robot.finger_open)
-        position = np.stack([start.object for start in starts])
-        quaternion = np.zeros((len(rows), arms, 4))
-        quaternion[..., 0] = 1
-        held = np.zeros((len(rows), arms), dtype=bool)
-        if self._grasp is not None:
-            share = self.settings.in_hand_share
-            held = np.stack([self._generators[row].random(arms) < share for row in rows])
-            position[held] = hand[held] + self._grasp.object_offset
-            quaternion[held] = self._grasp.object_quaternion
-            fingers[held] = self._grasp.finger_position
-        joints = joints.reshape(len(rows), arms, -1)
-        if self.patient is not None:
-            people = [start.people for start in starts if isinstance(start, WristStart)]
-            self.patient.place(rows, joined(people), joints)
-            return np.zeros(len(rows), dtype=bool)
-        objects = np.concatenate([self.simulation.to_world(position), quaternion], axis=-1)
-        self.simulation.reset(rows, joints, fingers, objects)
-        if held.any():
-            episode, arm = np.nonzero(held)
-            controls = self.scene.finger_ctrl[arm]
-            self.simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
-        in_hand: NDArray[np.bool_] = np.logical_or.reduce(held, axis=-1)
-        return in_hand
 
     def step(self, actions: NDArray[np.floating], ids: NDArray[np.intp] | None = None) -> Outcome:
         """Apply one action to every episode, or to some.
@@ -391,6 +313,8 @@ class Episodes:
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         """
         blocks = self.checked(actions).reshape(self.n, self.task.n_arms, -1)
+        everything = slice(None) if ids is None else ids
+        self.task.drive(self.simulation, self.memory, everything)
         targets = self.simulation.ctrl.copy()
         arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
         targets[:, self.scene.arm_ctrl] = arm_targets
@@ -399,15 +323,15 @@ class Episodes:
             closing = (1 - blocks[..., -1:]) / 2
             finger = robot.finger_open + closing * (robot.finger_closed - robot.finger_open)
             targets[:, self.scene.finger_ctrl] = finger
-        collided, diverged = self.simulation.step(targets, self.settings.limit_joint_speed, ids)
-        self.elapsed[slice(None) if ids is None else ids] += 1
+        diverged = self.simulation.step(targets, self.settings.limit_joint_speed, ids)
+        self.elapsed[everything] += 1
         rows = ids
         if diverged.any():
             broken = np.flatnonzero(diverged)
             self._begin(broken)  # a sound state, in which they can be stepped until reset
             rows = np.setdiff1d(np.arange(self.n) if ids is None else ids, broken)
         self._read(rows)
-        return self._outcome(collided, diverged)
+        return self._outcome(diverged)
 
     def checked(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return actions (n, action_size) within [-1, 1].
@@ -443,22 +367,16 @@ class Episodes:
         if self.settings.control == "joints":
             # Last, since the joints of a blocked arm may be pushed away faster than they may move.
             present = self._arms.joint_position
-            wanted = present + bounded(wanted - present, -JOINT_LEASH, JOINT_LEASH)
+            wanted = present + bounded(wanted - present, -JOINT_LEAD, JOINT_LEAD)
         return bounded(wanted, self._joint_lower, self._joint_upper)
 
     def moved_set_point(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:
         """Move the set-points as a Cartesian action does, and return them.
 
         :param motion: (n, arms, 3), in [-1, 1].
-        :return: (n, arms, 3) within workspace, top speed and leash, metres.
+        :return: (n, arms, 3) in the base frames, metres.
         """
-        longest = self.settings.max_speed * ACTION_DURATION
-        moved = self.set_point + shortened(motion * longest, longest)
-        tool = self._arms.tool_position
-        moved = tool + shortened(moved - tool, LEASH * longest)
-        if self.task.held_height is not None:
-            moved[..., 2] = self.task.held_height
-        self.set_point = self.regions.workspace.clip(moved)
+        self.set_point = self.set_point_rule.moved(self.set_point, motion, self._arms.tool_position)
         return self.set_point
 
     def _read(self, rows: NDArray[np.intp] | None = None) -> None:
@@ -466,48 +384,34 @@ class Episodes:
 
         The others keep what was read before: a diverged episode its last good observation.
         """
-        simulation = self.simulation
+        task, simulation = self.task, self.simulation
         self._arms = simulation.arm_state()
-        objects = self.object_state()
-        fingers, finger_velocities = simulation.finger_state()
-        locked = self.settings.robot.finger_closed
-        observation = observe(self._arms, objects, fingers, finger_velocities, locked)
-        achieved = self.task.achieved_goal(objects)
+        seen = task.observe(simulation, self.memory, self._arms)
+        observation = task.observation_layout.join(seen)
+        achieved = task.achieved(simulation, self.memory, seen)
         if rows is None:
             self._observation, self._achieved = observation, achieved
         else:
             self._observation[rows] = observation[rows]
             self._achieved[rows] = achieved[rows]
 
-    @property
-    def people(self) -> People | None:
-        """Who lies on the bench, where somebody does; not a copy."""
-        return None if self.patient is None else self.patient.people
-
-    def object_state(self) -> ObjectState:
-        """Return the state of the cubes, or of the wrists, copied."""
-        if self.patient is not None:
-            return self.patient.wrists()
-        return self.simulation.object_state()
-
-    def _outcome(self, collided: NDArray[np.bool_], diverged: NDArray[np.bool_]) -> Outcome:
+    def _outcome(self, diverged: NDArray[np.bool_]) -> Outcome:
         # From the numbers that agents see, so that relabelling them finds the very same rewards.
+        task = self.task
         achieved, desired = self._achieved.astype(np.float32), self._goal.astype(np.float32)
-        readings = {} if self.patient is None else self.patient.readings()
-        costs = self.task.costs(achieved, desired, collided, readings)
-        reward, reached = self.task.judge(achieved, desired)
-        for name in self.task.never:
-            self._constraint_broken |= costs[name] > 0
-        success = reached & ~self._constraint_broken
+        measured = task.measure(self.simulation, self.memory, achieved, desired)
+        reward, reached = task.reward_and_reached(achieved, desired)
+        for name in task.hard:
+            self._failed |= measured[f"cost_{name}"] > 0
+        costs = (measured[f"cost_{name}"] for name in task.summed)
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
-            success=success,
+            success=reached & ~self._failed,
             reached=reached,
             diverged=diverged,
-            costs=costs,
-            cost=sum((costs[name] for name in self.task.cost_names), np.zeros(self.n)),
-            readings=readings,
+            cost=sum(costs, np.zeros(self.n)),
+            measured=measured,
         )
 
     def observation(self) -> Observation:
@@ -518,14 +422,15 @@ class Episodes:
             self._goal.astype(np.float32),
         )
 
+    def targets(self) -> NDArray[np.float64]:
+        """Return the points (n, k, 3) that the scene's target sites show, world frame, metres."""
+        return self.task.targets(self.scene, self._goal)
 
-def _scene(task: Task, settings: Settings) -> Scene:
-    if task.moves_person:
-        return compose_with_person(settings.robot)
-    return compose(settings.robot, task.n_arms, task.fingers, settings.objects, settings.layout)
+    def variant_of(self, index: int) -> int:
+        """Return which of the scene's models episode ``index`` has."""
+        return self.task.variant_of(self.memory, index)
 
-
-def shortened(vectors: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
-    """Return vectors (..., 3), those longer than ``longest`` scaled down to it."""
-    length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
-    return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-12))
+    def decorate(self, model: mujoco.MjModel, index: int) -> None:
+        """Adapt a drawing model to episode ``index``: decorations and targets."""
+        self.task.decorate(model, self.memory, index)
+        model.site_pos[self.scene.target_site] = self.targets()[index]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from saver_envs.control import (
     orientation_error,
 )
 from saver_envs.robots.description import Fingers, Robot
-from saver_envs.scenes import compose
+from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import ArmState, Simulation
 
 #: Grid over the box of hand positions that SPEC names, with room beyond the side walls (m).
@@ -41,7 +42,7 @@ class PostureSolver:
 
     def __init__(self, robot: Robot, capacity: int) -> None:
         self._robot = robot
-        self._scene = compose(robot, 1, Fingers.LOCKED)
+        self._scene = compose(Arms(robot, 1, Fingers.LOCKED))
         self._simulation = Simulation(self._scene, capacity, persistent=False)
         self._lower = np.asarray(robot.joint_lower)
         self._upper = np.asarray(robot.joint_upper)
@@ -138,17 +139,32 @@ class ReachabilityMap:
         :raises RuntimeError: when a point cannot be reached, naming it; points for which
             :meth:`reachable` holds do not raise.
         """
-        nearest = np.rint((points - self._origin) * self._cells_per_metre)
-        index = bounded(nearest, 0, self._most_cells).astype(np.intp)
-        guess = self.postures[index[:, 0], index[:, 1], index[:, 2]]
-        joints = np.empty_like(guess)
+        scaled = (points - self._origin) * self._cells_per_metre
+        joints, reached = self._solved_from(np.rint(scaled), points, _WARM_ITERATIONS)
+        for corner in product((0, 1), repeat=3):
+            if reached.all():
+                return joints
+            # The nearest posture may be on another branch, or stuck at a joint's limit.
+            missed = np.flatnonzero(~reached)
+            vertex = np.floor(scaled[missed]) + corner
+            joints[missed], reached[missed] = self._solved_from(
+                vertex, points[missed], _COLD_ITERATIONS
+            )
+        if not reached.all():
+            raise RuntimeError(f"no posture puts the tool at {points[~reached][0]} m")
+        return joints
+
+    def _solved_from(
+        self, vertices: NDArray[np.float64], points: NDArray[np.float64], iterations: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Solve for points (k, 3) from the postures at grid vertices (k, 3)."""
+        index = bounded(vertices, 0, self._most_cells).astype(np.intp)
+        joints = self.postures[index[:, 0], index[:, 1], index[:, 2]]
+        reached = np.zeros(len(points), dtype=bool)
         for start in range(0, len(points), self._solver.capacity):
             part = slice(start, start + self._solver.capacity)
-            joints[part], reached = self._solver.solve(points[part], guess[part], _WARM_ITERATIONS)
-            if not reached.all():
-                missed = points[part][~reached][0]
-                raise RuntimeError(f"no posture puts the tool at {missed} m")
-        return joints
+            joints[part], reached[part] = self._solver.solve(points[part], joints[part], iterations)
+        return joints, reached
 
 
 @lru_cache(maxsize=8)

@@ -1,42 +1,51 @@
-"""One table: id -> task, robot, arms. Adapters build their episodes from a row and options."""
+"""Ids are rows: id -> task, robot, arms. Adapters build their episodes from a row and options.
+
+Our own rows are registered the way that yours are: see :func:`register_task` and
+:func:`register_robot`.
+"""
 
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass, fields
+import importlib
+import inspect
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pettingzoo
 
 from saver_envs.control import InverseKinematics
-from saver_envs.episodes import (
-    DEFAULT_HORIZON,
-    DEFAULT_SPEED,
-    RATED_HORIZON,
-    RATED_SPEED,
-    Control,
-    Episodes,
-    Settings,
-)
+from saver_envs.episodes import DEFAULT_SPEED, RATED_SPEED, Control, Episodes, Settings
 from saver_envs.robots import ROBOTS
-from saver_envs.scenes import Layout, ObjectProperties
-from saver_envs.tasks.base import SUCCESS_THRESHOLD, RewardType, Task
-from saver_envs.tasks.distance import Distance, RewardCombination, RewardStage
+from saver_envs.robots.description import Robot
+from saver_envs.tasks.contract import RewardType, Start, Task
+from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
-from saver_envs.tasks.regions import OVERLAP
-from saver_envs.tasks.wrist_push import HORIZON as WRIST_PUSH_HORIZON
 from saver_envs.tasks.wrist_push import WristPush
 
-VERSION = 0
-#: Share of contested starts, set so that two arms which ignore one another fail often enough (see
-#: docs/decisions.md).
-CONTESTED_SHARE = 0.4
+#: Module whose ids need no prefix.
+PACKAGE = "saver_envs"
+#: What the id of a twin with a dense reward has behind its name.
+DENSE = "Dense"
+
+#: Ids that commands use where none is given: of one arm, and of two.
+ONE_ARM_ID, TWO_ARM_ID = "JacoPush-v0", "DualJacoPush-v0"
+#: Ids that are timed by default, and ids that the demo shows.
+TIMED_IDS = (ONE_ARM_ID, "JacoPickAndPlace-v0", TWO_ARM_ID, "DualJacoPickAndPlace-v0")
+SHOWN_IDS = (
+    *(ONE_ARM_ID, "JacoPickAndPlace-v0", "MicoPush-v0"),
+    *(TWO_ARM_ID, "DualJacoDistance-v0", "DualMicoPush-v0"),
+)
+#: The id that the loop of sensors, policy and servos is made for.
+CASUALTY_ID = "WristPush-v0"
 
 
 @dataclass(frozen=True)
-class Row:
+class EnvironmentRow:
     """What an id stands for.
 
     :param task: the task's class.
@@ -52,110 +61,229 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Options:
-    """Keyword arguments of every id.
+class ControlOptions:
+    """Keyword arguments of every id; those of its task come on top.
 
-    :param n_arms: 1 to 4 arms; the id's number by default. The distance task needs 2.
-    :param horizon: actions in an episode; 50, or 125 when rated; 250 in wrist push.
+    :param n_arms: 1 to 4 arms; the id's number by default.
+    :param horizon: actions in an episode; the task's by default.
     :param max_speed: top speed of the set-points, m/s; 0.5, or 0.2 when rated.
-    :param rated: the makers' setting (Table 5.3): 0.2 m/s, joint speed limits, 125 actions.
-    :param success_threshold: distance of an object from its target that counts as reached, m.
+    :param rated: the makers' setting (Table 5.3): 0.2 m/s, joint speed limits, the task's rated
+        horizon.
     :param control: ``cartesian`` displacements of the tool, or ``joints`` of the joint angles.
-    :param object_size: edge of the cubes, m.
-    :param object_mass: mass of a cube, kg.
-    :param object_friction: sliding friction of the cubes.
-    :param object_damping: linear damping of the cubes' motion, N s/m.
-    :param layout: bases in a ``row`` or a ``ring`` round the table.
-    :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
-    :param contested_share: share of the episodes of several arms in which the ways of two hands
-        meet (push and pick and place).
-    :param in_hand_share: share of the arms that start with their cube in hand (tasks whose fingers
-        move; for training).
-    :param reward_stage: ``goal`` or ``constrained`` (distance task alone).
-    :param reward_combination: ``min``, ``linear`` or ``shaped``, how the constrained stage puts
-        goal and constraint together (distance task alone).
-    :param constraint_weight: of the constraint where they are summed (distance task alone).
     """
 
     n_arms: int | None = None
     horizon: int | None = None
     max_speed: float | None = None
     rated: bool = False
-    success_threshold: float = SUCCESS_THRESHOLD
     control: Control = "cartesian"
-    object_size: float = ObjectProperties.size
-    object_mass: float = ObjectProperties.mass
-    object_friction: float = ObjectProperties.friction
-    object_damping: float = ObjectProperties.damping
-    layout: Layout = "row"
-    overlap: float = OVERLAP
-    contested_share: float = CONTESTED_SHARE
-    in_hand_share: float = 0.0
-    reward_stage: RewardStage | None = None
-    reward_combination: RewardCombination | None = None
-    constraint_weight: float | None = None
 
 
-def _rows() -> dict[str, Row]:
-    """Return every id with its row, the Dense twins behind the sparse ones."""
-    plain = {
-        "JacoPush": (Push, "jaco", 1),
-        "JacoPickAndPlace": (PickAndPlace, "jaco", 1),
-        "DualJacoPush": (Push, "jaco", 2),
-        "DualJacoPickAndPlace": (PickAndPlace, "jaco", 2),
-        "DualJacoDistance": (Distance, "jaco", 2),
-        "MicoPush": (Push, "mico", 1),
-        "MicoPickAndPlace": (PickAndPlace, "mico", 1),
-        "DualMicoPush": (Push, "mico", 2),
-        "DualMicoPickAndPlace": (PickAndPlace, "mico", 2),
-        "WristPush": (WristPush, "mico", 2),
-    }
-    rewards: tuple[tuple[str, RewardType], ...] = (("", "sparse"), ("Dense", "dense"))
-    return {
-        f"{name}{suffix}-v{VERSION}": Row(task, robot, n_arms, reward)
-        for suffix, reward in rewards
-        for name, (task, robot, n_arms) in plain.items()
-        if robot in ROBOTS
-    }
-
-
-ENVIRONMENTS: dict[str, Row] = _rows()
+#: Every id with its row, the dense twins behind the sparse ones.
+ENVIRONMENTS: dict[str, EnvironmentRow] = {}
 #: Ids whose observation is the camera's picture alone, and the ids behind them.
-PIXELS: dict[str, str] = {f"WristPushPixels-v{VERSION}": f"WristPush-v{VERSION}"}
+PIXELS: dict[str, str] = {}
 
 
-def row_of(env_id: str) -> Row:
-    """Return the row of an id, with or without the ``saver_envs:`` prefix.
+def register_task(
+    task: type[Task],
+    name: str,
+    robot: str,
+    n_arms: int,
+    *,
+    version: int = 0,
+    dense: bool = True,
+    pixels: bool = False,
+    check: bool = True,
+) -> tuple[str, ...]:
+    """Register a task with a robot under an id, for Gymnasium and for PettingZoo.
 
-    :raises ValueError: for an unknown id; the message lists the valid ones.
+    Call it where your module is imported: ``gymnasium.make("your_module:YourTask-v0")`` and
+    ``saver train --env your_module:YourTask-v0`` then find the id. Episodes end by their own clock,
+    so no time limit is given. Ids of several arms are in PettingZoo's registry as well, behind
+    ``saver_envs/``.
+
+    :param task: the task's class.
+    :param name: first part of the id, such as ``DualJacoPush``.
+    :param robot: name of a registered robot.
+    :param n_arms: number of arms.
+    :param version: last part of the id.
+    :param dense: register a twin with a dense reward, ``<name>Dense-v<version>``.
+    :param pixels: register a twin whose observation is the RGB-D camera's picture,
+        ``<name>Pixels-v<version>``.
+    :param check: build an episode, reset it and step it once, to find out what the task misses.
+    :return: the ids.
+    :raises ValueError: for a taken id, an unknown robot, or a task that misses a part; the message
+        names it and what is wanted.
     """
-    name = env_id.removeprefix("saver_envs:")
-    if name in ENVIRONMENTS:
-        return ENVIRONMENTS[name]
-    raise ValueError(
-        f"env_id={env_id!r} is not an environment of this package{_hint(name, ENVIRONMENTS)}; "
-        f"valid ids are {', '.join(ENVIRONMENTS)}"
+    if robot not in ROBOTS:
+        raise ValueError(
+            f"robot={robot!r} is not registered{_hint(robot, ROBOTS)}; register_robot adds one"
+        )
+    rows = {f"{name}-v{version}": EnvironmentRow(task, robot, n_arms, "sparse")}
+    if dense:
+        rows[f"{name}{DENSE}-v{version}"] = EnvironmentRow(task, robot, n_arms, "dense")
+    pixel_id = f"{name}Pixels-v{version}"
+    taken = [one for one in (*rows, pixel_id) if one in ENVIRONMENTS or one in PIXELS]
+    if taken:
+        raise ValueError(f"id {taken[0]!r} is taken: choose another name or version")
+    if check:
+        for row in rows.values():
+            _check(row)
+    ENVIRONMENTS.update(rows)
+    for env_id in rows:
+        _register_with_gymnasium(
+            env_id, env_id, "goal_env:SaverGoalEnv", "vector_env:SaverVectorEnv"
+        )
+        if n_arms > 1:
+            pettingzoo.register(
+                "parallel",
+                f"{PACKAGE}/{env_id}",
+                entry_point="saver_envs.envs.parallel_env:parallel_env",
+                kwargs={"env_id": env_id},
+            )
+    if pixels:
+        PIXELS[pixel_id] = f"{name}-v{version}"
+        _register_with_gymnasium(pixel_id, PIXELS[pixel_id], "pixel_env:SaverPixelEnv")
+    return tuple(rows)
+
+
+def _register_with_gymnasium(
+    env_id: str, behind: str, entry_point: str, vector_entry_point: str | None = None
+) -> None:
+    gymnasium.register(
+        id=env_id,
+        entry_point=f"saver_envs.envs.{entry_point}",
+        vector_entry_point=vector_entry_point and f"saver_envs.envs.{vector_entry_point}",
+        kwargs={"env_id": behind},
     )
 
 
-def _hint(name: str, valid: Any) -> str:
+def register_robot(robot: Robot) -> Robot:
+    """Make a robot known by its name.
+
+    :param robot: see :meth:`saver_envs.robots.description.Robot.from_model`.
+    :return: the robot.
+    :raises ValueError: for a taken name.
+    """
+    if robot.name in ROBOTS:
+        raise ValueError(f"robot {robot.name!r} is registered already: choose another name")
+    ROBOTS[robot.name] = robot
+    return robot
+
+
+def _check(row: EnvironmentRow) -> None:
+    """Build an episode of a row and compare it with what the task declares.
+
+    :raises ValueError: naming what is missing or of another size.
+    """
+    kind = row.task
+    if not (inspect.isclass(kind) and issubclass(kind, Task) and is_dataclass(kind)):
+        raise ValueError(f"task={kind!r}: must be a dataclass derived from saver_envs.Task")
+    if not isinstance(getattr(kind, "name", None), str):
+        raise ValueError(f"{kind.__name__}.name: must be the task's name in lower case")
+    for group in ("summed", "hard"):
+        if surplus := set(getattr(kind, group)) - set(kind.costs):
+            raise ValueError(
+                f"{kind.__name__}.{group} names {sorted(surplus)}: must be among its costs "
+                f"{kind.costs}"
+            )
+    try:
+        episodes = _build(row, ControlOptions(), {}, 2, 1, None)
+    except NotImplementedError as error:
+        raise ValueError(f"{kind.__name__} lacks {_where(error)}") from error
+    except KeyError as error:
+        raise ValueError(f"{kind.__name__}: the scene has no {error}") from error
+    _check_episode(kind.__name__, episodes)
+
+
+def _where(error: BaseException) -> str:
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return "a method" if trace is None else f"the method {trace.tb_frame.f_code.co_name}()"
+
+
+def _check_episode(name: str, episodes: Episodes) -> None:
+    task, n = episodes.task, episodes.n
+    generators = [np.random.default_rng(index) for index in range(n)]
+    try:
+        _check_start(name, episodes, [task.sample(one, episodes.scene) for one in generators])
+        for index, generator in enumerate(generators):
+            episodes.set_generator(index, generator)
+        episodes.reset()
+        outcome = episodes.step(np.zeros((n, episodes.action_size)))
+    except NotImplementedError as error:
+        raise ValueError(f"{name} lacks {_where(error)}") from error
+    except (KeyError, IndexError) as error:
+        raise ValueError(f"{name}: {error}") from error
+    missing = [cost for cost in task.costs if f"cost_{cost}" not in outcome.measured]
+    if missing:
+        raise ValueError(f"{name}.measure: returns no cost_{missing[0]}, which costs names")
+    measured: dict[str, Any] = {"reward": outcome.reward, **outcome.measured}
+    for key, values in measured.items():
+        if np.shape(values) != (n,):
+            raise ValueError(f"{name}: {key} has shape {np.shape(values)}, must be {(n,)}")
+
+
+def _check_start(name: str, episodes: Episodes, starts: list[Start]) -> None:
+    """Place starts, and compare observation and goals with what the task declares."""
+    task, simulation, memory = episodes.task, episodes.simulation, episodes.memory
+    n, size = episodes.n, task.goal_layout.size
+    task.place(simulation, memory, np.arange(n), starts)
+    seen = task.observe(simulation, memory, simulation.arm_state())
+    found = {
+        (f"observe: part {part.name!r}", "observation"): (
+            seen[part.name],
+            (n, part.size) if part.shared else (n, task.n_arms, part.size),
+        )
+        for part in task.observation
+    }
+    found["achieved: the goal", "goal"] = task.achieved(simulation, memory, seen), (n, size)
+    found["desired: the goal", "goal"] = task.desired(starts), (n, size)
+    for (what, declared), (values, wanted) in found.items():
+        if np.shape(values) != wanted:
+            raise ValueError(
+                f"{name}.{what} has shape {np.shape(values)}, but {name}.{declared} declares "
+                f"{wanted}"
+            )
+
+
+def row_of(env_id: str) -> EnvironmentRow:
+    """Return the row of an id; ``module:Id`` imports the module first, which registers it.
+
+    :raises ValueError: for an unknown id; the message lists the valid ones.
+    """
+    module, _, name = env_id.rpartition(":")
+    if name not in ENVIRONMENTS and module not in ("", PACKAGE):
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise ValueError(
+                f"env_id={env_id!r}: {module!r} cannot be imported: {error}"
+            ) from error
+    if name in ENVIRONMENTS:
+        return ENVIRONMENTS[name]
+    raise ValueError(
+        f"env_id={env_id!r} is not a registered environment{_hint(name, ENVIRONMENTS)}; valid ids "
+        f"are {', '.join(ENVIRONMENTS)}"
+    )
+
+
+def _hint(name: str, valid: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(valid), n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 
-def parse_options(options: dict[str, Any]) -> Options:
-    """Turn keyword arguments into options.
-
-    :raises TypeError: for an unknown keyword; the message lists the valid ones.
-    """
-    valid = [field.name for field in fields(Options)]
-    for name in options:
-        if name not in valid:
-            raise TypeError(
-                f"unknown keyword {name!r}{_hint(name, valid)}; valid keywords are "
-                f"{', '.join(valid)}"
-            )
-    return Options(**options)
+def default_options(env_id: str) -> dict[str, Any]:
+    """Return every keyword argument of an id with its default."""
+    row = row_of(env_id)
+    task = {
+        field.name: field.default
+        for field in fields(row.task)
+        if field.name not in ("n_arms", "reward_type") and field.default is not MISSING
+    }
+    return {**{one.name: one.default for one in fields(ControlOptions)}, **task}
 
 
 def make_episodes(
@@ -171,112 +299,80 @@ def make_episodes(
     :param n: number of episodes stepped together.
     :param threads: native threads of the simulation.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`Options`.
+    :param options: of :class:`ControlOptions`, and the fields of the task's class.
     :return: the episodes, not yet reset.
     :raises ValueError: for an unknown id or an option out of range.
     :raises TypeError: for an unknown option.
     """
-    row, chosen = row_of(env_id), parse_options(options)
-    return Episodes(_task(row, chosen), _settings(row, chosen), n, threads, inverse_kinematics)
+    row = row_of(env_id)
+    control, of_task = _parsed(env_id, options)
+    return _build(row, control, of_task, n, threads, inverse_kinematics)
 
 
-def _task(row: Row, options: Options) -> Task:
-    _refuse_idle(row.task, options)
-    n_arms = row.n_arms if options.n_arms is None else options.n_arms
-    if row.task is Distance:
-        constraint: dict[str, Any] = {name: getattr(options, name) for name in _OF_CONSTRAINT}
-        return Distance(
-            n_arms,
-            row.reward_type,
-            options.success_threshold,
-            **{name: value for name, value in constraint.items() if value is not None},
-        )
-    if row.task is WristPush:
-        return WristPush(n_arms, row.reward_type, options.success_threshold)
-    return row.task(n_arms, row.reward_type, options.success_threshold, options.contested_share)
+def task_and_settings(env_id: str, options: Mapping[str, Any]) -> tuple[Task, Settings]:
+    """Return what an id with these options describes, without building a simulation.
+
+    :raises ValueError: for an unknown id or an option out of range.
+    :raises TypeError: for an unknown option.
+    """
+    return _described(row_of(env_id), *_parsed(env_id, dict(options)))
 
 
-_OF_CONSTRAINT = ("reward_stage", "reward_combination", "constraint_weight")
-#: Options that say how cubes are or how they start, and where other arms would stand.
-_OF_CUBES = (
-    "object_size",
-    "object_mass",
-    "object_friction",
-    "object_damping",
-    "layout",
-    "contested_share",
-    "in_hand_share",
-)
-_NO_CONSTRAINT = "only the distance task has a constraint in its reward"
-#: Options that would change nothing in a task, by the reason. A task that is not named has no
-#: constraint.
-_IDLE: dict[type[Task], dict[str, tuple[str, ...]]] = {
-    Push: {_NO_CONSTRAINT: _OF_CONSTRAINT, "the fingers of push are locked": ("in_hand_share",)},
-    Distance: {"the cubes of the distance task go side by side": ("contested_share",)},
-    WristPush: {
-        _NO_CONSTRAINT: _OF_CONSTRAINT,
-        "not an option of wrist push, whose two arms stand in a row and whose objects are a "
-        "person's wrists": _OF_CUBES,
-    },
-}
+def _parsed(env_id: str, options: dict[str, Any]) -> tuple[ControlOptions, dict[str, Any]]:
+    """Tell the options of the control from those of the task."""
+    valid = default_options(env_id)
+    for name in options:
+        if name not in valid:
+            raise TypeError(
+                f"unknown keyword {name!r} of {env_id}{_hint(name, valid)}; valid keywords are "
+                f"{', '.join(valid)}"
+            )
+    names = {one.name for one in fields(ControlOptions)}
+    control = {name: value for name, value in options.items() if name in names}
+    of_task = {name: value for name, value in options.items() if name not in names}
+    return ControlOptions(**control), of_task
 
 
-def _refuse_idle(task: type[Task], options: Options) -> None:
-    """Refuse what would change nothing, rather than let somebody believe that it does."""
-    usual = Options()
-    for reason, names in _IDLE.get(task, {_NO_CONSTRAINT: _OF_CONSTRAINT}).items():
-        for name in names:
-            value = getattr(options, name)
-            if value != getattr(usual, name):
-                raise ValueError(f"{name}={value!r}: {reason}")
-
-
-def _settings(row: Row, options: Options) -> Settings:
-    speed = RATED_SPEED if options.rated else DEFAULT_SPEED
-    horizon = RATED_HORIZON if options.rated else DEFAULT_HORIZON
-    if row.task is WristPush:  # long enough for either speed
-        horizon = WRIST_PUSH_HORIZON
-    return Settings(
+def _described(
+    row: EnvironmentRow, control: ControlOptions, of_task: Mapping[str, Any]
+) -> tuple[Task, Settings]:
+    n_arms = row.n_arms if control.n_arms is None else control.n_arms
+    task = row.task(n_arms=n_arms, reward_type=row.reward_type, **of_task)
+    horizon = task.rated_horizon if control.rated else task.horizon
+    speed = RATED_SPEED if control.rated else DEFAULT_SPEED
+    return task, Settings(
         robot=ROBOTS[row.robot],
-        horizon=horizon if options.horizon is None else options.horizon,
-        max_speed=speed if options.max_speed is None else options.max_speed,
-        limit_joint_speed=options.rated,
-        control=options.control,
-        objects=ObjectProperties(
-            options.object_size,
-            options.object_mass,
-            options.object_friction,
-            options.object_damping,
-        ),
-        layout=options.layout,
-        overlap=options.overlap,
-        in_hand_share=options.in_hand_share,
+        horizon=horizon if control.horizon is None else control.horizon,
+        max_speed=speed if control.max_speed is None else control.max_speed,
+        limit_joint_speed=control.rated,
+        control=control.control,
     )
 
 
-def register_all() -> None:
-    """Register every id with Gymnasium, and those of several arms with PettingZoo as well.
+def _build(
+    row: EnvironmentRow,
+    control: ControlOptions,
+    of_task: Mapping[str, Any],
+    n: int,
+    threads: int,
+    inverse_kinematics: InverseKinematics | None,
+) -> Episodes:
+    return Episodes(*_described(row, control, of_task), n, threads, inverse_kinematics)
 
-    Episodes end by their own clock, so no time limit is given. PettingZoo's ids have this package
-    as their namespace: ``pettingzoo.make("parallel", "saver_envs/DualJacoPush-v0")``.
-    """
-    for env_id, row in ENVIRONMENTS.items():
-        gymnasium.register(
-            id=env_id,
-            entry_point="saver_envs.envs.goal_env:SaverGoalEnv",
-            vector_entry_point="saver_envs.envs.vector_env:SaverVectorEnv",
-            kwargs={"env_id": env_id},
-        )
-        if row.n_arms > 1:
-            pettingzoo.register(
-                "parallel",
-                f"saver_envs/{env_id}",
-                entry_point="saver_envs.envs.parallel_env:parallel_env",
-                kwargs={"env_id": env_id},
-            )
-    for env_id, behind in PIXELS.items():
-        gymnasium.register(
-            id=env_id,
-            entry_point="saver_envs.envs.pixel_env:SaverPixelEnv",
-            kwargs={"env_id": behind},
-        )
+
+def register_all() -> None:
+    """Register our own ids."""
+    rows: tuple[tuple[type[Task], str, str, int], ...] = (
+        (Push, "JacoPush", "jaco", 1),
+        (PickAndPlace, "JacoPickAndPlace", "jaco", 1),
+        (Push, "DualJacoPush", "jaco", 2),
+        (PickAndPlace, "DualJacoPickAndPlace", "jaco", 2),
+        (Distance, "DualJacoDistance", "jaco", 2),
+        (Push, "MicoPush", "mico", 1),
+        (PickAndPlace, "MicoPickAndPlace", "mico", 1),
+        (Push, "DualMicoPush", "mico", 2),
+        (PickAndPlace, "DualMicoPickAndPlace", "mico", 2),
+    )
+    for task, name, robot, n_arms in rows:
+        register_task(task, name, robot, n_arms, check=False)
+    register_task(WristPush, "WristPush", "mico", 2, pixels=True, check=False)

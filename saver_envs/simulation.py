@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
-from saver_envs.scenes import Scene
+from saver_envs.scenes import FreeBodies, Scene, rotate
+
+Kept = TypeVar("Kept")
 
 #: Substeps of 0.002 s in one action: 25 actions a second.
 SUBSTEPS = 20
@@ -52,7 +54,7 @@ class ArmState:
 
 @dataclass(frozen=True)
 class ObjectState:
-    """Where the cubes are, cube i in the base frame of arm i; leading dimensions (n, arms).
+    """Where objects are, object i in the base frame of arm i; leading dimensions (n, arms).
 
     :param position: (n, arms, 3), metres.
     :param quaternion: (n, arms, 4), w first, w >= 0.
@@ -85,23 +87,26 @@ def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
     return products[..., :3] - products[..., 3:]
 
 
-def rotate(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply (..., 3, 3) rotations to (..., 3) vectors, with a fixed order of summation."""
-    return np.sum(rotation * vector[..., None, :], axis=-1)
-
-
 class Simulation:
     """n simulations of one scene; a row of every array is one simulation.
 
-    :param scene: the compiled bench.
+    :param scene: compiled models and addresses.
     :param n: number of simulations, at least 1.
     :param threads: native threads that share them; results do not depend on it.
+    :param keeps_peaks: keep the highest sample of every sensor in an action.
     :param persistent: keep one ``MjData`` a simulation. Stepping wants it: the last velocity
         stage of a step is then the first of the next. Pure kinematics does without the memory.
     :raises ValueError: for fewer than one simulation or thread.
     """
 
-    def __init__(self, scene: Scene, n: int, threads: int = 1, persistent: bool = True) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        n: int,
+        threads: int = 1,
+        keeps_peaks: bool = False,
+        persistent: bool = True,
+    ) -> None:
         if n < 1:
             raise ValueError(f"n={n!r}: at least one simulation is needed")
         if threads < 1:
@@ -117,9 +122,13 @@ class Simulation:
         self._site_position = self._batch.bind("site_xpos")
         self._site_rotation = self._batch.bind("site_xmat")
         self._sensors = self._batch.bind("sensordata")
-        self._keeps_highest = scene.person is not None
-        #: (n, sensors) highest of an action's samples, in scenes with a person.
-        self.highest = np.zeros(self._sensors.shape)
+        self._keeps_peaks = keeps_peaks
+        #: (n, sensors) highest of an action's samples, where peaks are kept.
+        self.peaks = np.zeros(self._sensors.shape)
+        #: (n,) contact in the last action that ``cost_collision`` counts.
+        self.collided = np.zeros(n, dtype=bool)
+        self._expanded: dict[str, NDArray[Any]] = {}
+        self._kept: dict[Any, Any] = {}
         self._constraint_torque = self._batch.bind("qfrc_constraint")
         #: Whether to keep positions at an action's samples, for pictures taken in between.
         self.keep_samples = False
@@ -131,35 +140,29 @@ class Simulation:
         # The batch gives two numbers a warning: its last argument and how often it came.
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
-        self._bases_turned = not np.array_equal(
-            scene.base_rotation, np.broadcast_to(np.eye(3), scene.base_rotation.shape)
-        )
-        self._world_to_base = np.swapaxes(scene.base_rotation, -1, -2)
-        self._scratch: mujoco.MjData | None = None
-        self._scratch_model: mujoco.MjModel = scene.model
+        self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
 
     def step(
         self,
         targets: NDArray[np.float64],
         ramp: bool = False,
         ids: NDArray[np.intp] | None = None,
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Advance simulations by one action (0.04 s).
+    ) -> NDArray[np.bool_]:
+        """Advance simulations by one action (0.04 s), and set :attr:`collided`.
 
         :param targets: (n, actuators) servo targets, radians.
         :param ramp: move the targets there in steps of 0.01 s instead of at once, so that a
             limit on their change limits the joints' speed within the action as well.
         :param ids: (k,) simulations to advance; all by default. The others stay as they are, and
             their entries of the results are False.
-        :return: ``collided`` (n,), contact that ``cost_collision`` counts at one of the samples,
-            and ``diverged`` (n,), simulations whose state became meaningless.
+        :return: (n,) simulations whose state became meaningless.
         """
         rows = slice(None) if ids is None else ids
         previous = self.ctrl.copy() if ramp else None
         self.ctrl[rows] = targets[rows]
         contacts = np.zeros(self._sensors.shape)
-        if self._keeps_highest:
-            self.highest[rows] = -np.inf
+        if self._keeps_peaks:
+            self.peaks[rows] = -np.inf
         failed: list[int] = []
         if self.keep_samples:
             self.samples[0] = self.qpos
@@ -175,8 +178,8 @@ class Simulation:
             contacts += self._sensors
             if self.keep_samples:
                 self.samples[sample] = self.qpos
-            if self._keeps_highest:
-                self.highest[rows] = np.maximum(self.highest[rows], self._sensors[rows])
+            if self._keeps_peaks:
+                self.peaks[rows] = np.maximum(self.peaks[rows], self._sensors[rows])
         collided = np.logical_or.reduce(contacts.take(self.scene.collision_sensor, 1), axis=-1)
         diverged = self._diverged(failed)
         if ids is not None:
@@ -184,7 +187,8 @@ class Simulation:
             stepped[ids] = True
             collided &= stepped
             diverged &= stepped
-        return collided, diverged
+        self.collided = collided
+        return diverged
 
     def advance(self, substeps: int) -> NDArray[np.bool_]:
         """Advance all simulations by substeps of 0.002 s, with the servos' targets as they are.
@@ -197,8 +201,8 @@ class Simulation:
             self._batch.step(None, substeps, _VELOCITY_STAGE)
         except SimulationError as error:
             failed.extend(int(i) for i in error.ids)
-        if self._keeps_highest:
-            self.highest[:] = self._sensors
+        if self._keeps_peaks:
+            self.peaks[:] = self._sensors
         return self._diverged(failed)
 
     def contact_torque(self) -> NDArray[np.float64]:
@@ -221,21 +225,16 @@ class Simulation:
         return diverged
 
     def reset(
-        self,
-        ids: NDArray[np.intp],
-        joints: NDArray[np.float64],
-        fingers: NDArray[np.float64],
-        objects: NDArray[np.float64],
-        refresh: bool = True,
+        self, ids: NDArray[np.intp], joints: NDArray[np.float64], fingers: NDArray[np.float64]
     ) -> None:
-        """Put simulations ``ids`` at rest in the given postures, servos holding them.
+        """Put the arms of simulations ``ids`` at rest in the given postures, servos holding them.
+
+        Everything else goes to where its model has it. What follows from the state is not brought
+        up to date: place the rest, then call :meth:`refresh`.
 
         :param ids: (k,) simulations.
         :param joints: (k, arms, dof) joint angles, radians.
         :param fingers: (k, arms, fingers) finger angles, radians; (k, arms, 0) when locked.
-        :param objects: (k, arms, 7) cubes' positions (m) and quaternions, world frame; (k, arms, 0)
-            where there are none.
-        :param refresh: bring what follows from the state up to date; else the caller does.
         """
         scene = self.scene
         self._batch.reset(ids, stage=_NO_STAGE)
@@ -244,37 +243,50 @@ class Simulation:
         self.ctrl[rows, scene.arm_ctrl] = joints
         self.qpos[rows, scene.finger_qpos] = fingers
         self.ctrl[rows, scene.finger_ctrl] = fingers
-        self.qpos[rows, scene.object_qpos] = objects
-        self.highest[ids] = 0.0
-        if refresh:
-            self.refresh(ids)
+        self.peaks[ids] = 0.0
         self._warnings_before[ids] = self._warnings[ids]
 
-    def touching(self, ids: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Say which of simulations ``ids`` (k,) have contact other than of what lies there.
+    def touching(
+        self, ids: NDArray[np.intp], resting: Sequence[str], support: str = "table"
+    ) -> NDArray[np.bool_]:
+        """Say which of simulations ``ids`` have contact other than of what lies on its support.
 
-        Cubes lie on the table, a person's arms on the stretcher.
+        :param ids: (k,) simulations.
+        :param resting: names of geoms that lie on the support.
+        :param support: name of the geom under them.
+        :return: (k,)
         """
-        model, person = self.scene.model, self.scene.person
+        return np.array([bool(self._contacts(int(index), resting, support)) for index in ids])
+
+    def contacts_of(self, index: int, resting: Sequence[str] = ()) -> list[tuple[str, str]]:
+        """Name the geoms that touch in a simulation; see :meth:`touching`."""
+        model = self.scene.model
+        pairs = self._contacts(index, resting, "table")
+        return [(model.geom(first).name, model.geom(second).name) for first, second in pairs]
+
+    def _contacts(self, index: int, resting: Sequence[str], support: str) -> list[tuple[int, int]]:
+        """Return pairs of geoms that touch, but for those that rest on the support."""
         if self._scratch is None:
-            self._scratch = mujoco.MjData(model)
-            self._scratch_model = model if person is None else self.model_of(0)
-        table = model.geom("table").id
-        if person is None:
-            lying = [model.geom(f"object{arm}").id for arm in range(self.scene.n_arms)]
-        else:
-            model, lying = self._scratch_model, person.limb_geoms.tolist()
-        touching = np.zeros(len(ids), dtype=bool)
-        for row, index in enumerate(ids):
-            if person is not None:
-                self.model_of(int(index), model)
-            self._scratch.qpos[:] = self.qpos[index]
-            mujoco.mj_kinematics(model, self._scratch)
-            mujoco.mj_collision(model, self._scratch)
-            pairs = self._scratch.contact.geom
-            on_table = (pairs == table).any(axis=-1) & np.isin(pairs, lying).any(axis=-1)
-            touching[row] = not on_table.all()
-        return touching
+            model = self.model_of(0) if self._expanded else self.scene.model
+            self._scratch = model, mujoco.MjData(model)
+        model, data = self._scratch
+        if self._expanded:
+            self.model_of(index, model)
+        data.qpos[:] = self.qpos[index]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        pairs = data.contact.geom
+        lying = [model.geom(name).id for name in resting]
+        below = (pairs == model.geom(support).id).any(axis=-1)
+        rests = below & np.isin(pairs, lying).any(axis=-1)
+        return [(int(first), int(second)) for first, second in pairs[~rests]]
+
+    def keep(self, kind: Callable[[Simulation], Kept]) -> Kept:
+        """Return what ``kind(self)`` made at the first call, such as the addresses a task needs."""
+        if kind not in self._kept:
+            self._kept[kind] = kind(self)
+        kept: Kept = self._kept[kind]
+        return kept
 
     def get_state(self) -> SimulationState:
         """Return a copy of everything that the simulations' future depends on."""
@@ -313,7 +325,9 @@ class Simulation:
 
         :param field: its name in ``MjModel``.
         """
-        return self._batch.expand(field)
+        if field not in self._expanded:
+            self._expanded[field] = self._batch.expand(field)
+        return self._expanded[field]
 
     def model_of(self, index: int, model: mujoco.MjModel | None = None) -> mujoco.MjModel:
         """Return the model of simulation ``index``, in ``model`` if one is given."""
@@ -336,8 +350,8 @@ class Simulation:
             angular = np.where(self._slides, 0.0, angular)
         tool_position = tool - scene.base_position
         rotation = of(self._site_rotation, scene.tool_site).reshape(*tool.shape, 3)
-        if self._bases_turned:
-            to_base = self._world_to_base
+        if scene.bases_turned:
+            to_base = scene.world_to_base
             linear = rotate(to_base[:, None], linear)
             angular = rotate(to_base[:, None], angular)
             tool_position = rotate(to_base, tool_position)
@@ -353,20 +367,23 @@ class Simulation:
             jacobian=jacobian,
         )
 
-    def object_state(self) -> ObjectState:
-        """Return the cubes' state, copied."""
+    def object_state(self, bodies: FreeBodies) -> ObjectState:
+        """Return the state of bodies, copied, body i in the base frame of arm i.
+
+        :param bodies: one an arm.
+        """
         scene = self.scene
-        pose = self.qpos.take(scene.object_qpos, 1)
-        velocity = self.qvel.take(scene.object_dof, 1)
+        pose = self.qpos.take(bodies.qpos, 1)
+        velocity = self.qvel.take(bodies.dof, 1)
         world_position, quaternion = pose[..., :3], pose[..., 3:]
         position = world_position - scene.base_position
         linear_velocity = velocity[..., :3]
         # A free joint's angular velocity is given in the body's own frame.
         angular_velocity = rotate_by_quaternion(quaternion, velocity[..., 3:])
-        if self._bases_turned:
-            position = rotate(self._world_to_base, position)
-            linear_velocity = rotate(self._world_to_base, linear_velocity)
-            angular_velocity = rotate(self._world_to_base, angular_velocity)
+        if scene.bases_turned:
+            position = rotate(scene.world_to_base, position)
+            linear_velocity = rotate(scene.world_to_base, linear_velocity)
+            angular_velocity = rotate(scene.world_to_base, angular_velocity)
             quaternion = multiply_quaternions(self._base_quaternion_inverse, quaternion)
         np.negative(quaternion, out=quaternion, where=quaternion[..., :1] < 0)
         return ObjectState(position, quaternion, linear_velocity, angular_velocity, world_position)
@@ -381,12 +398,6 @@ class Simulation:
         """Return finger angles (rad) and velocities (rad/s), (n, arms, fingers) each, copied."""
         scene = self.scene
         return self.qpos.take(scene.finger_qpos, 1), self.qvel.take(scene.finger_dof, 1)
-
-    def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn base-frame points (..., arms, 3) into world-frame ones, metres."""
-        if self._bases_turned:
-            points = rotate(self.scene.base_rotation, points)
-        return points + self.scene.base_position
 
     def copy_into(self, index: int, data: mujoco.MjData) -> None:
         """Write simulation ``index`` into ``data``, to render it."""

@@ -16,7 +16,7 @@ TIMESTEP = 0.002  # s, the dissertation's (chapter 5)
 TABLE_BIT = 1
 
 #: Table round a base, in its frame: from behind it to before it, and to either side (m).
-BENCH_DEPTH, BENCH_SIDE = (-0.16, 0.80), 0.60
+TABLE_DEPTH, TABLE_SIDE = (-0.16, 0.80), 0.60
 TABLE_COLOUR, TABLE_GRID = (0.80, 0.74, 0.65), 0.10  # red, green, blue; width of a square (m)
 #: Cameras: vertical field of view (degrees), and what they frame: arms up to this height (m), and
 #: the table but for this rim along x and y (m).
@@ -24,7 +24,7 @@ FIELD_OF_VIEW, FRAMED_HEIGHT, UNFRAMED_RIM = 45.0, 0.62, (0.12, 0.22)
 
 
 @dataclass(frozen=True)
-class Bench:
+class TableArea:
     """The rectangle of table that all arms work over, world frame, metres."""
 
     lower: NDArray[np.float64]
@@ -39,25 +39,25 @@ class Bench:
         return (self.upper - self.lower) / 2
 
 
-def bench_round(
+def table_around(
     positions: NDArray[np.float64],
     yaws: NDArray[np.float64],
-    depth: tuple[float, float] = BENCH_DEPTH,
-) -> Bench:
+    depth: tuple[float, float] = TABLE_DEPTH,
+) -> TableArea:
     """Return the smallest table with room for the surroundings of every base.
 
     :param positions: (arms, 3) of the bases, metres.
     :param yaws: (arms,) radians.
     :param depth: from behind a base to before it, metres.
     """
-    corners = np.array([(x, y) for x in depth for y in (-BENCH_SIDE, BENCH_SIDE)])
+    corners = np.array([(x, y) for x in depth for y in (-TABLE_SIDE, TABLE_SIDE)])
     cosine, sine = np.cos(yaws), np.sin(yaws)
     rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
     points = (positions[:, None, :2] + np.einsum("aij,kj->aki", rotation, corners)).reshape(-1, 2)
-    return Bench(points.min(axis=0), points.max(axis=0))
+    return TableArea(points.min(axis=0), points.max(axis=0))
 
 
-def new_world(bench: Bench) -> mujoco.MjSpec:
+def new_world(table: TableArea) -> mujoco.MjSpec:
     """Return a specification with options, lights, floor and table, without arms."""
     spec = mujoco.MjSpec()
     spec.modelname = "saver"
@@ -81,8 +81,8 @@ def new_world(bench: Bench) -> mujoco.MjSpec:
     visual.map.shadowclip = 6  # else the floor is speckled where the map of shadows ends
     visual.rgba.haze = (0.80, 0.83, 0.86, 1)
     _add_materials(spec)
-    _add_light(spec, bench)
-    _add_table(spec, bench)
+    _add_light(spec, table)
+    _add_table(spec, table)
     _add_floor(spec)
     return spec
 
@@ -120,9 +120,9 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
     material.textures = textures
 
 
-def _add_light(spec: mujoco.MjSpec, bench: Bench) -> None:
+def _add_light(spec: mujoco.MjSpec, table: TableArea) -> None:
     spec.worldbody.add_light(
-        pos=(bench.centre[0] - 0.3, bench.centre[1] - 0.9, 2.4),
+        pos=(table.centre[0] - 0.3, table.centre[1] - 0.9, 2.4),
         dir=(0.12, 0.35, -1),
         diffuse=(0.48, 0.48, 0.46),
         specular=(0.15, 0.15, 0.15),
@@ -131,7 +131,7 @@ def _add_light(spec: mujoco.MjSpec, bench: Bench) -> None:
     )
 
 
-def _add_table(spec: mujoco.MjSpec, bench: Bench) -> None:
+def _add_table(spec: mujoco.MjSpec, table: TableArea) -> None:
     world = spec.worldbody
     # A plane is the cheapest shape to rest on; the slab under it is the table that is seen.
     world.add_geom(
@@ -146,7 +146,7 @@ def _add_table(spec: mujoco.MjSpec, bench: Bench) -> None:
         friction=(0.01, 0.001, 0.0001),
         group=COLLISION_GROUP,
     )
-    (x, y), (half_x, half_y) = bench.centre, bench.half
+    (x, y), (half_x, half_y) = table.centre, table.half
     parts = [
         ((x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR),
         *(
@@ -192,12 +192,12 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_cameras(spec: mujoco.MjSpec, bench: Bench) -> None:
-    """Cameras that frame bench and arms, whatever their number, in pictures of 4 to 3."""
-    centre = np.array([*bench.centre, FRAMED_HEIGHT / 2])
+def add_cameras(spec: mujoco.MjSpec, table: TableArea) -> None:
+    """Cameras that frame table and arms, whatever their number, in pictures of 4 to 3."""
+    centre = np.array([*table.centre, FRAMED_HEIGHT / 2])
     corners = np.array(
         [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
-    ) * [*(bench.half - UNFRAMED_RIM), FRAMED_HEIGHT / 2]
+    ) * [*(table.half - UNFRAMED_RIM), FRAMED_HEIGHT / 2]
     directions = {
         "front": (1.0, 0.0, 0.62),
         "three_quarter": (0.85, 0.75, 0.62),

@@ -33,7 +33,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any], str]] = {
     "JacoPush-v0 joints": ("JacoPush-v0", {"control": "joints"}, "random"),
     "JacoPickAndPlace-v0 in hand": (
         "JacoPickAndPlace-v0",
-        {"in_hand_share": 0.5},
+        {"in_hand_probability": 0.5},
         "jaco-pick-and-place",
     ),
     "JacoPush-v0 objects": (

@@ -22,7 +22,8 @@ PACKAGES = ("saver_envs", "saver_advisors", "reproduction")
 #: earlier one. Modules of one row may not import each other's.
 LAYERS: dict[str, tuple[str, ...]] = {
     "saver_envs": (
-        "files weights",
+        "files",
+        "weights",
         "robots",
         "world",
         "scenes",
@@ -31,8 +32,8 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "reachability",
         "cameras",
         "people",
-        "episodes",
         "tasks",
+        "episodes",
         "registration",
         "experts modelling perception",
         "envs",
@@ -52,14 +53,19 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "cli",
     ),
     "reproduction": (
-        "findings",
+        "program findings page_parts command_parts",
         "advising constraints learning modelling transfer wrist_push",
         "pages",
     ),
 }
 #: Where a task may be named.
 TASK_MODULES = ("saver_envs.tasks", "saver_envs.experts", "saver_envs.registration")
-ROBOT_MODULES = ("saver_envs.robots", "saver_envs.experts", "saver_envs.registration")
+ROBOT_MODULES = (
+    "saver_envs.robots",
+    "saver_envs.experts",
+    "saver_envs.registration",
+    "saver_envs.modelling.arms",
+)
 #: Names of files that do not say what is in them.
 VAGUE_FILES = ("command.py", "page.py", "report.py")
 

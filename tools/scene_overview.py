@@ -24,10 +24,24 @@ STANDOFF, STEP = 0.06, 0.02  # m: of a hand behind its cube, and of an action
 #: Title, id, options, seed, steps, camera.
 PANELS: tuple[tuple[str, str, dict[str, Any], int, int, str], ...] = (
     ("JacoPush", "JacoPush-v0", {}, 3, 9, "three_quarter"),
-    ("JacoPickAndPlace", "JacoPickAndPlace-v0", {"in_hand_share": 1.0}, 8, 6, "three_quarter"),
+    (
+        "JacoPickAndPlace",
+        "JacoPickAndPlace-v0",
+        {"in_hand_probability": 1.0},
+        8,
+        6,
+        "three_quarter",
+    ),
     ("MicoPush", "MicoPush-v0", {}, 6, 9, "three_quarter"),
     ("DualJacoPush", "DualJacoPush-v0", {}, 5, 9, "front"),
-    ("DualJacoDistance", "DualJacoDistance-v0", {"in_hand_share": 1.0}, 2, 4, "three_quarter"),
+    (
+        "DualJacoDistance",
+        "DualJacoDistance-v0",
+        {"in_hand_probability": 1.0},
+        2,
+        4,
+        "three_quarter",
+    ),
     (
         "JacoPush, four arms round the table",
         "JacoPush-v0",
@@ -48,11 +62,13 @@ def panel(
     episodes.reset()
     has_gripper = episodes.action_size_per_arm == 4
     for _ in range(steps):
-        cube = episodes.simulation.object_state().position
+        seen, task = episodes.observation(), episodes.task
+        cube = task.goal_layout.get(seen.achieved_goal, "object position")
+        target = task.goal_layout.get(seen.desired_goal, "object position")
         if has_gripper:  # carry what is in the hand
-            move = episodes.target - cube
+            move = target - cube
         else:  # to the far side of the cube
-            way = episodes.target - cube
+            way = target - cube
             behind = cube - STANDOFF * way / np.linalg.norm(way, axis=-1, keepdims=True)
             move = behind - episodes.simulation.arm_state().tool_position
         actions = np.clip(move / STEP, -1, 1)
@@ -61,7 +77,7 @@ def panel(
             actions = np.concatenate([actions, closed], axis=-1)
         episodes.step(actions.reshape(1, -1))
     renderer = SceneRenderer(episodes.scene, *PANEL, camera)
-    renderer.update(episodes.simulation, 0, episodes.simulation.to_world(episodes.target)[0])
+    renderer.update(episodes, 0)
     picture = renderer.rgb()
     renderer.close()
     return picture

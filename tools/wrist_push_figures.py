@@ -39,8 +39,7 @@ def started(seed: int) -> Episodes:
 def picture(episodes: Episodes, camera: str) -> NDArray[np.uint8]:
     """Return a picture (height, width, 3)."""
     renderer = SceneRenderer(episodes.scene, *PANEL, camera)
-    target = episodes.simulation.to_world(episodes.target)[0]
-    renderer.update(episodes.simulation, 0, target, episodes.people)
+    renderer.update(episodes, 0)
     drawn = renderer.rgb()
     renderer.close()
     return drawn

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from saver_envs.episodes import Episodes
 from saver_envs.registration import make_episodes
 from saver_envs.robots.description import Robot
-from saver_envs.tasks.observation import LINEAR_VELOCITY_SCALE, SIZE_PER_ARM
+from saver_envs.tasks.arm_and_object import LINEAR_VELOCITY_SCALE
+from saver_envs.tasks.table import TableTask
 from saver_envs.wrappers.finger_readings import translated_fingers
 from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
 
@@ -21,8 +22,6 @@ Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 FrameCallback = Callable[[Episodes, int], None]
 """Receives the episodes and the step, at the start of the trials and after each step."""
-
-_TOOL, _OBJECT, _OBJECT_VELOCITY = slice(0, 3), slice(12, 15), slice(22, 25)
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,9 @@ def run_trials(
         if errors is not None:
             observation["observation"] = errors.disturb(observation["observation"])
         if hand is not None and hand is not robot:
-            observation["observation"] = translated_fingers(observation["observation"], robot, hand)
+            observation["observation"] = translated_fingers(
+                observation["observation"], episodes.task.observation_layout, robot, hand
+            )
         recorder.step(predict(observation))
     if frame_callback is not None:
         frame_callback(episodes, episodes.settings.horizon)
@@ -137,7 +138,7 @@ class _Recorder:
         episodes = self._episodes
         outcome = episodes.step(actions)
         self._seen.append(episodes.observation().observation.astype(np.float64))
-        self._collided.append(outcome.costs["collision"] > 0)
+        self._collided.append(outcome.measured["cost_collision"] > 0)
         # A diverged simulation restarts by itself; what follows is not this trial.
         self._success = outcome.success & ~self._diverged & ~outcome.diverged
         self._diverged |= outcome.diverged
@@ -148,21 +149,23 @@ class _Recorder:
     def trajectories(self, seed: int) -> list[TrialTrajectory]:
         """Return the recorded trials."""
         episodes = self._episodes
-        arms = episodes.task.n_arms
-        seen = np.stack(self._seen, axis=1).reshape(episodes.n, -1, arms, SIZE_PER_ARM)
+        task = episodes.task
+        assert isinstance(task, TableTask)
+        layout, targets = task.observation_layout, task.goal_layout
+        seen = np.stack(self._seen, axis=1)
+        velocity = layout.get(seen, "object linear velocity") / LINEAR_VELOCITY_SCALE
         closing, collided = np.stack(self._closing, axis=1), np.stack(self._collided, axis=1)
-        velocity = seen[..., _OBJECT_VELOCITY] / LINEAR_VELOCITY_SCALE
         return [
             TrialTrajectory(
-                tool=seen[index, ..., _TOOL],
-                object=seen[index, ..., _OBJECT],
+                tool=layout.get(seen[index], "gripper position"),
+                object=layout.get(seen[index], "object position"),
                 object_speed=np.linalg.norm(velocity[index], axis=-1),
-                target=episodes.target[index].copy(),
+                target=targets.blocks(episodes.goal[index]).copy(),
                 closing=closing[index],
                 collided=collided[index],
-                object_size=episodes.settings.objects.size,
+                object_size=task.object_size,
                 threshold=episodes.task.success_threshold,
-                reach=episodes.regions.reach,
+                reach=task.regions(episodes.scene.arms).reach,
                 success=bool(self._success[index]),
                 diverged=bool(self._diverged[index]),
                 seed=seed + index,

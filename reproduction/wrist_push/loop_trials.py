@@ -150,12 +150,13 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
 
 def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
-    from saver_envs.tasks.wrist_push import DISPLACEMENT_LIMIT, FORCE_LIMIT
+    from saver_envs.tasks.wrist_push import WristPush
 
     outcomes = [one["outcome"] for one in played]
     succeeded = outcomes.count(SUCCEEDED)
     harmed = sum(
-        one["torso_force_n"] > FORCE_LIMIT or one["torso_displacement_m"] > DISPLACEMENT_LIMIT
+        one["torso_force_n"] > WristPush.torso_force_limit
+        or one["torso_displacement_m"] > WristPush.torso_displacement_limit
         for one in played
     )
     return {

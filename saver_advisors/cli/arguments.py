@@ -15,13 +15,16 @@ def env_id(text: str) -> str:
     """Parse a registered id for argparse.
 
     :param text: as given
-    :return: the id, without a module's prefix
+    :return: the id; ``module:Id`` keeps its module, which registers it wherever it is read
     """
-    from saver_envs.registration import ENVIRONMENTS
+    from saver_envs.registration import ENVIRONMENTS, PACKAGE, row_of
 
-    name = text.removeprefix("saver_envs:")
-    if name not in ENVIRONMENTS:
-        raise argparse.ArgumentTypeError(unknown("environment", text, ENVIRONMENTS))
+    name = text.removeprefix(f"{PACKAGE}:")
+    try:
+        row_of(name)
+    except ValueError as error:
+        wrong = str(error) if ":" in name else unknown("environment", text, ENVIRONMENTS)
+        raise argparse.ArgumentTypeError(wrong) from None
     return name
 
 

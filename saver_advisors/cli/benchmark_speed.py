@@ -15,6 +15,7 @@ from saver_advisors.benchmark.peers.suites import PEERS, add_peer_cache
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.training.threads import one_thread_of_algebra
+from saver_envs.registration import TIMED_IDS
 
 EXAMPLES: Final = """\
 examples:
@@ -22,7 +23,6 @@ examples:
   saver benchmark speed --envs JacoPush-v0 --n-envs 64   one row
   saver benchmark speed --peers --json speed.json        beside FetchPush and TwoArmLift as well"""
 
-ENVS: Final = ("JacoPush-v0", "JacoPickAndPlace-v0", "DualJacoPush-v0", "DualJacoPickAndPlace-v0")
 N_ENVS: Final = (1, 4, 16, 64, 256, 1024)
 THREADS: Final = (1, 2)
 
@@ -36,9 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--envs",
         nargs="+",
         type=env_id,
-        default=list(ENVS),
+        default=list(TIMED_IDS),
         metavar="ID",
-        help=f"environments (default: {' '.join(ENVS)})",
+        help=f"environments (default: {' '.join(TIMED_IDS)})",
     )
     parser.add_argument(
         "--n-envs",

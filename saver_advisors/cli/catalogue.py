@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from saver_advisors.cli import wrist_push_facts as wrist_push
-from saver_envs.episodes import Episodes
-from saver_envs.registration import ENVIRONMENTS, PIXELS, make_episodes
-from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE
-
-DENSE = "Dense"
+from saver_envs.registration import DENSE, ENVIRONMENTS, PIXELS, make_episodes
 
 COLUMNS = (
     "id",
@@ -91,9 +84,9 @@ def entry(env_id: str) -> Entry:
         goal_size=episodes.goal_size,
         horizon=episodes.settings.horizon,
         reward=row.reward_type,
-        succeeds=succeeds(episodes),
-        costs=tuple(sorted(cost_names(episodes))),
-        summed_costs=tuple(episodes.task.cost_names),
+        succeeds=episodes.task.page(episodes.scene).succeeds,
+        costs=tuple(sorted(episodes.task.costs)),
+        summed_costs=episodes.task.summed,
     )
 
 
@@ -118,28 +111,3 @@ def pixel_ids() -> list[str]:
         f"`{name}` is `{behind}` with the picture of its RGB-D camera as the only observation."
         for name, behind in PIXELS.items()
     ]
-
-
-def cost_names(episodes: Episodes) -> set[str]:
-    """The costs that ``info`` reports, without their prefix."""
-    goal = np.zeros((1, episodes.goal_size))
-    return set(episodes.task.costs(goal, goal, np.zeros(1, bool)))
-
-
-def succeeds(episodes: Episodes) -> str:
-    """When an episode succeeds, in words.
-
-    :param episodes: of the id
-    :return: half a sentence
-    """
-    task = episodes.task
-    centimetres = f"{100 * task.success_threshold:g} cm"
-    if task.moves_person:
-        return wrist_push.SUCCEEDS.format(centimetres)
-    what = "the cube is" if task.n_arms == 1 else "every cube is"
-    text = f"{what} within {centimetres} of its target"
-    text += " on the table" if task.held_height is not None else ", on the table or in the air"
-    if task.name == "distance":
-        band = f"{REQUIRED_DISTANCE:g} m +- {100 * DISTANCE_TOLERANCE:g} cm"
-        text += f"; and the cubes stayed {band} apart at every step"
-    return text

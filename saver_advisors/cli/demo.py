@@ -212,6 +212,7 @@ def _record(
 
 def _scenes() -> list[dict[str, str]]:
     """A picture of each of a few environments."""
-    from saver_advisors.cli.pictures import OVERVIEW, start_picture
+    from saver_advisors.cli.pictures import start_picture
+    from saver_envs.registration import SHOWN_IDS
 
-    return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in OVERVIEW]
+    return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]

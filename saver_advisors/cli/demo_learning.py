@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.reporting.errors import UsageError
+from saver_envs.registration import ONE_ARM_ID
 
-#: What is learned, and from whom.
-LESSON_ENV: Final = "JacoPush-v0"
+#: From whom it is learned.
 TEACHER: Final = "jaco-push"
 #: Small nets and frequent looks: there are two minutes (docs/decisions.md).
 LESSON_SETTINGS: Final = (
@@ -78,7 +78,7 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
 
 def _train_command(args: argparse.Namespace, folder: Path) -> list[str]:
     return [
-        *(sys.executable, "-m", "saver_advisors.cli", "train", "--env", LESSON_ENV),
+        *(sys.executable, "-m", "saver_advisors.cli", "train", "--env", ONE_ARM_ID),
         *("--output", str(folder), "--seed", str(args.seed), "--steps", str(LESSON_STEPS)),
         *("--time-limit", str(args.train_seconds), "--no-progress"),
         *("--set", *LESSON_SETTINGS, *STUDENTS[folder.name]),

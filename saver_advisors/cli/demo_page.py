@@ -7,8 +7,9 @@ import base64
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.demo_learning import LESSON_ENV, TEACHER
+from saver_advisors.cli.demo_learning import TEACHER
 from saver_advisors.cli.demo_robot import VIDEO
+from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
 
@@ -46,7 +47,7 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
         robot={**figures["robot"], "data": video_uri(args.output / VIDEO)},
         learning={
             **learning,
-            "env": LESSON_ENV,
+            "env": ONE_ARM_ID,
             "teacher": TEACHER,
             "figure": _learning_figure(learning["runs"]),
             "columns": CURVE_COLUMNS,

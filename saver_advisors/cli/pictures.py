@@ -14,15 +14,6 @@ from saver_advisors.reporting.video import Frame, record
 PICTURE_SIZE: Final = (640, 480)
 CLIP_SIZE: Final = (400, 300)
 CLIP_EVERY: Final = 2
-#: What the demo's page shows of the scenes.
-OVERVIEW: Final = (
-    "JacoPush-v0",
-    "JacoPickAndPlace-v0",
-    "MicoPush-v0",
-    "DualJacoPush-v0",
-    "DualJacoDistance-v0",
-    "DualMicoPush-v0",
-)
 _SEARCHED: Final = 12
 
 

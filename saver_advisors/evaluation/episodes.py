@@ -8,21 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.evaluation.statistics import success_interval
 
+if TYPE_CHECKING:
+    from saver_envs.tasks.contract import Task
+
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 """From a batched Dict observation (n, size) to actions (n, action_size)."""
 
-POINT_SIZE: Final = 3
-"""Size of one object's position in a goal; an entry beyond the last whole point is a constraint
-value such as a distance.
-"""
 GOALS: Final = ("achieved_goal", "desired_goal")
 DEFAULT_N_ENVS: Final = 16
 CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
@@ -240,7 +239,13 @@ def evaluate_policy(
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
     try:
         return run_episodes(
-            predict, vec_env, env_id=env_id, episodes=episodes, seed=seed, progress=progress
+            predict,
+            vec_env,
+            vec_env.episodes.task,
+            env_id=env_id,
+            episodes=episodes,
+            seed=seed,
+            progress=progress,
         )
     finally:
         vec_env.close()
@@ -249,6 +254,7 @@ def evaluate_policy(
 def run_episodes(
     predict: Predict,
     vec_env: EpisodeVecEnv,
+    task: Task,
     *,
     env_id: str,
     episodes: int,
@@ -259,6 +265,7 @@ def run_episodes(
 
     :param predict: as for :func:`evaluate_policy`
     :param vec_env: the environments
+    :param task: of the environments
     :param env_id: name of the environment in the outcomes
     :param episodes: number of episodes
     :param seed: of episode 0
@@ -273,7 +280,7 @@ def run_episodes(
     with tqdm(total=episodes, unit="episode", disable=not progress) as bar:
         while len(records) < episodes:
             first = seed + len(records)
-            batch = [_EpisodeRecord() for _ in range(vec_env.num_envs)]
+            batch = [_EpisodeRecord(task) for _ in range(vec_env.num_envs)]
             for step in play(predict, vec_env, range(first, first + vec_env.num_envs)):
                 if step.number > 0:
                     for index in np.flatnonzero(step.running):
@@ -289,6 +296,7 @@ def run_episodes(
 class _EpisodeRecord:
     """Sums over one episode."""
 
+    task: Task
     total: float = 0.0
     length: int = 0
     cost_sums: dict[str, float] = field(default_factory=dict)
@@ -297,17 +305,20 @@ class _EpisodeRecord:
     deviation_sum: float = 0.0
     deviation_largest: float = 0.0
     final_info: Mapping[str, Any] = field(default_factory=dict)
+    final_distances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def add(self, step: EpisodeStep, index: int) -> None:
         """Add the step of environment ``index``."""
         info, done = step.infos[index], bool(step.dones[index])
         # After an autoreset the batch holds the next episode's observation.
         goals = info.get("terminal_observation") if done else None
-        deviation = _deviation(goals or {key: step.observation[key][index] for key in GOALS})
+        achieved, desired = (goals[key] if goals else step.observation[key][index] for key in GOALS)
+        if self.task.constraint is not None:
+            deviation = float(self.task.deviation(achieved, desired))
+            self.deviation_sum += deviation
+            self.deviation_largest = max(self.deviation_largest, deviation)
         self.total += float(step.rewards[index])
         self.length += 1
-        self.deviation_sum += deviation
-        self.deviation_largest = max(self.deviation_largest, deviation)
         self.diverged |= bool(info.get("diverged", False))
         for name, value in info.items():
             if name == "cost" or name.startswith("cost_"):
@@ -315,6 +326,7 @@ class _EpisodeRecord:
                 self.cost_maxima[name] = max(self.cost_maxima.get(name, -np.inf), float(value))
         if done:
             self.final_info = info
+            self.final_distances = np.asarray(self.task.distances(achieved, desired), float)
 
 
 def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeOutcomes:
@@ -329,28 +341,12 @@ def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeO
         returns=np.array([one.total for one in records]),
         cost_sums={name: np.array([one.cost_sums[name] for one in records]) for name in names},
         cost_maxima={name: np.array([one.cost_maxima[name] for one in records]) for name in names},
-        final_distances=np.stack([_final_distances(one["terminal_observation"]) for one in infos]),
+        final_distances=np.stack([one.final_distances for one in records]),
         lengths=np.array([one.length for one in records]),
         diverged=np.array([one.diverged for one in records]),
-        deviations=np.array(deviations) if "cost_distance" in names else None,
+        deviations=np.array(deviations) if records[0].task.constraint is not None else None,
         goal_reached=None if reached is None else np.array([bool(info[reached]) for info in infos]),
     )
-
-
-def _deviation(observation: Mapping[str, NDArray[Any]]) -> float:
-    """Return the distance (m) between a constraint's value, the goal's last entry, and the required
-    one; 0 without a constraint.
-    """
-    achieved, desired = (observation[key] for key in GOALS)
-    return float(abs(achieved[-1] - desired[-1])) if len(achieved) % POINT_SIZE else 0.0
-
-
-def _final_distances(observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float64]:
-    """Return the distance (m) between each object and its target, (objects,)."""
-    achieved, desired = (np.asarray(observation[key], float) for key in GOALS)
-    objects = len(achieved) // POINT_SIZE
-    difference = (achieved - desired)[: objects * POINT_SIZE].reshape(objects, POINT_SIZE)
-    return np.asarray(np.linalg.norm(difference, axis=1), np.float64)
 
 
 def _check_counts(**counts: int | None) -> None:

@@ -157,11 +157,10 @@ def _grid(content: Mapping[str, Any]) -> Grid:
 def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunConfig:
     """The configuration of one run: the environment's defaults, the group's settings, the row's."""
     from saver_advisors.training.defaults import default_settings
-    from saver_envs.registration import ENVIRONMENTS
+    from saver_envs.registration import row_of
 
-    env_id = group.get("env_id")
-    if env_id not in ENVIRONMENTS:
-        raise ValueError(f"env_id={env_id!r} must be one of {', '.join(ENVIRONMENTS)}")
+    env_id = str(group.get("env_id"))
+    row_of(env_id)
     values = {**default_settings(env_id), "advice": None}
     for part in (group, row):
         values |= _mapping(part.get("settings", {}), "settings")

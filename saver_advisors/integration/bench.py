@@ -15,6 +15,7 @@ from saver_envs.control import Workspace
 from saver_envs.episodes import Episodes
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
+from saver_envs.tasks.arm_and_object import ORIENTATION
 from saver_envs.world import TIMESTEP
 
 #: Damping of the force estimate, small against squared levers of an arm (m^2).
@@ -98,7 +99,7 @@ class EpisodesBench:
         self.geometry = BenchGeometry(
             episodes.settings.robot,
             episodes.scene.base_position,
-            episodes.regions.workspace,
+            episodes.task.workspace(episodes.scene.arms),
             episodes.task.held_height,
         )
         self._simulation = episodes.simulation
@@ -156,14 +157,17 @@ class EpisodesBench:
 
     def truth(self, stamp: Stamp = UNSTAMPED) -> Person:
         """Return the true state of objects and targets."""
-        objects = self.episodes.object_state()
-        targets = self._simulation.to_world(self.episodes.target)[0]
+        episodes = self.episodes
+        seen = episodes.task.observe(
+            self._simulation, episodes.memory, self._simulation.arm_state()
+        )
+        targets = episodes.targets()[0]
         return Person(
             stamp=stamp,
-            wrists=objects.world_position[0],
-            wrist_velocity=objects.linear_velocity[0],
-            wrist_quaternion=objects.quaternion[0],
-            wrist_angular_velocity=objects.angular_velocity[0],
+            wrists=episodes.scene.to_world(seen["object position"])[0],
+            wrist_velocity=seen["object linear velocity"][0],
+            wrist_quaternion=seen[ORIENTATION][0],
+            wrist_angular_velocity=seen["object angular velocity"][0],
             hips=self._hips(targets),
             targets=targets,
             held=np.zeros(len(targets), dtype=bool),

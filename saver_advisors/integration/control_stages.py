@@ -30,7 +30,8 @@ from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFa
 from saver_envs.control import LARGEST_JOINT_STEP, InverseKinematics, bounded
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ObjectState
-from saver_envs.tasks.observation import observe
+from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, object_parts, three_fingers
+from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
 
 #: Rates of the encoders, the policy and the servo gate (Hz). The servos themselves run at 500 Hz.
@@ -76,7 +77,7 @@ class PolicyStage(LoopStage):
         self._base = geometry.base_position
         self._trained_on = trained_on or geometry.robot
         self._height = wrist_height
-        self._fingers = np.zeros((1, len(self._base), 0))
+        self._layout = Layout(ARM_AND_OBJECT, len(self._base))
 
     def process(self, inputs: Inputs, now: float) -> Action | None:
         """Compute one action; None until a person has been seen."""
@@ -93,12 +94,21 @@ class PolicyStage(LoopStage):
             angular_velocity=person.wrist_angular_velocity[None],
             world_position=person.wrists[None],
         )
-        closed = self._robot.finger_closed
-        observation: NDArray[np.floating] = observe(
-            arms.arm_state(), objects, self._fingers, self._fingers, closed
+        state = arms.arm_state()
+        locked = np.zeros((1, len(self._base), 0))
+        hand = {
+            "gripper position": state.tool_position,
+            "gripper linear velocity": state.tool_velocity,
+            "finger positions": three_fingers(locked, self._robot.finger_closed),
+            "finger velocities": three_fingers(locked, 0.0),
+        }
+        observation: NDArray[np.floating] = self._layout.join(
+            hand | object_parts(state, objects)
         ).astype(np.float32)
         if self._trained_on is not self._robot:
-            observation = translated_fingers(observation, self._robot, self._trained_on)
+            observation = translated_fingers(
+                observation, self._layout, self._robot, self._trained_on
+            )
         goal = (person.targets - self._base).reshape(1, -1).astype(np.float32)
         achieved = objects.position.reshape(1, -1).astype(np.float32)
         action, _ = self._policy.predict(

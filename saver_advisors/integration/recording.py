@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.integration.assembly import ControlLoop
-from saver_advisors.integration.casualty import LIMITS
+from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import Message, Picture, PixelPose, ServoCommand
 from saver_advisors.integration.trial import SUCCEEDED, TrialRecord
 from saver_advisors.integration.wrist_bench import wrist_bench
@@ -73,9 +73,9 @@ class StatusPanel:
         right, left = np.linalg.norm(truth.wrists - truth.targets, axis=-1)
         self._history.append((now, 100 * right, 100 * left, self._bench.last_peak))
         times, right_cm, left_cm, force = np.array(self._history).T
-        self._bench.update_scene(self._scene, truth.targets)
+        self._bench.update_scene(self._scene)
         top = np.concatenate([self._seen(), self._scene.rgb()[_ROWS, _COLUMNS]], axis=1)
-        threshold, limit = 100 * LIMITS.success_threshold, LIMITS.torso_force
+        threshold, limit = 100 * TASK.success_threshold, TASK.torso_force_limit
         seconds = self._seconds
         title = "distance of the wrists from their targets (cm)"
         plots = [
@@ -115,7 +115,7 @@ class VideoRecorder:
     """
 
     def __init__(
-        self, path: Path, loop: ControlLoop, actions: int = LIMITS.horizon, every: int = 1
+        self, path: Path, loop: ControlLoop, actions: int = TASK.horizon, every: int = 1
     ) -> None:
         self._panel = StatusPanel(loop, actions * ACTION_DURATION)
         self._every = every

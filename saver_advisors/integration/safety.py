@@ -7,22 +7,22 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from saver_advisors.integration.casualty import LIMITS
+from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import Floats
-from saver_envs.control import Workspace
-from saver_envs.episodes import ACTION_DURATION, LEASH, RATED_SPEED, shortened
+from saver_envs.control import SetPointRule, Workspace
+from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
 #: of ISO/TS 15066 for a person's lower arm, which is 160 N.
 HAND_FORCE: Final = 70.0
 #: Limit of the contact force at the torso (N), at which set-points are back at the tools. Servos
 #: keep pressing for a tenth of a second after that: half of the harmful force keeps peaks below it.
-TORSO_FORCE: Final = LIMITS.torso_force / 2
+TORSO_FORCE: Final = TASK.torso_force_limit / 2
 #: Fraction of a force limit at which the set-point lead limit starts to shrink.
 YIELDING: Final = 0.5
 #: Lateral distance of the set-points from the hip joints (m): the target's distance and half of a
 #: finger's thickness, so that the hand's inner side keeps the distance of SPEC 5.5.
-CLEARANCE: Final = LIMITS.standoff + 0.02
+CLEARANCE: Final = TASK.standoff + 0.02
 
 
 @dataclass(frozen=True)
@@ -102,32 +102,14 @@ def limited_set_point(
     :param freedom: (arms,) factor of the set-point lead limit.
     :return: the new set-points.
     """
-    moved = _unclipped(previous, motion, tool, limits.longest, held_height, freedom)
+    rule = SetPointRule(workspace, limits.longest, held_height)
+    moved = rule.unclipped(previous, motion, tool, freedom[:, None])
     inside = workspace.clip(moved)
     by = (
         *(("force",) if (freedom < 1).any() else ()),
         *(("workspace",) if (np.abs(inside - moved) > 1e-9).any() else ()),
     )
     return Limited(inside, by)
-
-
-def _unclipped(
-    previous: Floats,
-    motion: Floats,
-    tool: Floats,
-    longest: float,
-    held_height: float | None,
-    freedom: Floats,
-) -> Floats:
-    """Return the moved set-points (arms, 3) before the workspace clips them, metres."""
-    wanted = previous + shortened(motion * longest, longest)
-    ahead = wanted - tool
-    length = np.sqrt((ahead * ahead).sum(axis=-1, keepdims=True))
-    lead = LEASH * longest * freedom
-    moved = tool + ahead * np.minimum(1.0, lead[:, None] / np.maximum(length, 1e-12))
-    if held_height is not None:
-        moved[..., 2] = held_height
-    return moved
 
 
 def kept_clear(

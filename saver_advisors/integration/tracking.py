@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.casualty import LIMITS
+from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
 from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
 from saver_envs.cameras.rgbd import BENCH_POSE
@@ -168,7 +168,7 @@ class FilterStage(LoopStage):
         camera_position: NDArray[np.float64] = BENCH_POSE.position,
         settings: FilterSettings = FilterSettings(),
         forearm: float = 0.32,
-        standoff: float = LIMITS.standoff,
+        standoff: float = TASK.standoff,
         latency: Latency = 0.0,
     ) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.integration.assembly import ControlLoop
-from saver_advisors.integration.casualty import LIMITS, TaskLimits
+from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.health import STOPPED, Event
 from saver_advisors.integration.messages import Message, ServoCommand
 from saver_advisors.integration.tracking import SIDES
@@ -38,7 +38,6 @@ class TrialRecord:
     :param holding: (T + 1,) whether the arms were held still.
     :param log: of the stages' health.
     :param diverged: whether the simulation diverged.
-    :param limits: that the outcome depends on.
     """
 
     seed: int
@@ -50,14 +49,13 @@ class TrialRecord:
     holding: NDArray[np.bool_]
     log: tuple[Event, ...]
     diverged: bool = False
-    limits: TaskLimits = LIMITS
 
     @property
     def unharmed(self) -> bool:
         """Whether force and displacement of the torso stayed within their limits (SPEC 5.6)."""
         return bool(
-            self.torso_force.max() <= self.limits.torso_force
-            and self.torso_displacement.max() <= self.limits.torso_displacement
+            self.torso_force.max() <= TASK.torso_force_limit
+            and self.torso_displacement.max() <= TASK.torso_displacement_limit
         )
 
     @property
@@ -68,7 +66,7 @@ class TrialRecord:
         failed in reaching if a wrist that missed was never pushed 2 cm closer to its target.
         Otherwise it failed in pushing.
         """
-        arrived = self.distance[-1] <= self.limits.success_threshold
+        arrived = self.distance[-1] <= TASK.success_threshold
         if arrived.all() and self.unharmed and not self.diverged:
             return SUCCEEDED
         nearer = self.distance[0] - self.distance.min(axis=0)
@@ -85,11 +83,11 @@ class TrialRecord:
         reasons = [
             f"the {side} wrist ended {100 * distance:.0f} cm away"
             for side, distance in zip(SIDES, self.distance[-1], strict=True)
-            if distance > self.limits.success_threshold
+            if distance > TASK.success_threshold
         ]
-        if self.torso_force.max() > self.limits.torso_force:
+        if self.torso_force.max() > TASK.torso_force_limit:
             reasons.append(f"the trunk was pressed with {self.torso_force.max():.0f} N")
-        if self.torso_displacement.max() > self.limits.torso_displacement:
+        if self.torso_displacement.max() > TASK.torso_displacement_limit:
             moved = 1000 * self.torso_displacement.max()
             reasons.append(f"the trunk was moved by {moved:.0f} mm")
         held = self.holding.mean()
@@ -152,7 +150,7 @@ class _Recorder:
 def run_trial(
     loop: ControlLoop,
     seed: int,
-    actions: int = LIMITS.horizon,
+    actions: int = TASK.horizon,
     look: Look | None = None,
     advance: Look | None = None,
 ) -> TrialRecord:

@@ -16,8 +16,7 @@ from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
 from saver_envs.episodes import Episodes
 from saver_envs.people.bench import CAMERA
-from saver_envs.people.patient import Patient
-from saver_envs.people.stretcher import STRETCHER
+from saver_envs.people.patient import Patient, people_in, person_memory, place_stretcher
 from saver_envs.registration import make_episodes
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
@@ -38,9 +37,9 @@ class WristBench(EpisodesBench):
 
     def __init__(self, episodes: Episodes | None = None) -> None:
         super().__init__(make_episodes(ENV_ID) if episodes is None else episodes)
-        if self.episodes.patient is None:
+        if self.episodes.memory.keys() < person_memory(1).keys():
             raise ValueError(f"episodes: this environment has no person; use {ENV_ID}")
-        self._patient: Patient = self.episodes.patient
+        self._patient = self.episodes.simulation.keep(Patient)
         self._camera: OnePassCamera | None = None
         self._body = -1
         self._data: mujoco.MjData | None = None
@@ -61,7 +60,7 @@ class WristBench(EpisodesBench):
     def _after_substeps(self) -> None:
         if self.substeps % _SAMPLE_EVERY:
             return
-        readings = self._patient.readings()
+        readings = self._patient.readings(self.episodes.memory)
         self._force = float(readings["torso_force"][0])
         displacement = float(readings["torso_displacement"][0])
         self._peaks = max(self._peaks[0], self._force), max(self._peaks[1], displacement)
@@ -81,20 +80,19 @@ class WristBench(EpisodesBench):
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Take a picture from above, with the noise of the depth sensor."""
-        camera, data = self._camera_of(int(self._patient.people.body[0]))
+        camera, data = self._camera_of(self.episodes.variant_of(0))
         data.qpos[:] = self.episodes.simulation.qpos[0]
         mujoco.mj_kinematics(camera.model, data)
         mujoco.mj_camlight(camera.model, data)
         rgb, exact = camera.capture(data)
         return rgb, measured_depth(exact, KINECT_V2, self._random)
 
-    def update_scene(self, renderer: SceneRenderer, targets: Floats) -> None:
+    def update_scene(self, renderer: SceneRenderer) -> None:
         """Update a renderer to the present state.
 
         :param renderer: of the bench's scene.
-        :param targets: (arms, 3) that are marked, metres.
         """
-        renderer.update(self.episodes.simulation, 0, targets, self.episodes.people)
+        renderer.update(self.episodes, 0)
 
     def _camera_of(self, body: int) -> tuple[OnePassCamera, mujoco.MjData]:
         """Return the camera over a body, with the stretcher under the person."""
@@ -103,10 +101,7 @@ class WristBench(EpisodesBench):
             self._camera = OnePassCamera(self.episodes.scene.drawing_model(body), CAMERA, KINECT_V2)
             self._data = mujoco.MjData(self._camera.model)
             self._body = body
-        model, people = self._camera.model, self._patient.people
-        stretcher, yaw = model.body(STRETCHER).id, people.yaw[0] / 2
-        model.body_pos[stretcher, :2] = people.hips[0]
-        model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
+        place_stretcher(self._camera.model, people_in(self.episodes.memory), 0)
         return self._camera, self._data
 
     def close(self) -> None:

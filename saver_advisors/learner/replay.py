@@ -261,7 +261,7 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
     :param buffer_size: of the student's own transitions.
     :param arguments: as for ``GoalReplayBuffer``.
     :param demonstration_size: capacity of ``demonstrations`` in transitions.
-    :param demonstration_share: fraction of each batch, in [0, 1).
+    :param demonstration_fraction: fraction of each batch, in [0, 1).
     :raises ValueError: if the fraction or a size does not fit.
     """
 
@@ -270,17 +270,17 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         buffer_size: int,
         *arguments: Any,
         demonstration_size: int,
-        demonstration_share: float = 0.5,
+        demonstration_fraction: float = 0.5,
         **named: Any,
     ) -> None:
-        if not 0.0 <= demonstration_share < 1.0:
-            raise ValueError(f"demonstration_share={demonstration_share} must lie in [0, 1)")
+        if not 0.0 <= demonstration_fraction < 1.0:
+            raise ValueError(f"demonstration_fraction={demonstration_fraction} must lie in [0, 1)")
         super().__init__(buffer_size, *arguments, **named)
         seed = named.pop("seed", None)
         # A separate stream: one buffer's draws must not shift the other's.
         own = None if seed is None else int(np.random.SeedSequence([seed, 1]).generate_state(1)[0])
         self.demonstrations = GoalReplayBuffer(demonstration_size, *arguments, seed=own, **named)
-        self.demonstration_share = demonstration_share
+        self.demonstration_fraction = demonstration_fraction
 
     def sample_transitions(
         self, batch_size: int, *, relabel_probability: float | None = None
@@ -317,7 +317,7 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
             return 0
         if self.size() == 0:
             return batch_size
-        return round(self.demonstration_share * batch_size)
+        return round(self.demonstration_fraction * batch_size)
 
     def end_running_episodes(self) -> None:
         """End the running episodes of both buffers."""

@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.teacher import Teacher, check_rows
 from saver_envs.experts import Expert, make_expert
-from saver_envs.registration import row_of
-from saver_envs.tasks.distance import Distance
-from saver_envs.tasks.observation import SIZE_PER_ARM
-from saver_envs.tasks.pick_and_place import PickAndPlace
+from saver_envs.robots.description import Fingers
 
 PREFIX: Final = "scripted:"
 """Prefix of ``scripted:ID``, which names the teachers of all arms of an environment."""
-
-_GOAL_SIZE: Final = 3
 
 
 class ScriptedTeacher(Teacher):
@@ -39,9 +34,10 @@ class ScriptedTeacher(Teacher):
         if not 0 <= arm < self._expert.n_arms:
             raise ValueError(f"arm={arm}: {env_id} has {self._expert.n_arms} arms, from 0")
         self.name = f"{PREFIX}{env_id}:{arm}"
-        self.observation_size = SIZE_PER_ARM
-        self.goal_size = _GOAL_SIZE
-        self.action_size = 3 + issubclass(row_of(env_id).task, PickAndPlace)
+        task = self._expert.task
+        self.observation_size = task.observation_layout.block
+        self.goal_size = task.goal_layout.block
+        self.action_size = 3 + (task.fingers is Fingers.ACTUATED)
         self.has_critics = False
         self.reads_achieved_goal = False
 
@@ -52,8 +48,8 @@ class ScriptedTeacher(Teacher):
         achieved_goal: NDArray[Any] | None = None,
     ) -> FloatArray:
         """Return the expert's action for this arm; see ``Teacher.act``."""
-        check_rows("observation", observation, SIZE_PER_ARM, self.name)
-        check_rows("desired_goal", goal, _GOAL_SIZE, self.name)
+        check_rows("observation", observation, self.observation_size, self.name)
+        check_rows("desired_goal", goal, self.goal_size, self.name)
         # The arms act independently, so all of them may observe the same.
         arms = self._expert.n_arms
         shown = {
@@ -79,6 +75,4 @@ def scripted_teachers(name: str) -> Sequence[Teacher]:
 
 def _one_arm_at_a_time(env_id: str) -> Expert:
     """Return the expert of an id, with arms that act independently."""
-    if row_of(env_id).task is Distance:
-        raise ValueError(f"{env_id}: its expert carries with both arms as one; no arm is a teacher")
     return make_expert(env_id, coordinated=False)

@@ -76,26 +76,32 @@ def follow(
     """
     from saver_envs.envs.goal_env import SaverGoalEnv
     from saver_envs.simulation import SUBSTEPS
-    from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE, Distance
     from saver_envs.world import TIMESTEP
 
     env = SaverGoalEnv(env_id, **(env_kwargs or {}))
     try:
-        simulation = env.episodes.simulation
+        episodes = env.episodes
+        task, simulation, to_world = episodes.task, episodes.simulation, episodes.scene.to_world
         hands, objects = [], []
         for step in play(predict, SingleEpisodeEnv(env), [seed]):
             info = step.infos[0]
-            hands.append(simulation.to_world(simulation.arm_state().tool_position)[0])
-            objects.append(env.episodes.object_state().world_position[0])
-        band = (REQUIRED_DISTANCE - DISTANCE_TOLERANCE, REQUIRED_DISTANCE + DISTANCE_TOLERANCE)
+            arms = simulation.arm_state()
+            seen = task.observe(simulation, episodes.memory, arms)
+            hands.append(to_world(arms.tool_position)[0])
+            objects.append(to_world(seen["object position"])[0])
+        band = None
+        if task.constraint is not None:
+            name, tolerance = task.constraint
+            required = float(task.goal_layout.get(episodes.goal, name)[0, 0])
+            band = (required - tolerance, required + tolerance)
         return EpisodePaths(
             title=title,
             seconds=TIMESTEP * SUBSTEPS * np.arange(len(hands), dtype=np.float64),
             hands=np.stack(hands),
             objects=np.stack(objects),
-            targets=simulation.to_world(env.episodes.target)[0],
+            targets=episodes.targets()[0],
             success=bool(info["is_success"]),
-            band=band if isinstance(env.episodes.task, Distance) else None,
+            band=band,
         )
     finally:
         env.close()

@@ -6,7 +6,6 @@ from dataclasses import fields
 from inspect import signature
 from typing import Any
 
-from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
@@ -28,7 +27,12 @@ from saver_advisors.learner.algorithms import (
 )
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
 from saver_advisors.training.settings import RunConfig, naming
-from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
+from saver_advisors.variable_reward import (
+    ConstraintReplayBuffer,
+    StageControl,
+    TrainingStage,
+    task_of,
+)
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
 
@@ -226,9 +230,9 @@ def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> 
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:
-    """Three coordinates per arm; what a task appends, such as a distance, is a part of its own."""
-    assert isinstance(env.observation_space, spaces.Dict)
-    shape = env.observation_space["desired_goal"].shape
-    assert shape is not None
-    arms, rest = divmod(shape[0], 3)
-    return (3,) * arms + ((rest,) if rest else ())
+    """Return the sizes of each arm's goal and of what the arms share, such as a distance."""
+    task = task_of(env)
+    if task is None:
+        raise ValueError("per_arm_critics=True: the environment must be one of saver_envs")
+    layout = task.goal_layout
+    return (layout.block,) * layout.n_arms + ((layout.shared,) if layout.shared else ())

@@ -64,10 +64,11 @@ def zoo_arguments(
     :param trained: a model to continue from.
     :return: the words.
     """
-    from saver_envs.registration import Options
+    from saver_envs.registration import default_options
 
     easier = dict(read_settings(config, env_id)[0].get("env_kwargs") or {})
-    usual = {name: getattr(Options(), name) for name in easier}
+    defaults = default_options(env_id)
+    usual = {name: defaults[name] for name in easier}
     words = ["--algo", algorithm, "--env", env_id, "--conf-file", str(config)]
     words += ["--log-folder", str(output), "--seed", str(seed), "--num-threads", "1", *EVALUATION]
     if steps is not None:

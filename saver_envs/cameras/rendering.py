@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.cameras.off_screen import off_screen
-from saver_envs.people.patient import People
-from saver_envs.people.stretcher import STRETCHER
 from saver_envs.robots.description import COLLISION_GROUP
 from saver_envs.scenes import Scene
-from saver_envs.simulation import Simulation
 
 DEFAULT_CAMERA = "three_quarter"
 DEFAULT_SIZE = (640, 480)  # width, height in pixels
+
+
+class Drawable(Protocol):
+    """What is drawn: :class:`saver_envs.episodes.Episodes`."""
+
+    @property
+    def simulation(self) -> Any:
+        """Has positions ``qpos`` (n, positions)."""
+
+    def variant_of(self, index: int) -> int:
+        """Return which of the scene's models an episode has."""
+
+    def decorate(self, model: mujoco.MjModel, index: int) -> None:
+        """Adapt a drawing model to an episode."""
 
 
 class SceneRenderer:
@@ -40,9 +51,10 @@ class SceneRenderer:
         camera: str = DEFAULT_CAMERA,
         plain: bool = False,
     ) -> None:
-        names = [scene.model.camera(index).name for index in range(scene.model.ncam)]
-        if camera not in names:
-            raise ValueError(f"camera={camera!r}: this scene has the cameras {', '.join(names)}")
+        if camera not in scene.cameras:
+            raise ValueError(
+                f"camera={camera!r}: this scene has the cameras {', '.join(scene.cameras)}"
+            )
         self._scene = scene
         self._size = (width, height)
         self._camera = camera
@@ -51,45 +63,32 @@ class SceneRenderer:
         self._options.sitegroup[0] = not plain
         self._plain = plain
         self._renderer: mujoco.Renderer | None = None
-        self._body = 0
-        self._take_model(0)
+        self._take_variant(0)
 
-    def _take_model(self, body: int) -> None:
-        """Draw the scene with that body from now on."""
+    def _take_variant(self, variant: int) -> None:
+        """Draw that variant of the scene from now on."""
         self.close()
-        self._body = body
+        self._variant = variant
         # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
-        self._model = copy.copy(self._scene.drawing_model(body))
+        self._model = copy.copy(self._scene.drawing_model(variant))
         if self._plain:
             self._model.vis.quality.offsamples = 0
         self._data = mujoco.MjData(self._model)
 
     def update(
-        self,
-        simulation: Simulation,
-        index: int,
-        target: NDArray[np.float64],
-        people: People | None = None,
-        qpos: NDArray[np.float64] | None = None,
+        self, episodes: Drawable, index: int, qpos: NDArray[np.float64] | None = None
     ) -> None:
-        """Take over the state of simulation ``index`` and its targets (arms, 3), world frame, m.
+        """Take over the state of an episode, its decorations and its targets.
 
-        :param simulation: of this scene.
-        :param index: which one.
-        :param target: (arms, 3), world frame, metres.
-        :param people: who lies on the bench, in a scene with a person.
+        :param episodes: of this scene.
+        :param index: which episode.
         :param qpos: positions to draw instead of the present ones.
         """
-        if people is not None:
-            if people.body[index] != self._body:
-                self._take_model(int(people.body[index]))
-            # The stretcher lies where the person was laid down.
-            stretcher = self._model.body(STRETCHER).id
-            yaw = people.yaw[index] / 2
-            self._model.body_pos[stretcher, :2] = people.hips[index]
-            self._model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
-        self._data.qpos[:] = simulation.qpos[index] if qpos is None else qpos
-        self._model.site_pos[self._scene.target_site] = target
+        variant = episodes.variant_of(index)
+        if variant != self._variant:
+            self._take_variant(variant)
+        episodes.decorate(self._model, index)
+        self._data.qpos[:] = episodes.simulation.qpos[index] if qpos is None else qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
 

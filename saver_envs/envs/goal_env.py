@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
 from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ class SaverGoalEnv(GoalEnv):
     :param height: pixels of a picture.
     :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`saver_envs.registration.Options`.
+    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
     :raises ValueError: for an unknown id, render mode or camera, or an option out of range.
     :raises TypeError: for an unknown option.
     """
@@ -95,6 +96,18 @@ class SaverGoalEnv(GoalEnv):
 
     def _observation(self) -> dict[str, NDArray[np.float32]]:
         return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model of the episode, with the fields that it has now; changing it has no effect."""
+        return self.episodes.simulation.model_of(0)
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of the episode as MuJoCo's data, copied; changing it has no effect."""
+        data = mujoco.MjData(self.episodes.scene.model)
+        self.episodes.simulation.copy_into(0, data)
+        return data
 
     def compute_reward(
         self,

@@ -15,22 +15,18 @@ from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
 from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
-from saver_envs.tasks.goals import object_distances
-from saver_envs.tasks.observation import SIZE_PER_ARM
 
 Arrays = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]
-
-_GOAL_PER_ARM = 3
 
 
 class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating]]):
     """One episode of a registered id with an agent for every arm: ``arm_0``, ``arm_1``, ...
 
-    An agent sees the 28 numbers of its own arm and object, the 3 of its own target, and after
-    them what the whole team's goal holds besides positions: in the distance task the achieved and
-    the required distance (m). It acts with its own arm's numbers. All agents get the team's
-    reward, and all are truncated together. An agent's ``info`` has ``is_success`` of its own
+    An agent sees its own arm's block of the observation, what all arms share of it, its own
+    desired goal, and after them what the whole team's goal holds: in the distance task the
+    achieved and the required distance (m). It acts with its own arm's numbers. All agents get the
+    team's reward, and all are truncated together. An agent's ``info`` has ``is_success`` of its own
     object, ``team_success``, ``goal_reached`` (every object is at its target), ``diverged`` and
     the costs, which are the team's.
 
@@ -44,7 +40,7 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
     :param height: pixels of a picture.
     :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`saver_envs.registration.Options`.
+    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
     :raises ValueError: for an unknown id, render mode or camera, or an option out of range.
     :raises TypeError: for an unknown option.
     """
@@ -71,11 +67,11 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
         self.render_mode = render_mode
         self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
         self.metadata = {**self.metadata, "name": env_id}  # type: ignore[misc]
-        n_arms = self.episodes.task.n_arms
-        self.possible_agents = [f"arm_{index}" for index in range(n_arms)]
+        task = self.episodes.task
+        self.possible_agents = [f"arm_{index}" for index in range(task.n_arms)]
         self.agents: list[str] = []
-        shared = self.episodes.goal_size - _GOAL_PER_ARM * n_arms
-        size = SIZE_PER_ARM + _GOAL_PER_ARM + 2 * shared
+        seen, goal = task.observation_layout, task.goal_layout
+        size = seen.block + seen.shared + goal.block + 2 * goal.shared
         action_size = self.episodes.action_size_per_arm
         self.observation_spaces = {
             agent: spaces.Box(-np.inf, np.inf, (size,), np.float32)
@@ -161,20 +157,23 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
         return np.concatenate(blocks)
 
     def _observations(self) -> Arrays:
-        seen = self.episodes.observation()
-        n_arms = len(self.possible_agents)
-        blocks = seen.observation[0].reshape(n_arms, SIZE_PER_ARM)
-        positions = _GOAL_PER_ARM * n_arms
-        targets = seen.desired_goal[0, :positions].reshape(n_arms, _GOAL_PER_ARM)
-        team = (seen.achieved_goal[0, positions:], seen.desired_goal[0, positions:])
+        task, seen = self.episodes.task, self.episodes.observation()
+        goal = task.goal_layout
+        team = (goal.tail(seen.achieved_goal[0]), goal.tail(seen.desired_goal[0]))
         return {
-            agent: np.concatenate([blocks[arm], targets[arm], *team])
+            agent: np.concatenate(
+                [
+                    task.observation_layout.of_agent(seen.observation[0], arm),
+                    goal.blocks(seen.desired_goal[0])[arm],
+                    *team,
+                ]
+            )
             for arm, agent in enumerate(self.possible_agents)
         }
 
     def _infos(self, outcome: Outcome) -> Infos:
         seen, task = self.episodes.observation(), self.episodes.task
-        distances = object_distances(seen.achieved_goal[0], seen.desired_goal[0], task.n_arms)
+        distances = task.distances(seen.achieved_goal[0], seen.desired_goal[0])
         team = outcome.info_of(0)
         team["team_success"] = team.pop("is_success")
         return {

@@ -40,10 +40,9 @@ class Pictures:
             raise ValueError(
                 f"render_mode={render_mode!r}: valid modes are {', '.join(valid_modes)}"
             )
-        model = episodes.scene.model
-        cameras = [model.camera(index).name for index in range(model.ncam)]
-        if camera not in cameras:
-            raise ValueError(f"camera={camera!r}: this scene has the cameras {', '.join(cameras)}")
+        if camera not in episodes.scene.cameras:
+            cameras = ", ".join(episodes.scene.cameras)
+            raise ValueError(f"camera={camera!r}: this scene has the cameras {cameras}")
         self.render_mode = render_mode
         self._episodes = episodes
         self._view = (width, height, camera)
@@ -63,8 +62,7 @@ class Pictures:
             return None
         if self._renderer is None:
             self._renderer = SceneRenderer(self._episodes.scene, *self._view)
-        target = self._episodes.simulation.to_world(self._episodes.target)[index]
-        self._renderer.update(self._episodes.simulation, index, target, self._episodes.people)
+        self._renderer.update(self._episodes, index)
         if self.render_mode == "rgb_array":
             return self._renderer.rgb()
         if self.render_mode == "depth_array":

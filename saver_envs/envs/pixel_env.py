@@ -47,7 +47,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
     :param camera_name: of rendered pictures.
     :param depth_noise: whether depth has the sensor's noise.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`saver_envs.registration.Options`.
+    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
     :raises ValueError: for an id without a camera, an unknown render mode or camera, or an option
         out of range.
     :raises TypeError: for an unknown option.
@@ -74,7 +74,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
             env_id, render_mode, width, height, camera_name, inverse_kinematics, **options
         )
         self.episodes = self._world.episodes
-        if self.episodes.people is None:
+        if CAMERA not in self.episodes.scene.cameras:
             raise ValueError(f"env_id={env_id!r}: the scene has no camera {CAMERA!r}")
         self.episodes.simulation.keep_samples = True
         size = (KINECT_V2.height, KINECT_V2.width)
@@ -137,9 +137,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         if self._eye is None:
             size = KINECT_V2.width, KINECT_V2.height
             self._eye = SceneRenderer(self.episodes.scene, *size, CAMERA, plain=True)
-        episodes = self.episodes
-        target = episodes.simulation.to_world(episodes.target)[0]
-        self._eye.update(episodes.simulation, 0, target, episodes.people, qpos)
+        self._eye.update(self.episodes, 0, qpos)
         exact = self._eye.depth()
         depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
         seen = np.clip(depth, 0.0, KINECT_V2.farthest)

@@ -31,7 +31,7 @@ class SaverVecEnv(VecEnv):
     :param seed: seed of episode 0; ``None`` draws one.
     :param threads: native threads of the simulation.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`saver_envs.registration.Options`.
+    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
     """
 
     def __init__(

@@ -45,7 +45,7 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
     :param height: pixels of a picture.
     :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
     :param inverse_kinematics: replaces damped least squares.
-    :param options: see :class:`saver_envs.registration.Options`.
+    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
     :raises ValueError: for an unknown id, mode or camera, or an option out of range.
     :raises TypeError: for an unknown option.
     """

@@ -7,15 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.tasks.observation import LINEAR_VELOCITY_SCALE, PARTS, SIZE_PER_ARM
+from saver_envs.tasks.contract import Task
 
 FloatArray = NDArray[np.floating]
-
-_EDGES = np.cumsum([0, *(size for _, size, _ in PARTS)])
-_SLICES = {
-    name: slice(int(start), int(end))
-    for (name, _, _), start, end in zip(PARTS, _EDGES[:-1], _EDGES[1:], strict=True)
-}
 
 
 @dataclass(frozen=True)
@@ -38,21 +32,20 @@ class ArmView:
     target: FloatArray
 
 
-def view(observation: dict[str, FloatArray], n_arms: int) -> ArmView:
+def view(observation: dict[str, FloatArray], task: Task) -> ArmView:
     """Split a batched goal-conditioned observation.
 
-    :param observation: arrays with a leading dimension n: ``observation`` (n, 28 * arms) and
-        ``desired_goal`` (n, at least 3 * arms).
-    :param n_arms: number of arms.
+    :param observation: arrays with a leading dimension n: ``observation`` and ``desired_goal``.
+    :param task: says where their parts lie; each arm has an object with a position as its goal.
     :return: the parts.
     """
-    blocks = observation["observation"].reshape(-1, n_arms, SIZE_PER_ARM)
-    target = observation["desired_goal"][:, : 3 * n_arms].reshape(-1, n_arms, 3)
+    layout, seen = task.observation_layout, observation["observation"]
+    velocity = layout.part("object linear velocity")
     return ArmView(
-        tool=blocks[..., _SLICES["gripper position"]],
-        fingers=blocks[..., _SLICES["finger positions"]],
-        object=blocks[..., _SLICES["object position"]],
-        object_quaternion=blocks[..., _SLICES["object orientation, a quaternion with w >= 0"]],
-        object_velocity=blocks[..., _SLICES["object linear velocity"]] / LINEAR_VELOCITY_SCALE,
-        target=target,
+        tool=layout.get(seen, "gripper position"),
+        fingers=layout.get(seen, "finger positions"),
+        object=layout.get(seen, "object position"),
+        object_quaternion=layout.get(seen, "object orientation, a quaternion with w >= 0"),
+        object_velocity=layout.get(seen, velocity.name) / velocity.scale,
+        target=task.goal_layout.get(observation["desired_goal"], "object position"),
     )

@@ -10,45 +10,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import product
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.control import shortened
+from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.geometry import dot, length, shortened
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.frozen import ServesAll
+from saver_envs.experts.geometry import dot, length
+from saver_envs.experts.skill import Skill
+from saver_envs.scenes import base_poses
+from saver_envs.tasks.contract import Task
 
 FloatArray = NDArray[np.floating]
-
-
-class Skill(Protocol):
-    """What one arm can do by itself; leading dimensions (n, arms)."""
-
-    @property
-    def step(self) -> float:
-        """Longest displacement of an action, metres."""
-
-    @property
-    def object_size(self) -> float:
-        """Edge of the cubes, metres."""
-
-    @property
-    def ring(self) -> float:
-        """Radius round a cube on which a low hand passes without touching it, metres; 0 where
-        hands pass over cubes.
-        """
-
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
-        """Return the actions of arms that ignore one another."""
-
-    def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
-        """Return what the arms will see after these actions."""
-
-    def finished(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which arms are done."""
-
-    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
-        """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted."""
 
 
 @dataclass(frozen=True)
@@ -364,13 +341,7 @@ def pass_beside(
     sign = np.where(way_round[..., None] != 0, -way_round[..., None], sign)
     outward = -0.5 * ahead * np.clip(ring - distance, 0, None)
     near = (distance < ring + size) & (towards > 0)
-    return np.where(near, shortened_to(sign * side * size + outward, size), move)
-
-
-def shortened_to(vectors: FloatArray, longest: FloatArray) -> FloatArray:
-    """Vectors, each no longer than its entry (..., 1) of ``longest``."""
-    size = np.maximum(length(vectors), 1e-9)[..., None]
-    return vectors * np.minimum(1.0, longest / size)
+    return np.where(near, shortened(sign * side * size + outward, size), move)
 
 
 def _rows(record: Record, index: NDArray[np.intp]) -> Record:
@@ -378,3 +349,32 @@ def _rows(record: Record, index: NDArray[np.intp]) -> Record:
     return replace(
         record, **{field.name: getattr(record, field.name)[index] for field in fields(record)}
     )
+
+
+def alone_or_coordinated(
+    task: Task,
+    settings: Settings,
+    skill: Skill,
+    closed: Clearance,
+    *,
+    coordinated: bool,
+    free_arm: int | None,
+    own_last: bool,
+) -> Expert:
+    """Build the expert of a task in which each arm has a cube of its own.
+
+    :param task: the task.
+    :param settings: give the look-ahead, which covers as much way at any speed.
+    :param skill: what an arm does by itself.
+    :param closed: how close two closed hands may come.
+    :param coordinated: whether arms give way to one another.
+    :param free_arm: the only arm that moves, or ``None``.
+    :param own_last: whether a free arm serves its own cube last.
+    """
+    base = base_poses(task.n_arms, "row")[0][:, :2]
+    if free_arm is not None:
+        return Expert(task, ServesAll(skill, base, free_arm, own_last=own_last).actions)
+    if not coordinated or (task.n_arms == 1 and skill.ring == 0):
+        return Expert(task, skill.actions)
+    steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)
+    return Expert(task, Coordinator(skill, base, closed, steps=steps).actions)

@@ -7,10 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.control import shortened
+from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.geometry import dot, length, shortened, unit
-from saver_envs.experts.pick import PickSkill
-from saver_envs.tasks.distance import REQUIRED_DISTANCE
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.frozen import ServesAll
+from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.experts.pick import PickSkill, skill_for
+from saver_envs.scenes import base_poses
+from saver_envs.tasks.distance import REQUIRED_DISTANCE, Distance
 
 FloatArray = NDArray[np.floating]
 
@@ -74,3 +79,17 @@ def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
     across = unit(end - dot(start, end)[:, None] * start)
     result: FloatArray = np.cos(share * angle) * start + np.sin(share * angle) * across
     return result
+
+
+def expert(task: Distance, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
+    """Build the expert of the distance task; see :func:`saver_envs.experts.make_expert`.
+
+    :raises ValueError: without coordination: both arms carry as one.
+    """
+    skill = skill_for(task, settings)
+    base = base_poses(task.n_arms, "row")[0][:, :2]
+    if free_arm is not None:
+        return Expert(task, ServesAll(skill, base, free_arm, own_last=True).actions)
+    if not coordinated:
+        raise ValueError("the expert of the distance task carries with both arms as one")
+    return Expert(task, DistanceExpert(base, skill).actions)

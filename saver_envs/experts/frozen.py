@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.coordination import Skill
+from saver_envs.experts.skill import Skill
 
 FloatArray = NDArray[np.floating]
 

@@ -21,8 +21,3 @@ def length(vectors: FloatArray) -> FloatArray:
 def unit(vectors: FloatArray) -> FloatArray:
     """Vectors of length 1 in the same directions; zero stays zero."""
     return vectors / np.maximum(length(vectors), 1e-6)[..., None]
-
-
-def shortened(vectors: FloatArray, longest: float) -> FloatArray:
-    """Vectors, those longer than ``longest`` scaled down to it."""
-    return vectors * np.minimum(1.0, longest / np.maximum(length(vectors), 1e-9))[..., None]

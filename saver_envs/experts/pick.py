@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED
+from saver_envs.control import shortened
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.geometry import length, shortened
+from saver_envs.experts.coordination import JACO_HOLDING, alone_or_coordinated
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.geometry import length
 from saver_envs.experts.push import TRACKING
+from saver_envs.tasks.pick_and_place import CarryTask, PickAndPlace
 
 FloatArray = NDArray[np.floating]
 
@@ -138,3 +142,28 @@ class PickSkill:
             object=view.object + np.where(carried, moved, 0),
             object_velocity=0 * view.object_velocity,
         )
+
+
+#: What differs between robots' hands: the MICO's two fingers close further.
+SKILLS = {"mico": PickSkill(finger_held=0.60, finger_closing=0.45, half_open=0.40)}
+
+
+def skill_for(task: CarryTask, settings: Settings) -> PickSkill:
+    """Return the skill of an arm with this task and these settings."""
+    return replace(
+        SKILLS.get(settings.robot.name, PickSkill()),
+        step=settings.max_speed * ACTION_DURATION,
+        object_size=task.object_size,
+    )
+
+
+def expert(
+    task: PickAndPlace, settings: Settings, coordinated: bool, free_arm: int | None
+) -> Expert:
+    """Build the expert of pick and place; see :func:`saver_envs.experts.make_expert`."""
+    return alone_or_coordinated(
+        *(task, settings, skill_for(task, settings), JACO_HOLDING),
+        coordinated=coordinated,
+        free_arm=free_arm,
+        own_last=True,
+    )

@@ -7,9 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED
+from saver_envs.control import shortened
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.geometry import dot, length, shortened, unit
+from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.tasks.push import Push
 
 FloatArray = NDArray[np.floating]
 
@@ -19,7 +23,7 @@ TRACKING = 0.92
 DRAG = 0.7
 #: A pitched hand's wrist is this much nearer to the base than its tool (m).
 WRIST = 0.08
-#: Where hands can be, x and y in the base frame (m): set-points are clipped to it.
+#: Where a sketched hand can be, x and y in the base frame (m): about where set-points are clipped.
 HAND_LOWER, HAND_UPPER = np.array([0.25, -0.48]), np.array([0.60, 0.48])
 
 
@@ -31,7 +35,7 @@ class PushSkill:
     :param step: longest displacement of an action, metres.
     :param hand_radius: half the width of the closed hand where it meets the cube, metres.
     :param stop: the cube is left alone where it will come to rest this near its target, metres.
-    :param good_enough: a push that went astray is taken up again beyond this distance, metres.
+    :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
     """
@@ -91,14 +95,14 @@ class PushSkill:
         relative = tool - cube
         along = dot(relative, heading)[..., None]
         lateral = relative - along * heading
-        astray = length(lateral)[..., None]
+        deviation = length(lateral)[..., None]
         half = self.object_size / 2
         is_behind = along < -half
         near = along > -(self.ring + 0.01)
-        aligned = is_behind & (astray < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
+        aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
         push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
         behind = cube - heading * (self.ring + self._trail(cube, -heading))[..., None]
-        straight = is_behind & (astray < half)
+        straight = is_behind & (deviation < half)
         approach = np.where(straight, behind, self._orbit(cube, relative, heading, side))
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
@@ -175,3 +179,22 @@ class PushSkill:
             direction = unit(unit(gap) + DRAG * unit(motion[:, arm, None]))
             cubes = cubes + overlap * direction
         return cubes
+
+
+#: What differs between robots' hands: the MICO's is pitched.
+SKILLS = {"mico": PushSkill(trail=0.02)}
+
+
+def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
+    """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
+    skill = replace(
+        SKILLS.get(settings.robot.name, PushSkill()),
+        step=settings.max_speed * ACTION_DURATION,
+        object_size=task.object_size,
+    )
+    return alone_or_coordinated(
+        *(task, settings, skill, JACO_CLOSED),
+        coordinated=coordinated,
+        free_arm=free_arm,
+        own_last=False,
+    )

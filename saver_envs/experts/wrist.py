@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED
+from saver_envs.control import shortened
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
-from saver_envs.experts.geometry import dot, length, shortened, unit
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.tasks.wrist_push import WristPush
 
 FloatArray = NDArray[np.floating]
 
@@ -32,7 +35,7 @@ class WristSkill:
     TOUCH, AIR = 0.066, 0.012
     #: Way of an action of pressing: longest, shortest (m), and share of what is left.
     FASTEST, SLOWEST, GAIN = 0.0040, 0.0016, 0.15
-    #: A wrist that near its target is let go (m); one that went astray is taken up again farther
+    #: A wrist that near its target is let go (m); one that deviated is taken up again farther
     #: off than that.
     LET_GO, TAKE_UP = 0.022, 0.035
     #: The push's direction is at most that far from straight across the forearm (rad).
@@ -66,11 +69,11 @@ class WristSkill:
         relative = tool - wrist
         depth = dot(relative, heading)[..., None]
         aside = relative - depth * heading
-        astray = length(aside)[..., None]
+        aside_by = length(aside)[..., None]
         touching = depth > -(self.TOUCH + self.AIR)
         tolerance = np.where(touching, self.STILL_ALIGNED, self.ALIGNED)
         outside = dot(relative, across)[..., None] < -0.6 * self.TOUCH
-        ready = outside & (astray < tolerance)
+        ready = outside & (aside_by < tolerance)
         pace = np.clip(self.GAIN * left, self.SLOWEST, self.FASTEST)
         closing = np.maximum(-depth - self.TOUCH, 0.0)  # to the wrist, at full speed
         push = tool + heading * np.maximum(closing, pace) - self.CENTRING * aside
@@ -91,3 +94,20 @@ class WristSkill:
         along = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
         across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         return along, across * np.asarray(self.inwards)[:, None]
+
+
+def expert(task: WristPush, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
+    """Build the expert of wrist push, whose arms never meet and need no coordination.
+
+    See :func:`saver_envs.experts.make_expert`.
+    """
+    skill = WristSkill(settings.max_speed * ACTION_DURATION)
+
+    def act(view: ArmView) -> FloatArray:
+        actions = skill.actions(view)
+        if free_arm is not None:
+            others = np.arange(actions.shape[1]) != free_arm
+            actions[:, others] = 0.0
+        return actions
+
+    return Expert(task, act)

@@ -1,4 +1,4 @@
-"""The bench of Table 8.1: two arms, and between them a person on a stretcher, under the camera.
+"""A person on a stretcher between two arms, under the camera of Table 8.1.
 
 The stretcher's top is level with the plane on which the arms stand: an arm of the person's can be
 pushed off and onto it, and lies where the arms' hands push cubes in the other scenes. Head, legs
@@ -8,7 +8,7 @@ slides, turns and bends against friction, the arms move at shoulder, elbow and w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
-from saver_envs.people.bodies import BODIES, Arm, arm_of
+from saver_envs.people.bodies import BODIES, PersonArm, arm_of
 from saver_envs.people.manikin import (
     MASS_SHARE,
     SIDES,
@@ -26,27 +26,14 @@ from saver_envs.people.manikin import (
     total_mass,
 )
 from saver_envs.people.stretcher import add_stretcher
-from saver_envs.robots.description import Fingers, Robot
-from saver_envs.scenes import (
-    COLLISION,
-    MEMORY,
-    ObjectProperties,
-    Scene,
-    add_arm,
-    add_contact_counters,
-    add_target,
-    address,
-    base_poses,
-    compile_physics,
-)
-from saver_envs.world import add_cameras, bench_round, new_world
+from saver_envs.scenes import COLLISION, Arms, Scene, add_contact_counters, add_target
 
 #: Name of the RGB-D camera.
 CAMERA: Final = "kinect"
 #: Middle between the hip joints where the scene is compiled (m); SPEC 5.6 varies it.
 HIPS: Final = (0.35, 0.0, 0.0)
 #: The table under a whole person: from behind a base to before it (m).
-_BENCH_DEPTH: Final = (-0.95, 1.55)
+TABLE_DEPTH: Final = (-0.95, 1.55)
 #: Segments that nothing of the task moves.
 RIGID: Final = ("head", "thigh", "shank", "foot")
 #: Arm i pushes the arm of the person's at its side: the first base stands at -y, at the right.
@@ -67,7 +54,6 @@ _FORCE: Final = "force_"
 class PersonAddresses:
     """Where to find the person in a scene's models, which differ in the person's body alone.
 
-    :param models: one for each of ``BODIES``.
     :param arms: (bodies, arms) geometry of the arm that arm i of the scene pushes.
     :param trunk_qpos: (4,) of the trunk: along x, along y, its turn, how far it bends.
     :param shoulder_qpos: (arms, 4) quaternions.
@@ -83,8 +69,7 @@ class PersonAddresses:
     :param limb_dofs: degrees of freedom whose friction and damping vary.
     """
 
-    models: tuple[mujoco.MjModel, ...]
-    arms: tuple[tuple[Arm, ...], ...]
+    arms: tuple[tuple[PersonArm, ...], ...]
     trunk_qpos: NDArray[np.intp]
     shoulder_qpos: NDArray[np.intp]
     elbow_qpos: NDArray[np.intp]
@@ -98,51 +83,21 @@ class PersonAddresses:
     limb_geoms: NDArray[np.intp]
     limb_dofs: NDArray[np.intp]
 
-    def drawing_model(self, body: int, robot: Robot) -> mujoco.MjModel:
-        """Return the model of one body with skins and all decorations; callers share it."""
-        return _drawing_model(robot, body)
-
 
 def limb_geoms() -> list[str]:
     """Return the names of the geoms of the person's arms."""
     return [f"{side}_{part}_0" for side in SIDES for part in ("upper_arm", "forearm", "hand")]
 
 
-@lru_cache(maxsize=4)
-def compose_with_person(robot: Robot) -> Scene:
-    """Compile the bench with a person, once for each body.
+def add_person(spec: mujoco.MjSpec, arms: Arms, body: int, decorated: bool) -> None:
+    """Add camera, person, stretcher, targets, and the sensors on the person.
 
-    The result is cached: callers share it and must not change its models.
-
-    :param robot: both arms.
-    :return: the scene; its model is that of the first body.
+    :param spec: of a scene with two arms.
+    :param arms: the arms.
+    :param body: which of :data:`saver_envs.people.bodies.BODIES`.
+    :param decorated: with skins and a stretcher, which are only seen.
     """
-    models = tuple(_physics_model(robot, body) for body in range(len(BODIES)))
-    positions, yaws = base_poses(2, "row")
-    objects = ObjectProperties()
-    scene = address(models[0], robot, Fingers.LOCKED, objects, "row", positions, yaws)
-    return replace(scene, person=_person_addresses(models))
-
-
-def _physics_model(robot: Robot, body: int) -> mujoco.MjModel:
-    whole = _specification(robot, body, decorated=False).compile()
-    return compile_physics(_specification(robot, body, decorated=False), whole)
-
-
-@lru_cache(maxsize=len(BODIES))
-def _drawing_model(robot: Robot, body: int) -> mujoco.MjModel:
-    return _specification(robot, body, decorated=True).compile()
-
-
-def _specification(robot: Robot, body: int, decorated: bool) -> mujoco.MjSpec:
-    positions, yaws = base_poses(2, "row")
-    bench = bench_round(positions, yaws, _BENCH_DEPTH)
-    spec = new_world(bench)
-    spec.memory = MEMORY
-    add_cameras(spec, bench)
     KINECT_V2.add_to(spec, CAMERA, BENCH_POSE)
-    for index in range(2):
-        add_arm(spec, robot, Fingers.LOCKED, index, positions[index], float(yaws[index]), 2)
     appearance = BODIES[body]
     add_manikin(spec, appearance, HIPS, rigid=RIGID, skins=decorated)
     for name in limb_geoms():
@@ -157,15 +112,14 @@ def _specification(robot: Robot, body: int, decorated: bool) -> mujoco.MjSpec:
     spec.joint("torso").frictionloss = TRUNK_FRICTION * chest * 9.81 * _CHEST_LEVER
     for index in range(2):
         add_target(spec, index, _TARGET_RADIUS, (0.4, 0.1 * index, _TARGET_RADIUS))
-    _add_collision_counters(spec, robot)
-    _add_sensors(spec, robot)
-    return spec
+    _add_collision_counters(spec, arms)
+    _add_sensors(spec, arms)
 
 
-def _add_collision_counters(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
     """Count contacts between arms, with the table, and with all of the person but the own side."""
     body, geom = int(mujoco.mjtObj.mjOBJ_XBODY), int(mujoco.mjtObj.mjOBJ_GEOM)
-    bases = [f"arm{index}_{robot.base_body}" for index in range(2)]
+    bases = [arms.body(index) for index in range(2)]
     pairs = [(f"{COLLISION}arms", body, bases[0], body, bases[1])]
     own = {side: f"{side}_upper_arm" for side in SIDES}
     elsewhere = [
@@ -182,7 +136,7 @@ def _add_collision_counters(spec: mujoco.MjSpec, robot: Robot) -> None:
     add_contact_counters(spec, pairs)
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _add_sensors(spec: mujoco.MjSpec, arms: Arms) -> None:
     """Measure velocities of wrists and elbows, and the forces on the torso."""
     for side in SIDES:
         for part in ("wrist", "elbow"):
@@ -193,7 +147,7 @@ def _add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
                 objname=f"joint_{side}_{part}",
             )
     # The robots' arms press it themselves, or by way of the person's own arms.
-    pressing = [f"arm{index}_{robot.base_body}" for index in range(2)]
+    pressing = [arms.body(index) for index in range(2)]
     pressing += [f"{side}_forearm" for side in SIDES]
     force = int(1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE))
     strongest_first = 2
@@ -210,8 +164,10 @@ def _add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
             )
 
 
-def _person_addresses(models: tuple[mujoco.MjModel, ...]) -> PersonAddresses:
-    model = models[0]
+@lru_cache(maxsize=8)
+def person_addresses(scene: Scene) -> PersonAddresses:
+    """Look up the person in a scene that :func:`add_person` made."""
+    model = scene.model
 
     def joint(name: str) -> int:
         return int(model.joint(name).qposadr[0])
@@ -239,7 +195,6 @@ def _person_addresses(models: tuple[mujoco.MjModel, ...]) -> PersonAddresses:
         for offset in range(3 if name.endswith("upper_arm") else 1)
     ]
     return PersonAddresses(
-        models=models,
         arms=tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES),
         trunk_qpos=np.array([joint(name) for name in ("slide_x", "slide_y", "turn", "torso")]),
         shoulder_qpos=np.array(

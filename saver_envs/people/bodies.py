@@ -42,7 +42,7 @@ BODIES: Final = _bodies()
 
 
 @dataclass(frozen=True)
-class Arm:
+class PersonArm:
     """The geometry of an arm as its body is compiled, and what follows from it.
 
     :param shoulder: (3,) joint's centre.
@@ -182,7 +182,7 @@ class Arm:
 
 
 @lru_cache(maxsize=64)
-def arm_of(appearance: Appearance, side: str) -> Arm:
+def arm_of(appearance: Appearance, side: str) -> PersonArm:
     """Return an arm of a body; ``side`` is ``left`` or ``right``."""
     shape = body_shape(appearance)
     shoulder, elbow, wrist = (
@@ -191,7 +191,7 @@ def arm_of(appearance: Appearance, side: str) -> Arm:
     sideways = 1.0 if side == "left" else -1.0
     axis, bent = hinge(f"{side}_forearm", shape, 1.0)
     radius = [limb_capsule(f"{side}_{part}", shape)[2] for part in ("upper_arm", "forearm", "hand")]
-    return Arm(
+    return PersonArm(
         shoulder=shoulder,
         upper=elbow - shoulder,
         fore=wrist - elbow,

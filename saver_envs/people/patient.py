@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -11,9 +11,12 @@ import numpy as np
 from mujoco.batch import MODEL_FIELDS
 from numpy.typing import NDArray
 
-from saver_envs.people.bench import HIPS, PersonAddresses
+from saver_envs.people.bench import HIPS, person_addresses
+from saver_envs.people.stretcher import STRETCHER
 from saver_envs.scenes import Scene
 from saver_envs.simulation import ObjectState, Simulation, cross
+
+Arrays = dict[str, NDArray[Any]]
 
 #: Fields of a model that vary by the simulation and not by the body.
 _FRICTION, _DAMPING = "geom_friction", "dof_damping"
@@ -53,18 +56,9 @@ class People:
             stiffness=np.ones(n),
         )
 
-    def fields(self) -> dict[str, NDArray[Any]]:
+    def fields(self) -> Arrays:
         """Return the arrays under their names."""
         return dict(self.__dict__)
-
-    def copy(self) -> People:
-        """Return copies of all arrays."""
-        return replace(self, **{name: values.copy() for name, values in self.fields().items()})
-
-    def put(self, rows: NDArray[np.intp], people: People) -> None:
-        """Overwrite ``rows`` (k,) with ``people``."""
-        for name, values in people.fields().items():
-            getattr(self, name)[rows] = values
 
 
 def joined(people: list[People]) -> People:
@@ -75,6 +69,20 @@ def joined(people: list[People]) -> People:
     )
 
 
+def person_memory(n: int) -> Arrays:
+    """Return what has to be remembered of n people: who they are, and where they were laid down.
+
+    :return: the fields of :class:`People`, and ``hips_before`` and ``neck_before`` (n, 2), metres.
+    """
+    before = {"hips_before": np.zeros((n, 2)), "neck_before": np.zeros((n, 2))}
+    return People.default(n).fields() | before
+
+
+def people_in(memory: Arrays) -> People:
+    """Return who lies there, as views of the memory."""
+    return People(**{name: memory[name] for name in People.__annotations__})
+
+
 class Patient:
     """The person of every simulation.
 
@@ -82,31 +90,32 @@ class Patient:
     """
 
     def __init__(self, simulation: Simulation) -> None:
-        assert simulation.scene.person is not None
         self._simulation = simulation
         self._scene: Scene = simulation.scene
-        self._where: PersonAddresses = simulation.scene.person
-        self._bodies = _fields_of_bodies(self._where.models)
+        self._where = person_addresses(simulation.scene)
+        self._bodies = _fields_of_bodies(self._scene.models)
         self._fields = {
             name: simulation.per_simulation(name) for name in (*self._bodies, _FRICTION, _DAMPING)
         }
-        self._damping = self._where.models[0].dof_damping[self._where.limb_dofs]
-        n = simulation.n
-        self.people = People.default(n)
-        self._hips_before = np.zeros((n, 2))
-        self._neck_before = np.zeros((n, 2))
+        self._damping = self._scene.model.dof_damping[self._where.limb_dofs]
 
-    def place(self, rows: NDArray[np.intp], people: People, joints: NDArray[np.float64]) -> None:
-        """Put people and arms of simulations ``rows`` (k,) at rest.
+    def place(
+        self,
+        memory: Arrays,
+        rows: NDArray[np.intp],
+        people: People,
+        joints: NDArray[np.float64],
+    ) -> None:
+        """Put people and arms of simulations ``rows`` (k,) at rest, and remember them.
 
+        :param memory: see :func:`person_memory`.
         :param rows: which simulations.
         :param people: k of them.
         :param joints: (k, arms, dof) of the robots' arms, radians.
         """
         where, simulation = self._where, self._simulation
-        self._give_bodies(rows, people)
-        nobody = np.zeros((len(rows), self._scene.n_arms, 0))
-        simulation.reset(rows, joints, nobody, nobody, refresh=False)
+        self.give_bodies(rows, people)
+        simulation.reset(rows, joints, np.zeros((len(rows), self._scene.n_arms, 0)))
         trunk = np.zeros((len(rows), 4))
         trunk[:, :2] = people.hips - HIPS[:2] + self._turned_off(people)
         trunk[:, 2] = people.yaw
@@ -115,15 +124,18 @@ class Patient:
         simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
         simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
         simulation.refresh(rows)
-        self.people.put(rows, people)
-        self._remember(rows)
+        for name, values in people.fields().items():
+            memory[name][rows] = values
+        sites = simulation.site_position
+        memory["hips_before"][rows] = sites[rows[:, None], where.hip_site, :2].mean(axis=1)
+        memory["neck_before"][rows] = sites[rows, where.neck_site, :2]
 
     def _turned_off(self, people: People) -> NDArray[np.float64]:
         """Return by how much (k, 2) the turn of the pelvis moves the middle of the hips, metres.
 
         It turns about its own joint, which is some millimetres away.
         """
-        pelvis = self._where.models[0].body("pelvis").id
+        pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
         cosine, sine = np.cos(people.yaw), np.sin(people.yaw)
         turned = np.stack(
@@ -136,7 +148,8 @@ class Patient:
         moved: NDArray[np.float64] = turned - lever
         return moved
 
-    def _give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
+    def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
+        """Give the models of simulations ``rows`` the bodies of ``people``."""
         where, fields = self._where, self._fields
         for name, values in self._bodies.items():
             fields[name][rows] = values[people.body]
@@ -144,25 +157,6 @@ class Patient:
         fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
         fields[_DAMPING][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
         fields[_FRICTION][rows[:, None], geoms, 0] = people.friction[:, None]
-
-    def _remember(self, rows: NDArray[np.intp]) -> None:
-        sites = self._simulation.site_position
-        self._hips_before[rows] = sites[rows[:, None], self._where.hip_site, :2].mean(axis=1)
-        self._neck_before[rows] = sites[rows, self._where.neck_site, :2]
-
-    def get_people(self) -> People:
-        """Return a copy of who lies where."""
-        return self.people.copy()
-
-    def set_people(self, people: People) -> None:
-        """Put people there that :meth:`get_people` returned, as at their reset.
-
-        The simulations' own state is to be set afterwards.
-
-        :param people: one for every simulation.
-        """
-        rows = np.arange(self._simulation.n)
-        self.place(rows, people, np.zeros((len(rows), *self._scene.joint_qpos.shape)))
 
     def wrists(self) -> ObjectState:
         """Return the state of the wrists, which take the place of cubes.
@@ -186,7 +180,7 @@ class Patient:
         """Return where the hip joints are, (n, arms, 3), world frame, metres."""
         return self._simulation.site_position.take(self._where.hip_site, 1)
 
-    def readings(self) -> dict[str, NDArray[np.float64]]:
+    def readings(self, memory: Arrays) -> dict[str, NDArray[np.float64]]:
         """Return what the arms have done to the torso, (n,) each.
 
         ``torso_force``: sum of the normal forces on torso and pelvis, of the robots' arms and of
@@ -195,12 +189,19 @@ class Patient:
         more, is from where it was at the reset, metres, horizontally.
         """
         where, simulation = self._where, self._simulation
-        force = simulation.highest.take(where.force_sensor, 1).sum(axis=-1)
+        force = simulation.peaks.take(where.force_sensor, 1).sum(axis=-1)
         sites = simulation.site_position
-        hips = sites.take(where.hip_site, 1)[..., :2].mean(axis=1) - self._hips_before
-        neck = sites[:, where.neck_site, :2] - self._neck_before
+        hips = sites.take(where.hip_site, 1)[..., :2].mean(axis=1) - memory["hips_before"]
+        neck = sites[:, where.neck_site, :2] - memory["neck_before"]
         displacement = np.sqrt(np.maximum((hips * hips).sum(axis=-1), (neck * neck).sum(axis=-1)))
         return {"torso_force": force, "torso_displacement": displacement}
+
+
+def place_stretcher(model: mujoco.MjModel, people: People, row: int) -> None:
+    """Move the stretcher of a drawing model to where the person of ``row`` was laid down."""
+    stretcher, yaw = model.body(STRETCHER).id, people.yaw[row] / 2
+    model.body_pos[stretcher, :2] = people.hips[row]
+    model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
 
 
 @lru_cache(maxsize=4)

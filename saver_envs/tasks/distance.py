@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.simulation import ObjectState
-from saver_envs.tasks.base import FloatArray, Readings
-from saver_envs.tasks.goals import constraint_met
-from saver_envs.tasks.pick_and_place import AIR_HEIGHT, AIR_SHARE, HAND_HEIGHT, PickAndPlace
-from saver_envs.tasks.sampling import StartRules
+from saver_envs.scenes import Scene
+from saver_envs.simulation import Simulation
+from saver_envs.tasks.contract import Bools, FloatArray, Memory, Seen, TaskPage
+from saver_envs.tasks.layout import Part
+from saver_envs.tasks.pick_and_place import CarryTask
+from saver_envs.tasks.sampling import StartRules, TableStart
 
 RewardStage = Literal["goal", "constrained"]
 RewardCombination = Literal["min", "linear", "shaped"]
 
-#: Mean U.S. shoulder width (m), and how far the distance may stray from it (m).
+#: Mean U.S. shoulder width (m), and how far the distance may deviate from it (m).
 REQUIRED_DISTANCE, DISTANCE_TOLERANCE = 0.35, 0.015
 #: Starts and targets are drawn this far inside the band (m).
 _START_MARGIN = 0.005
@@ -27,7 +29,7 @@ _SHAPED_TOLERANCES = 4.0
 
 
 @dataclass(frozen=True)
-class Distance(PickAndPlace):
+class Distance(CarryTask):
     """Pick and place with two arms whose cubes keep 0.35 m apart at every step.
 
     :param reward_stage: ``goal``: the reward of reaching the targets alone, f_g (eq. 6.4);
@@ -45,8 +47,12 @@ class Distance(PickAndPlace):
     constraint_weight: float = 1.0
 
     name: ClassVar[str] = "distance"
-    cost_names: ClassVar[tuple[str, ...]] = ("distance",)
-    never: ClassVar[tuple[str, ...]] = ("distance",)
+    costs: ClassVar[tuple[str, ...]] = ("collision", "distance")
+    summed: ClassVar[tuple[str, ...]] = ("distance",)
+    hard: ClassVar[tuple[str, ...]] = ("distance",)
+    constraint: ClassVar[tuple[str, float] | None] = ("distance", DISTANCE_TOLERANCE)
+    expert: ClassVar[str | None] = "saver_envs.experts.distance:expert"
+    reward_stages: ClassVar[tuple[str, ...]] = get_args(RewardStage)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -67,49 +73,44 @@ class Distance(PickAndPlace):
             )
 
     @property
-    def goal_size(self) -> int:
-        """Number of entries of a goal: two positions and the distance."""
-        return 3 * self.n_arms + 1
+    def goal(self) -> tuple[Part, ...]:
+        """Each cube's position, and the distance between the cubes."""
+        return (*super().goal, Part("distance", 1, "m", shared=True))
 
-    def start_rules(self, object_rest_height: float) -> StartRules:
-        """Return the rules of a start; see :meth:`Task.start_rules`."""
+    def start_rules(self) -> StartRules:
+        """Return the rules of a start: both cubes, and both targets, apart as required."""
         margin = DISTANCE_TOLERANCE - _START_MARGIN
-        return StartRules(
-            hand_height=HAND_HEIGHT,
-            air_share=AIR_SHARE,
-            air_height=AIR_HEIGHT,
-            success_threshold=self.success_threshold,
-            pushes=False,
-            separation=(REQUIRED_DISTANCE - margin, REQUIRED_DISTANCE + margin),
-        )
+        separation = (REQUIRED_DISTANCE - margin, REQUIRED_DISTANCE + margin)
+        return replace(super().start_rules(), separation=separation)
 
-    def achieved_goal(self, objects: ObjectState) -> NDArray[np.float64]:
-        """Return (n, 7): both objects' positions in base frames and their distance, metres."""
-        gap = objects.world_position[:, 0] - objects.world_position[:, 1]
+    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
+        """Return (n, 7): both cubes' positions in base frames and their distance, metres."""
+        world = seen["object world position"]
+        gap = world[:, 0] - world[:, 1]
         distance = np.sqrt(np.sum(gap * gap, axis=-1, keepdims=True))
-        return np.concatenate([super().achieved_goal(objects), distance], axis=-1)
+        return np.concatenate([super().achieved(simulation, memory, seen), distance], axis=-1)
 
-    def desired_goal(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the goal (7,): targets (2, 3) in base frames and the required distance."""
-        return np.append(super().desired_goal(target), REQUIRED_DISTANCE)
+    def desired(self, starts: Sequence[TableStart]) -> NDArray[np.float64]:
+        """Return the goals (k, 7): both targets in base frames and the required distance."""
+        required = np.full((len(starts), 1), REQUIRED_DISTANCE)
+        return np.concatenate([super().desired(starts), required], axis=-1)
 
-    def judge(
+    def reward_and_reached(
         self, achieved: FloatArray, desired: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.float32], Bools]:
         """Return the reward of the stage in force and where both cubes are at their targets."""
-        reward, reached = super().judge(achieved, desired)
+        reward, reached = super().reward_and_reached(achieved, desired)
         if self.reward_stage == "goal":
             return reward, reached
         if self.reward_type == "dense":
-            astray = np.abs(achieved[..., -1] - desired[..., -1])
-            return reward - astray.astype(np.float32), reached
-        kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
+            return reward - self.deviation(achieved, desired).astype(np.float32), reached
+        kept = self.constraint_met(achieved, desired)
         constraint = kept.astype(np.float32) - np.float32(1)
         if self.reward_combination == "min":
             return np.minimum(reward, constraint), reached
         if self.reward_combination == "shaped":
-            astray = np.abs(achieved[..., -1] - desired[..., -1])
-            share = np.minimum(astray / (_SHAPED_TOLERANCES * DISTANCE_TOLERANCE), 1.0)
+            deviation = self.deviation(achieved, desired)
+            share = np.minimum(deviation / (_SHAPED_TOLERANCES * DISTANCE_TOLERANCE), 1.0)
             constraint = (constraint - share.astype(np.float32)) / 2
         return reward + np.float32(self.constraint_weight) * constraint, reached
 
@@ -119,15 +120,41 @@ class Distance(PickAndPlace):
         summed = self.reward_stage == "constrained" and self.reward_combination != "min"
         return -1.0 - self.constraint_weight if summed else -1.0
 
-    def costs(
-        self,
-        achieved: FloatArray,
-        desired: FloatArray,
-        collided: NDArray[np.bool_],
-        readings: Readings | None = None,
+    def constraint_met(self, achieved: FloatArray, desired: FloatArray) -> Bools:
+        """Say where the distance is within its tolerance (...), eq. 6.3."""
+        return self.deviation(achieved, desired) <= DISTANCE_TOLERANCE
+
+    def measure(
+        self, simulation: Simulation, memory: Memory, achieved: FloatArray, desired: FloatArray
     ) -> dict[str, NDArray[np.float64]]:
-        """Return collision and distance costs; the latter is 1 where the band is left."""
-        costs = super().costs(achieved, desired, collided, readings)
-        kept = constraint_met(achieved, desired, DISTANCE_TOLERANCE)
-        costs["distance"] = (~kept).astype(np.float64)
-        return costs
+        """Return the costs; that of the distance is 1 where the band is left."""
+        broken = ~self.constraint_met(achieved, desired)
+        measured = super().measure(simulation, memory, achieved, desired)
+        return measured | {"cost_distance": broken.astype(np.float64)}
+
+    def page(self, scene: Scene) -> TaskPage:
+        """Return the text of the page."""
+        page = super().page(scene)
+        band = f"{REQUIRED_DISTANCE:g} m +- {100 * DISTANCE_TOLERANCE:g} cm"
+        return replace(
+            page,
+            succeeds=f"{page.succeeds}; and the cubes stayed {band} apart at every step",
+            reward=(
+                "0 where every cube is within the threshold of its target and the cubes keep "
+                'their distance, else -1; with `reward_stage="goal"` the distance does not count, '
+                'and with `reward_combination="linear"` goal and distance are summed, -1 for each '
+                "that is missed."
+            ),
+            dense=(
+                "minus the sum of the cubes' distances to their targets, in metres, and minus how "
+                "far the cubes are from the required distance."
+            ),
+            goal={
+                **page.goal,
+                "distance": "distance between the cubes, and the required one",
+            },
+            costs={
+                **page.costs,
+                "distance": f"1 on a step on which the cubes are not {band} apart",
+            },
+        )

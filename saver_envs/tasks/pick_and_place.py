@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from saver_envs.robots.description import Fingers
-from saver_envs.tasks.base import Task
-from saver_envs.tasks.sampling import StartRules
+from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
+from saver_envs.tasks.table import TableTask
 
 #: Half of the targets are in the air, up to this height (m).
 AIR_SHARE, AIR_HEIGHT = 0.5, 0.25
@@ -16,19 +16,47 @@ HAND_HEIGHT = (0.05, 0.20)
 
 
 @dataclass(frozen=True)
-class PickAndPlace(Task):
-    """Hands open and close; height is part of the action (chapter 5)."""
+class CarryTask(TableTask):
+    """Hands open and close; height is part of the action (chapter 5).
 
-    name: ClassVar[str] = "pick-and-place"
+    :param in_hand_probability: that an arm starts with its cube in hand, for training.
+    """
+
+    in_hand_probability: float = 0.0
+
     fingers: ClassVar[Fingers] = Fingers.ACTUATED
 
-    def start_rules(self, object_rest_height: float) -> StartRules:
-        """Return the rules of a start; see :meth:`Task.start_rules`."""
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.in_hand_probability <= 1:
+            raise ValueError(f"in_hand_probability={self.in_hand_probability!r}: must be 0 to 1")
+
+    def start_rules(self) -> StartRules:
+        """Return the rules of a start: hands above the table, half of the targets in the air."""
         return StartRules(
+            object_size=self.object_size,
             hand_height=HAND_HEIGHT,
             air_share=AIR_SHARE,
             air_height=AIR_HEIGHT,
             success_threshold=self.success_threshold,
             pushes=False,
-            contested_share=self.contested_share,
+            in_hand_probability=self.in_hand_probability,
         )
+
+
+@dataclass(frozen=True)
+class PickAndPlace(CarryTask):
+    """Cubes to targets on the table or in the air.
+
+    :param contested_share: share of the episodes of several arms in which the ways of two hands
+        meet.
+    """
+
+    contested_share: float = CONTESTED_SHARE
+
+    name: ClassVar[str] = "pick-and-place"
+    expert: ClassVar[str | None] = "saver_envs.experts.pick:expert"
+
+    def start_rules(self) -> StartRules:
+        """Return the rules of a start, contested ones included."""
+        return replace(super().start_rules(), contested_share=self.contested_share)

@@ -6,27 +6,35 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from saver_envs.robots.description import Fingers
-from saver_envs.tasks.base import Task
-from saver_envs.tasks.sampling import StartRules
+from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
+from saver_envs.tasks.table import TableTask
 
 #: Height of the tool above the table while pushing (m): the fingers meet the cube below its top.
 PUSH_HEIGHT = 0.025
 
 
 @dataclass(frozen=True)
-class Push(Task):
-    """Both objects on the table, hands closed and held at pushing height (chapter 5)."""
+class Push(TableTask):
+    """Cubes on the table, hands closed and held at pushing height (chapter 5).
+
+    :param contested_share: share of the episodes of several arms in which the ways of two hands
+        meet.
+    """
+
+    contested_share: float = CONTESTED_SHARE
 
     name: ClassVar[str] = "push"
     fingers: ClassVar[Fingers] = Fingers.LOCKED
     held_height: ClassVar[float | None] = PUSH_HEIGHT
+    expert: ClassVar[str | None] = "saver_envs.experts.push:expert"
 
-    def start_rules(self, object_rest_height: float) -> StartRules:
-        """Return the rules of a start; see :meth:`Task.start_rules`."""
+    def start_rules(self) -> StartRules:
+        """Return the rules of a start: hands low, targets on the table, room to push."""
         return StartRules(
+            object_size=self.object_size,
             hand_height=(PUSH_HEIGHT, PUSH_HEIGHT),
             air_share=0.0,
-            air_height=object_rest_height,
+            air_height=self.object_size / 2,
             success_threshold=self.success_threshold,
             pushes=True,
             contested_share=self.contested_share,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
-from saver_envs.robots.description import Robot
-from saver_envs.scenes import BASE_SPACING, Layout
+from saver_envs.scenes import BASE_SPACING, Arms
 
 #: Box that set-points are clipped to (m), the base frame's y to the arm's left.
 HAND_LOWER = (0.25, -0.45, 0.02)
@@ -41,17 +41,17 @@ class Regions:
     reach: float
 
 
-def regions(robot: Robot, n_arms: int, layout: Layout, overlap: float = OVERLAP) -> Regions:
+@lru_cache(maxsize=64)
+def regions(arms: Arms, overlap: float = OVERLAP) -> Regions:
     """Return the boxes of a scene.
 
-    :param robot: gives the reach.
-    :param n_arms: number of arms.
-    :param layout: ``row`` or ``ring``.
+    :param arms: which arms, and how they stand.
     :param overlap: how far a box reaches beyond the middle line to a neighbour, metres.
-    :return: the regions.
+    :return: the regions; callers share them.
     """
+    n_arms, robot = arms.n, arms.robot
     half_width = np.full((n_arms, 2), OBJECT_HALF_WIDTH)  # to the right, to the left
-    if n_arms > 1 and layout == "row":
+    if n_arms > 1 and arms.bases == "row":
         towards_neighbour = BASE_SPACING / 2 + overlap
         half_width[:] = towards_neighbour
         half_width[0, 0] = half_width[-1, 1] = OUTSIDE

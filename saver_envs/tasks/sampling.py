@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
+from saver_envs.tasks.contract import Start
 from saver_envs.tasks.regions import Regions
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +32,9 @@ HAND_TO_OTHER_OBJECT = 0.12
 HAND_ORDER = 0.12
 #: So are their objects, and their targets (m).
 OBJECT_ORDER = 0.06
+#: Share of contested starts, set so that two arms which ignore one another fail often enough (see
+#: docs/decisions.md).
+CONTESTED_SHARE = 0.4
 #: In a contested start the ways of two neighbours' objects cross, so that arms which ignore one
 #: another usually collide. The first arm's object is drawn this near the middle line (m).
 CONTEST_BAND = 0.20
@@ -50,23 +54,24 @@ _SEPARATION_HEADING = (np.pi / 6, 5 * np.pi / 6)
 
 
 @dataclass(frozen=True)
-class Start:
+class TableStart(Start):
     """A start of one episode, every point in its arm's base frame, metres.
 
-    :param hand: (arms, 3) tool positions.
-    :param object: (arms, 3) object centres.
+    :param object: (arms, 3) cube centres.
     :param target: (arms, 3) target points.
+    :param held: (arms,) whether the hand holds its cube, which is then not at ``object``.
     """
 
-    hand: FloatArray
     object: FloatArray
     target: FloatArray
+    held: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class StartRules:
     """What differs between tasks.
 
+    :param object_size: edge of the cubes, metres.
     :param hand_height: lowest and highest start of a hand above the table, metres.
     :param air_share: share of targets in the air.
     :param air_height: highest target, metres.
@@ -76,8 +81,10 @@ class StartRules:
         lowest and highest (m), or ``None``.
     :param contested_share: share of the starts of several arms in which the ways of two
         neighbours' hands meet.
+    :param in_hand_probability: that an arm starts with its cube in hand.
     """
 
+    object_size: float
     hand_height: tuple[float, float]
     air_share: float
     air_height: float
@@ -85,12 +92,18 @@ class StartRules:
     pushes: bool
     separation: tuple[float, float] | None = None
     contested_share: float = 0.0
+    in_hand_probability: float = 0.0
+
+    @property
+    def rest_height(self) -> float:
+        """Height of a resting cube's centre above the table, metres."""
+        return self.object_size / 2
 
 
 class StartSampler:
     """Draws starts for one scene.
 
-    :param scene: the bench; gives object size and where the bases stand.
+    :param scene: says where the bases stand.
     :param regions: the boxes of objects and targets and the workspace of hands.
     :param reachability: the robot's map.
     :param rules: the task's rules.
@@ -111,7 +124,7 @@ class StartSampler:
         sideways = max(regions.reach**2 - nearest**2, 0.0) ** 0.5
         self._contestable = sideways >= BASE_SPACING / 2 + OBJECT_ORDER
 
-    def sample(self, generator: np.random.Generator) -> Start:
+    def sample(self, generator: np.random.Generator) -> TableStart:
         """Draw a start.
 
         :param generator: the episode's source of randomness.
@@ -130,10 +143,13 @@ class StartSampler:
                 hand = self._draw_hands(generator, objects[candidate])
                 valid = np.flatnonzero(self._hands_valid(hand, objects[candidate]))
                 if valid.size:
-                    return Start(hand[valid[0]], objects[candidate], target[candidate])
+                    held = np.zeros(self._n_arms, dtype=bool)
+                    if (probability := self._rules.in_hand_probability) > 0:
+                        held = generator.random(self._n_arms) < probability
+                    return TableStart(hand[valid[0]], objects[candidate], target[candidate], held)
         raise RuntimeError(
             f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
-            f"objects of {self._scene.objects.size} m leave no room in the regions"
+            f"objects of {self._rules.object_size} m leave no room in the regions"
         )
 
     def _draw_contest(self, generator: np.random.Generator) -> int | None:
@@ -154,7 +170,7 @@ class StartSampler:
         lower, upper = self._regions.object_lower, self._regions.object_upper
         objects = np.empty((*shape, 3))
         objects[..., :2] = generator.uniform(lower, upper, (*shape, 2))
-        objects[..., 2] = self._scene.object_rest_height
+        objects[..., 2] = self._rules.rest_height
         if self._rules.separation is not None:
             self._separate(generator, objects)
         target = self._draw_target(generator, objects)
@@ -164,7 +180,7 @@ class StartSampler:
 
     def _draw_target(self, generator: np.random.Generator, objects: FloatArray) -> FloatArray:
         """Draw a target for each object (..., 3)."""
-        rest = self._scene.object_rest_height
+        rest = self._rules.rest_height
         shape = objects.shape[:-1]
         height = generator.uniform(rest, self._rules.air_height, shape)
         in_air = generator.random(shape) < self._rules.air_share
@@ -216,12 +232,12 @@ class StartSampler:
         :return: (k, 2, 2, 3): arm, object and target; horizontally from the right object.
         """
         objects = np.zeros((_CROSSINGS, 2, 3))
-        objects[..., 2] = self._scene.object_rest_height
+        objects[..., 2] = self._rules.rest_height
         target = self._draw_target(generator, objects)
         passed = generator.random((_CROSSINGS, 2, 1))  # shares of the ways where they meet
         met = passed * (target - objects)[..., :2]
         shift = met[:, 0] - met[:, 1]
-        # Most crossings break this rule, whence it is looked at first.
+        # Most candidates fail this test, so it runs first.
         turn = target[:, 1, 1] - target[:, 0, 1]
         kept = np.flatnonzero(np.minimum(shift[:, 1], shift[:, 1] + turn) >= OBJECT_ORDER)
         ways = np.stack([objects[kept], target[kept]], axis=2)
@@ -238,7 +254,7 @@ class StartSampler:
         valid &= distance > self._rules.success_threshold
         per_start: NDArray[np.bool_] = np.logical_and.reduce(valid, axis=-1)
         if self._rules.pushes:
-            standoff = self._scene.objects.size / 2 + PUSH_STANDOFF
+            standoff = self._rules.object_size / 2 + PUSH_STANDOFF
             unit = way / np.maximum(distance, 1e-9)[..., None]
             behind = ways - (standoff * unit)[:, None]
             behind[..., 2] = self._rules.hand_height[0]
@@ -248,8 +264,8 @@ class StartSampler:
                 # another and any two of them reach nearly all of it.
                 needed = unit * np.minimum(distance, self._rules.success_threshold)[..., None]
                 behind[:, 1] -= needed
-                per_start &= self._needs_every_arm(self._to_world(behind))
-        world = self._to_world(ways)
+                per_start &= self._needs_every_arm(self._scene.to_world(behind))
+        world = self._scene.to_world(ways)
         for first, second in combinations(range(self._n_arms), 2):
             per_start &= self._pair_valid(world[:, :, first], world[:, :, second])
         return per_start
@@ -262,7 +278,7 @@ class StartSampler:
         """
         valid = np.ones(len(behind), dtype=bool)
         for arm in range(self._n_arms):
-            mine = self._to_bases(np.broadcast_to(behind[:, :, arm, None], behind.shape))
+            mine = self._scene.to_bases(np.broadcast_to(behind[:, :, arm, None], behind.shape))
             within = np.logical_and.reduce(self._hand_can_be_at(mine), axis=1)
             within[:, arm] = False
             valid &= ~np.logical_or.reduce(within, axis=-1)
@@ -275,7 +291,7 @@ class StartSampler:
         :param second: the same of an arm to its left.
         """
         gaps = _length(first[:, :, None] - second[:, None])
-        clearance = CLEARANCE_WIDTHS * self._scene.objects.size
+        clearance = CLEARANCE_WIDTHS * self._rules.object_size
         valid: NDArray[np.bool_] = np.logical_and.reduce(gaps >= clearance, axis=(1, 2))
         if self._ordered:
             apart = second[..., 1] - first[..., 1]
@@ -304,7 +320,7 @@ class StartSampler:
             points[:, (object_1, object_2, object_2, object_1)],
             points[:, (target_1, target_2, target_2, target_1)],
         )
-        clear = gaps >= CLEARANCE_WIDTHS * self._scene.objects.size
+        clear = gaps >= CLEARANCE_WIDTHS * self._rules.object_size
         can: NDArray[np.bool_] = (clear[:, 0] & clear[:, 1]) | (clear[:, 2] & clear[:, 3])
         return can
 
@@ -312,7 +328,7 @@ class StartSampler:
         """Say which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
         possible = self._hand_can_be_at(hand)
         valid: NDArray[np.bool_] = np.logical_and.reduce(possible, axis=-1)
-        world_hand, world_objects = self._to_world(hand), self._to_world(objects)
+        world_hand, world_objects = self._scene.to_world(hand), self._scene.to_world(objects)
         for first, second in combinations(range(self._n_arms), 2):
             pair = world_hand[:, [first, second]]
             to_other = _length((pair - world_objects[[second, first]])[..., :2])
@@ -322,20 +338,6 @@ class StartSampler:
             if self._ordered:
                 valid &= apart[:, 1] >= HAND_ORDER
         return valid
-
-    def _to_world(self, points: FloatArray) -> FloatArray:
-        """Turn base-frame points (..., arms, 3) into world-frame ones."""
-        rotation, position = self._scene.base_rotation, self._scene.base_position
-        turned: FloatArray = np.sum(rotation * points[..., None, :], axis=-1) + position
-        return turned
-
-    def _to_bases(self, points: FloatArray) -> FloatArray:
-        """Turn world-frame points (..., arms, 3) into ones in each arm's base frame."""
-        rotation, position = self._scene.base_rotation, self._scene.base_position
-        turned: FloatArray = np.sum(
-            np.swapaxes(rotation, -1, -2) * (points - position)[..., None, :], axis=-1
-        )
-        return turned
 
     def _in_region(self, points: FloatArray) -> NDArray[np.bool_]:
         """Points (..., arms, 3) in their box, within reach, and reachable by the tool."""

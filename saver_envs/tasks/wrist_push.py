@@ -2,23 +2,51 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar, Final
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.control import Workspace
+from saver_envs.people.bench import TABLE_DEPTH, add_person, limb_geoms
+from saver_envs.people.bodies import BODIES
+from saver_envs.people.patient import (
+    Patient,
+    joined,
+    people_in,
+    person_memory,
+    place_stretcher,
+)
+from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers
-from saver_envs.tasks.base import FloatArray, Readings, Task
+from saver_envs.scenes import Arms, Scene
+from saver_envs.simulation import ArmState, Simulation
+from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, hand_parts, object_parts
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, Task, TaskPage
+from saver_envs.tasks.layout import Part
 from saver_envs.tasks.push import PUSH_HEIGHT
+from saver_envs.tasks.regions import OVERLAP, regions
+from saver_envs.tasks.sampling import HAND_TO_OBJECT
+from saver_envs.tasks.wrist_starts import (
+    FRICTION,
+    HIPS_SPREAD,
+    MOST_BENT,
+    MOST_BENT_OUTWARDS,
+    STANDOFF,
+    STIFFNESS,
+    WRIST_TO_TARGET,
+    YAW,
+    WristStart,
+    WristStartSampler,
+)
 
-#: How far beside its hip joint a wrist is to lie (m): the arms' motion stops that far from the
-#: body, so as not to squeeze it (SPEC 5.5).
-STANDOFF: Final = 0.15
-#: Limits of what the torso may be put through (SPEC 5.6): newtons, metres.
-FORCE_LIMIT, DISPLACEMENT_LIMIT = 50.0, 0.020
-#: Actions in an episode (SPEC 5.6).
-HORIZON: Final = 250
+#: Readings of what the torso is put through.
+READINGS: Final = ("torso_force", "torso_displacement")
 
 
 @dataclass(frozen=True)
@@ -27,34 +55,182 @@ class WristPush(Task):
 
     The reward knows the goal alone, so that it can be computed again for any goal. Success asks
     as well that the torso was never pressed nor moved too far since the episode began.
+
+    :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     """
+
+    overlap: float = OVERLAP
 
     name: ClassVar[str] = "wrist push"
     fingers: ClassVar[Fingers] = Fingers.LOCKED
     held_height: ClassVar[float | None] = PUSH_HEIGHT
-    cost_names: ClassVar[tuple[str, ...]] = ("torso_force", "torso_displacement")
-    never: ClassVar[tuple[str, ...]] = ("torso_force", "torso_displacement")
-    moves_person: ClassVar[bool] = True
+    horizon: ClassVar[int] = 250  # SPEC 5.6: long enough for either speed
+    rated_horizon: ClassVar[int] = 250
+    costs: ClassVar[tuple[str, ...]] = ("collision", *READINGS)
+    summed: ClassVar[tuple[str, ...]] = READINGS
+    hard: ClassVar[tuple[str, ...]] = READINGS
+    expert: ClassVar[str | None] = "saver_envs.experts.wrist:expert"
+    variants: ClassVar[int] = len(BODIES)
+    table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
+    keeps_peaks: ClassVar[bool] = True
+    #: Limits of what the torso may be put through (SPEC 5.6): newtons, metres.
+    torso_force_limit: ClassVar[float] = 50.0
+    torso_displacement_limit: ClassVar[float] = 0.020
+    #: Lateral distance of a target from its hip joint, metres.
+    standoff: ClassVar[float] = STANDOFF
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.n_arms != 2:
             raise ValueError(f"n_arms={self.n_arms!r}: a person's two wrists need exactly 2 arms")
+        if not 0 <= self.overlap <= 0.2:
+            raise ValueError(f"overlap={self.overlap!r}: must be 0 to 0.2 m")
 
-    def costs(
-        self,
-        achieved: FloatArray,
-        desired: FloatArray,
-        collided: NDArray[np.bool_],
-        readings: Readings | None = None,
+    @property
+    def observation(self) -> tuple[Part, ...]:
+        """The arm and the wrist at its side, in place of a cube."""
+        return ARM_AND_OBJECT
+
+    @property
+    def resting(self) -> tuple[str, ...]:
+        """The person's arms, which lie on the stretcher."""
+        return tuple(limb_geoms())
+
+    # ---------------------------------------------------------------- the scene
+
+    def scene_key(self) -> Hashable:
+        """All benches with a person are alike."""
+        return "person"
+
+    def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
+        """Add the person, the camera, and what measures forces on the torso."""
+        add_person(spec, arms, variant, decorated)
+
+    def workspace(self, arms: Arms) -> Workspace:
+        """Return where set-points may be."""
+        return regions(arms, self.overlap).workspace
+
+    # ---------------------------------------------------------------- episodes
+
+    def memory(self, n: int) -> Memory:
+        """Remember who lies there, and where the torso was at the reset."""
+        return person_memory(n)
+
+    def sample(self, generator: np.random.Generator, scene: Scene) -> WristStart:
+        """Draw a person, targets beside the hips, and hands beside the wrists."""
+        return _sampler(scene, self.overlap).sample(generator)
+
+    def place(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[WristStart]
+    ) -> None:
+        """Lay the people down, and put the arms where the starts say."""
+        hand = np.stack([start.hand for start in starts])
+        reachability = reachability_map(simulation.scene.robot)
+        joints = reachability.postures_at(hand.reshape(-1, 3))
+        people = joined([start.people for start in starts])
+        patient = simulation.keep(Patient)
+        patient.place(memory, rows, people, joints.reshape(len(rows), self.n_arms, -1))
+
+    def restore(self, simulation: Simulation, memory: Memory) -> None:
+        """Give the models the bodies of who lies there."""
+        everybody = np.arange(simulation.n)
+        simulation.keep(Patient).give_bodies(everybody, people_in(memory))
+
+    def observe(self, simulation: Simulation, memory: Memory, arms: ArmState) -> Seen:
+        """Return hands and wrists."""
+        wrists = simulation.keep(Patient).wrists()
+        return hand_parts(simulation, arms) | object_parts(arms, wrists)
+
+    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
+        """Return each wrist's position in its arm's base frame, metres."""
+        position = seen["object position"]
+        return position.reshape(len(position), -1)
+
+    def desired(self, starts: Sequence[WristStart]) -> NDArray[np.float64]:
+        """Return each wrist's target in its arm's base frame, metres."""
+        return np.stack([start.target.reshape(-1) for start in starts])
+
+    def measure(
+        self, simulation: Simulation, memory: Memory, achieved: FloatArray, desired: FloatArray
     ) -> dict[str, NDArray[np.float64]]:
-        """Return the costs of collision, and of pressing and of moving the torso too far."""
-        costs = super().costs(achieved, desired, collided, readings)
-        nothing = np.zeros(len(collided))
-        for name, limit in (
-            ("torso_force", FORCE_LIMIT),
-            ("torso_displacement", DISPLACEMENT_LIMIT),
-        ):
-            measured = nothing if readings is None else readings[name]
-            costs[name] = (measured > limit).astype(np.float64)
-        return costs
+        """Return costs and readings: force (N) on the torso, and its displacement (m)."""
+        readings = simulation.keep(Patient).readings(memory)
+        measured = super().measure(simulation, memory, achieved, desired)
+        for name in READINGS:
+            limit = getattr(self, f"{name}_limit")
+            measured[f"cost_{name}"] = (readings[name] > limit).astype(np.float64)
+        return measured | readings
+
+    # ---------------------------------------------------------------- pictures and the page
+
+    def variant_of(self, memory: Memory, row: int) -> int:
+        """Return whose body lies in episode ``row``."""
+        return int(memory["body"][row])
+
+    def decorate(self, model: mujoco.MjModel, memory: Memory, row: int) -> None:
+        """Put the stretcher under the person."""
+        place_stretcher(model, people_in(memory), row)
+
+    def page(self, scene: Scene) -> TaskPage:
+        """Return the text of the page."""
+        force = f"{self.torso_force_limit:g} N"
+        displacement = f"{1000 * self.torso_displacement_limit:g} mm"
+        statures = [body.stature for body in BODIES]
+        span = f"{min(statures):.2f} to {max(statures):.2f} m"
+        return TaskPage(
+            thing="wrist",
+            succeeds=(
+                f"every wrist is within {100 * self.success_threshold:g} cm of its target; and "
+                f"the torso was never pressed with more than {force} nor moved by more than "
+                f"{displacement}"
+            ),
+            start=_start_text(),
+            reward="0 where every wrist is within the threshold of its target, else -1.",
+            dense="minus the sum of the wrists' distances to their targets, in metres.",
+            costs={
+                "collision": (
+                    "1 on a step with contact between arms, or of an arm with the table or with "
+                    "anything of the person but the arm at its side"
+                ),
+                "torso_force": f"1 on a step with more than {force} on the torso",
+                "torso_displacement": (
+                    f"1 on a step on which the torso is more than {displacement} away"
+                ),
+            },
+            goal={"object position": "centre of the wrist (achieved), its target (desired)"},
+            facts=(("people", f"{len(BODIES)} bodies, {span}, slim to heavy"),),
+            readings=(
+                "`info` also has `torso_force` (N), the sum of the normal forces on torso and "
+                "pelvis, of the robots' arms and of the person's own forearms and hands, the "
+                "highest of four samples a step; and `torso_displacement` (m), how far hips or "
+                "neck are from where they were at the reset."
+            ),
+        )
+
+
+@lru_cache(maxsize=8)
+def _sampler(scene: Scene, overlap: float) -> WristStartSampler:
+    reachability = reachability_map(scene.robot)
+    return WristStartSampler(scene, regions(scene.arms, overlap), reachability)
+
+
+def _start_text() -> list[str]:
+    """What the sampler guarantees, each with its figure."""
+    x, y = (f"{100 * one:g} cm" for one in HIPS_SPREAD)
+    inwards, outwards = math.degrees(MOST_BENT), math.degrees(MOST_BENT_OUTWARDS)
+    return [
+        f"The person lies on the back, the head towards -x, turned by up to {YAW:g} rad; the middle"
+        f" between the hip joints at (0.35 +- {x}, +- {y}).",
+        f"A wrist's target is {100 * STANDOFF:g} cm beside its hip joint, at the height of a wrist "
+        "that lies on the stretcher.",
+        f"A wrist {100 * WRIST_TO_TARGET[0]:g} to {100 * WRIST_TO_TARGET[1]:g} cm from its target, "
+        "on the outer side, within reach of its arm and in the camera's picture.",
+        f"Elbows bent by up to {outwards:.0f} degrees where they point outwards and "
+        f"{inwards:.0f} where they point inwards, and no forearm so near the trunk that the swing "
+        "to the target would squeeze it.",
+        f"A hand {100 * HAND_TO_OBJECT[0]:g} to {100 * HAND_TO_OBJECT[1]:g} cm from its wrist, on "
+        "the outer side, closed, with room behind the wrist.",
+        f"Friction of the person's arms {FRICTION[0]:g} to {FRICTION[1]:g}; friction and damping "
+        f"in their joints times {STIFFNESS[0]:g} to {STIFFNESS[1]:g}.",
+        "Nothing touches but the person's arms the stretcher.",
+    ]

@@ -9,18 +9,21 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.people.bench import HIPS, PersonAddresses
-from saver_envs.people.bodies import Arm
+from saver_envs.people.bench import HIPS, person_addresses
+from saver_envs.people.bodies import PersonArm
 from saver_envs.people.patient import People
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
+from saver_envs.tasks.contract import Start
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import Regions
-from saver_envs.tasks.sampling import HAND_TO_OBJECT, Start, distance_to_segment
-from saver_envs.tasks.wrist_push import STANDOFF
+from saver_envs.tasks.sampling import HAND_TO_OBJECT, distance_to_segment
 
 FloatArray = NDArray[np.float64]
 
+#: How far beside its hip joint a wrist is to lie (m): the arms' motion stops that far from the
+#: body, so as not to squeeze it (SPEC 5.5).
+STANDOFF: Final = 0.15
 #: Distance of a wrist to its target (m), and where the middle between the hips lies (SPEC 5.6).
 WRIST_TO_TARGET: Final = (0.10, 0.25)
 HIPS_SPREAD: Final = (0.05, 0.03)
@@ -52,11 +55,13 @@ _MOST_PEOPLE: Final = 200
 
 @dataclass(frozen=True)
 class WristStart(Start):
-    """A start with a person.
+    """A start with a person, every point in its arm's base frame, metres.
 
+    :param target: (arms, 3) where the wrists are to lie.
     :param people: who, one row.
     """
 
+    target: FloatArray
     people: People
 
 
@@ -69,8 +74,7 @@ class WristStartSampler:
     """
 
     def __init__(self, scene: Scene, regions: Regions, reachability: ReachabilityMap) -> None:
-        assert scene.person is not None
-        self._person: PersonAddresses = scene.person
+        self._arms = person_addresses(scene).arms
         self._base = scene.base_position
         self._regions = regions
         self._reachability = reachability
@@ -83,7 +87,7 @@ class WristStartSampler:
         :raises RuntimeError: when no start is found, which no combination of options leads to.
         """
         for _ in range(_MOST_PEOPLE):
-            body = int(generator.integers(len(self._person.arms)))
+            body = int(generator.integers(len(self._arms)))
             hips = np.array(HIPS[:2]) + generator.uniform(-1, 1, 2) * HIPS_SPREAD
             yaw = float(generator.uniform(-YAW, YAW))
             friction = float(generator.uniform(*FRICTION))
@@ -94,7 +98,7 @@ class WristStartSampler:
                 if len(found) == arm:
                     break
             if len(found) == 2:
-                wrist, target, hand, shoulder, elbow = (
+                target, hand, shoulder, elbow = (
                     np.stack(part) for part in zip(*found, strict=True)
                 )
                 people = People(
@@ -106,13 +110,13 @@ class WristStartSampler:
                     friction=np.array([friction]),
                     stiffness=np.array([stiffness]),
                 )
-                return WristStart(hand, wrist, target, people)
+                return WristStart(hand, target, people)
         raise RuntimeError(f"none of {_MOST_PEOPLE} people has both wrists within reach")
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
     ) -> list[tuple[FloatArray, ...]]:
-        """Draw one arm: wrist, target and hand in the base frame, shoulder and elbow angles.
+        """Draw one arm: target and hand in the base frame, shoulder and elbow angles.
 
         The person stays: where an arm has no room for a distance, another one is drawn.
 
@@ -135,7 +139,7 @@ class WristStartSampler:
         distance: float,
     ) -> tuple[FloatArray, ...] | None:
         """Draw one arm whose wrist is at ``distance`` from its target, metres."""
-        arm = self._person.arms[body][index]
+        arm = self._arms[body][index]
         drawn = _proposed(arm, generator, distance)
         wrist, hand, behind = (
             self._to_base(points, hips, yaw, index)
@@ -155,7 +159,7 @@ class WristStartSampler:
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, rotation.reshape(9))
         goal = self._to_base(drawn.target[None], hips, yaw, index)[0]
-        return wrist[first], goal, hand[first], quaternion, np.asarray(bend)
+        return goal, hand[first], quaternion, np.asarray(bend)
 
     def _to_base(self, points: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Turn points (k, 3) of the manikin's frame into ones in the base frame of ``arm``."""
@@ -201,7 +205,7 @@ class _Proposals:
     behind: FloatArray
 
 
-def _proposed(arm: Arm, generator: np.random.Generator, distance: float) -> _Proposals:
+def _proposed(arm: PersonArm, generator: np.random.Generator, distance: float) -> _Proposals:
     """Draw a block of proposals with the wrist at ``distance`` from its target, metres."""
     target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
     target[2] = arm.wrist_height
@@ -222,7 +226,7 @@ def _proposed(arm: Arm, generator: np.random.Generator, distance: float) -> _Pro
     return _Proposals(target, wrist, elbow, outwards, fingers, hand, behind)
 
 
-def _person_at_ease(arm: Arm, drawn: _Proposals) -> NDArray[np.bool_]:
+def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:
     """Say in which proposals (k,) the elbow can be there, not too bent and off the trunk."""
     elbow, wrist = drawn.elbow, drawn.wrist
     most_bent = np.where(drawn.outwards, MOST_BENT_OUTWARDS, MOST_BENT)
@@ -235,7 +239,7 @@ def _person_at_ease(arm: Arm, drawn: _Proposals) -> NDArray[np.bool_]:
     return valid
 
 
-def _robot_clear(arm: Arm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
+def _robot_clear(arm: PersonArm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
     """Say in which proposals (k,) the arm is clear of the robot's base (3,) and of its hand."""
     elbow, wrist, fingers = drawn.elbow, drawn.wrist, drawn.fingers
     shoulder = np.broadcast_to(arm.shoulder, wrist.shape)

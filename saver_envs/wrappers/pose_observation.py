@@ -240,9 +240,7 @@ class _Eye:
 
     def look(self, row: int, now: float) -> PoseReading:
         """Take a picture of an episode and find the person in it."""
-        simulation = self._episodes.simulation
-        target = simulation.to_world(self._episodes.target)[row]
-        self._renderer.update(simulation, row, target, self._episodes.people)
+        self._renderer.update(self._episodes, row)
         poses = self._estimator(self._renderer.rgb())
         if len(poses) == 0:
             return PoseReading.nothing(now)

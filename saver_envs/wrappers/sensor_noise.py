@@ -23,22 +23,27 @@ from numpy.typing import NDArray
 from saver_envs.episodes import Episodes
 from saver_envs.robots.description import Fingers
 from saver_envs.simulation import multiply_quaternions
-from saver_envs.tasks.observation import (
-    ANGULAR_VELOCITY_SCALE,
-    FINGER_VELOCITY_SCALE,
-    LINEAR_VELOCITY_SCALE,
-    SIZE_PER_ARM,
-)
+from saver_envs.tasks.layout import Layout
 
 Observation = dict[str, NDArray[np.float32]]
 
 #: Sets the errors' randomness apart from that of the episode with the same seed.
 STREAM = 0x5E2503
-#: Where each part of an arm's block begins, in the order of
-#: :data:`saver_envs.tasks.observation.PARTS`.
-_TOOL, _TOOL_VELOCITY, _FINGERS, _FINGER_VELOCITY = 0, 3, 6, 9
-_OBJECT, _RELATIVE, _QUATERNION, _OBJECT_VELOCITY, _OBJECT_SPIN = 12, 15, 18, 22, 25
-_DRAWS = 8  # errors of three numbers each that a step draws for an arm
+#: Parts of the observation that get an error of three numbers, in the order in which the errors
+#: are drawn, with the field of :class:`SensorNoise` that says how large they are. The object's
+#: orientation is turned by its error, the others are added.
+_ORIENTATION = "object orientation, a quaternion with w >= 0"
+_RELATIVE = "object position relative to the gripper"
+_DRAWN = {
+    "gripper position": "tool_position",
+    "gripper linear velocity": "tool_velocity",
+    "finger positions": "finger_position",
+    "finger velocities": "finger_velocity",
+    "object position": "object_position",
+    _ORIENTATION: "object_orientation",
+    "object linear velocity": "object_velocity",
+    "object angular velocity": "object_angular_velocity",
+}
 
 
 @dataclass(frozen=True)
@@ -90,35 +95,30 @@ class SensorErrors:
 
     :param noise: how large they are.
     :param n: number of episodes.
-    :param n_arms: blocks of an observation.
+    :param layout: of the observation.
     :param moving_fingers: whether the fingers are measured.
     """
 
-    def __init__(self, noise: SensorNoise, n: int, n_arms: int, moving_fingers: bool) -> None:
+    def __init__(self, noise: SensorNoise, n: int, layout: Layout, moving_fingers: bool) -> None:
         self.noise = noise
-        self._arms = n_arms
+        self._layout = layout
         self._generators = [np.random.default_rng() for _ in range(n)]
-        self._offset = np.zeros((n, n_arms, 3))
-        fingers = (noise.finger_position, noise.finger_velocity) if moving_fingers else (0.0, 0.0)
+        self._offset = np.zeros((n, layout.n_arms, 3))
+        measured = {
+            part: getattr(noise, name) if moving_fingers or "finger" not in part else 0.0
+            for part, name in _DRAWN.items()
+        }
         # In the units of the observation, in the order in which they are drawn.
         self._deviation = np.array(
-            [
-                noise.tool_position,
-                noise.tool_velocity * LINEAR_VELOCITY_SCALE,
-                fingers[0],
-                fingers[1] * FINGER_VELOCITY_SCALE,
-                noise.object_position,
-                noise.object_orientation,
-                noise.object_velocity * LINEAR_VELOCITY_SCALE,
-                noise.object_angular_velocity * ANGULAR_VELOCITY_SCALE,
-            ]
+            [value * layout.part(part).scale for part, value in measured.items()]
         )[:, None]
 
     @classmethod
     def of(cls, noise: SensorNoise, episodes: Episodes) -> SensorErrors:
         """Return the errors for these episodes."""
         task = episodes.task
-        return cls(noise, episodes.n, task.n_arms, task.fingers is Fingers.ACTUATED)
+        moving = task.fingers is Fingers.ACTUATED
+        return cls(noise, episodes.n, task.observation_layout, moving)
 
     def seed(self, index: int, seed: int | None) -> None:
         """Give episode ``index`` its source of randomness, for the episodes to come as well."""
@@ -128,7 +128,7 @@ class SensorErrors:
     def begin(self, rows: Iterable[int]) -> None:
         """Draw what stays the same for an episode, for episodes that have just begun."""
         for row in rows:
-            drawn = self._generators[row].standard_normal((self._arms, 3))
+            drawn = self._generators[row].standard_normal((self._layout.n_arms, 3))
             self._offset[row] = self.noise.object_offset * drawn
 
     def disturb(
@@ -136,32 +136,25 @@ class SensorErrors:
     ) -> NDArray[np.float32]:
         """Return what the sensors say.
 
-        :param observation: (k, 28 * arms), exact; not modified.
+        :param observation: (k, observation size), exact; not modified.
         :param rows: (k,) whose it is; all n in order by default.
-        :return: (k, 28 * arms). The object relative to the gripper is the difference of the two
-            positions as they were measured.
+        :return: (k, observation size). The object relative to the gripper is the difference of
+            the two positions as they were measured.
         """
         chosen = list(range(len(self._generators))) if rows is None else list(rows)
-        shape = (self._arms, _DRAWS, 3)
+        layout, shape = self._layout, (self._layout.n_arms, len(_DRAWN), 3)
         drawn = np.stack([self._generators[row].standard_normal(shape) for row in chosen])
-        error = (drawn * self._deviation).swapaxes(1, 2).swapaxes(0, 1)
-        tool, tool_velocity, finger, finger_velocity, position, turn, velocity, spin = error
-        blocks = np.array(observation, np.float64).reshape(len(chosen), self._arms, SIZE_PER_ARM)
-        position = position + self._offset[chosen]
-        for start, part in (
-            (_TOOL, tool),
-            (_TOOL_VELOCITY, tool_velocity),
-            (_FINGERS, finger),
-            (_FINGER_VELOCITY, finger_velocity),
-            (_OBJECT, position),
-            (_RELATIVE, position - tool),
-            (_OBJECT_VELOCITY, velocity),
-            (_OBJECT_SPIN, spin),
-        ):
-            blocks[..., start : start + 3] += part
-        quaternion = blocks[..., _QUATERNION : _QUATERNION + 4]
-        blocks[..., _QUATERNION : _QUATERNION + 4] = _turned(quaternion, turn)
-        return blocks.reshape(len(chosen), -1).astype(np.float32)
+        by_part = (drawn * self._deviation).swapaxes(1, 2).swapaxes(0, 1)
+        error = dict(zip(_DRAWN, by_part, strict=True))
+        error["object position"] = error["object position"] + self._offset[chosen]
+        error[_RELATIVE] = error["object position"] - error["gripper position"]
+        seen = np.array(observation, np.float64)
+        turn = error.pop(_ORIENTATION)
+        for part, values in error.items():
+            layout.get(seen, part)[...] += values
+        quaternion = layout.get(seen, _ORIENTATION)
+        quaternion[...] = _turned(quaternion, turn)
+        return seen.astype(np.float32)
 
 
 def _turned(quaternion: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:

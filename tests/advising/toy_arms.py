@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
 from saver_advisors.policies.teacher import Teacher
+from saver_envs.tasks.layout import Layout, Part
 
 N_ARMS, OBSERVATION, GOAL, ACTION = 2, 4, 3, 2
 ARM_LOW = np.array([-2.0, -0.5], np.float32)
@@ -34,6 +36,8 @@ class ToyArms(gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]):
         )
         self.action_space = spaces.Box(np.tile(ARM_LOW, n_arms), np.tile(ARM_HIGH, n_arms))
         self.n_arms, self.horizon = n_arms, horizon
+        parts = (Part("place", GOAL, "m"), Part("distance", 1, "m", shared=True))
+        self.episodes = SimpleNamespace(task=SimpleNamespace(goal_layout=Layout(parts, n_arms)))
         self.executed: list[NDArray[Any]] = []
 
     def reset(

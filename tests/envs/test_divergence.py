@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
-from rollouts import FEW_IDS, assert_same, begun, random_actions
+from rollouts import FEW_IDS, assert_same, begun, cubes_of, random_actions
 
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.episodes import Episodes
@@ -16,7 +16,7 @@ def break_down(episodes: Episodes, row: int, how: str) -> None:
     if how == "velocity":
         simulation.qvel[row, 0] = np.nan
     elif how == "position":
-        simulation.qpos[row, episodes.scene.object_qpos[0, 0]] = np.inf
+        simulation.qpos[row, cubes_of(episodes).qpos[0, 0]] = np.inf
     else:
         simulation.qvel[row] = 1e12
 

@@ -10,7 +10,7 @@ import numpy as np
 import pettingzoo
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
-from rollouts import DUAL_IDS, assert_same, random_actions
+from rollouts import DUAL_IDS, assert_same, cubes_of, random_actions
 
 from saver_envs.envs.parallel_env import SaverParallelEnv, parallel_env
 
@@ -71,8 +71,8 @@ def test_own_success_is_the_own_objects() -> None:
     env = parallel_env(env_id="DualJacoPush-v0")
     env.reset(seed=0)
     episodes = env.episodes
-    there = episodes.simulation.to_world(episodes.target)[0, 1]
-    episodes.simulation.qpos[0, episodes.scene.object_qpos[1, :3]] = there
+    there = episodes.targets()[0, 1]
+    episodes.simulation.qpos[0, cubes_of(episodes).qpos[1, :3]] = there
     idle = {agent: np.zeros(3) for agent in env.agents}
     _, rewards, _, _, infos = env.step(idle)
     assert [infos[agent]["is_success"] for agent in env.possible_agents] == [False, True]
@@ -102,7 +102,7 @@ def test_keywords_reach_the_episodes() -> None:
     )
     assert env.possible_agents == ["arm_0", "arm_1", "arm_2"]
     assert env.episodes.settings.horizon == 3
-    assert env.episodes.settings.objects.mass == 0.5
+    assert env.episodes.task.object_mass == 0.5
     with pytest.raises(TypeError, match="valid keywords are"):
         parallel_env(env_id="DualJacoPush-v0", colour="red")
 

@@ -72,7 +72,7 @@ def test_cameras_differ_and_show_the_targets(camera: str) -> None:
     env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", camera_name=camera, **SIZE)
     env.reset(seed=0)
     before = env.render()
-    env.unwrapped.episodes.target[0, 0, 2] += 0.15
+    env.unwrapped.episodes.goal[0, 2] += 0.15
     assert (env.render() != before).any()
     env.close()
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from rollouts import ALL_IDS, FEW_IDS, begun, random_actions
+from rollouts import ALL_IDS, FEW_IDS, begun, cubes_of, objects_of, random_actions, targets_of
 
 from saver_envs.registration import ENVIRONMENTS, make_episodes
-from saver_envs.tasks.base import Task
+from saver_envs.tasks.contract import Task
 from saver_envs.tasks.distance import Distance
 
 COORDINATES = st.floats(-1, 1, width=32)
@@ -28,7 +28,7 @@ TASKS = tasks()
 @pytest.mark.parametrize("task", TASKS, ids=lambda task: f"{task.name}-{task.reward_type}")
 def test_reward_is_pure_and_vectorised(task: Task, data: st.DataObject) -> None:
     leading = data.draw(hnp.array_shapes(min_dims=1, max_dims=3, max_side=3), "leading")
-    shape = (*leading, task.goal_size)
+    shape = (*leading, task.goal_layout.size)
     achieved = data.draw(hnp.arrays(np.float32, shape, elements=COORDINATES), "achieved")
     near = data.draw(hnp.arrays(np.float32, shape, elements=st.floats(-0.0625, 0.0625, width=32)))
     desired = achieved + near
@@ -100,11 +100,9 @@ def test_steps_give_the_reward_of_their_goals(env_id: str) -> None:
 @pytest.mark.parametrize("env_id", FEW_IDS)
 def test_an_object_at_its_target_is_a_success(env_id: str) -> None:
     episodes = begun(env_id, 2, control="joints")  # joints hold still
-    simulation, scene = episodes.simulation, episodes.scene
-    episodes.target[..., 2] = scene.object_rest_height
-    goal = np.concatenate([episodes.task.desired_goal(episodes.target[0]) for _ in range(1)])
-    episodes._goal[0] = goal
-    simulation.qpos[0, scene.object_qpos[:, :3]] = simulation.to_world(episodes.target)[0]
+    simulation = episodes.simulation
+    targets_of(episodes)[..., 2] = episodes.task.object_size / 2
+    simulation.qpos[0, cubes_of(episodes).qpos[:, :3]] = episodes.targets()[0]
     outcome = episodes.step(np.zeros((2, episodes.action_size)))
     assert outcome.reached.tolist() == [True, False]
     if "Distance" not in env_id:
@@ -114,27 +112,27 @@ def test_an_object_at_its_target_is_a_success(env_id: str) -> None:
 
 def test_the_distance_task_remembers_that_the_band_was_left() -> None:
     episodes = begun("DualJacoDistance-v0", 2, control="joints")
-    simulation, scene = episodes.simulation, episodes.scene
+    simulation = episodes.simulation
     idle = np.zeros((2, episodes.action_size))
-    home = simulation.qpos[:, scene.object_qpos].copy()
-    simulation.qpos[0, scene.object_qpos[0, 1]] -= 0.05
-    costs = episodes.step(idle).costs["distance"]
+    home = simulation.qpos[:, cubes_of(episodes).qpos].copy()
+    simulation.qpos[0, cubes_of(episodes).qpos[0, 1]] -= 0.05
+    costs = episodes.step(idle).measured["cost_distance"]
     assert costs.tolist() == [1, 0]
-    simulation.qpos[:, scene.object_qpos] = home
+    simulation.qpos[:, cubes_of(episodes).qpos] = home
     episodes._goal[:] = episodes.observation().achieved_goal
     episodes._goal[0, :6] = episodes._goal[1, :6] = 0
-    episodes._goal[:, :6] = simulation.object_state().position.reshape(2, 6)
+    episodes._goal[:, :6] = objects_of(episodes).position.reshape(2, 6)
     episodes._goal[:, 6] = 0.35
     outcome = episodes.step(idle)
-    assert outcome.costs["distance"].tolist() == [0, 0]
+    assert outcome.measured["cost_distance"].tolist() == [0, 0]
     assert outcome.reached.tolist() == [True, True]
     assert outcome.success.tolist() == [False, True]
     episodes.reset([0])
-    assert not episodes._constraint_broken.any()
+    assert not episodes._failed.any()
 
 
 def test_costs_that_an_id_names() -> None:
-    named = {env_id: row.task.cost_names for env_id, row in ENVIRONMENTS.items()}
+    named = {env_id: row.task.summed for env_id, row in ENVIRONMENTS.items()}
     for env_id, names in named.items():
         expected = ("distance",) if "Distance" in env_id else ("collision",)
         if "Wrist" in env_id:
@@ -146,12 +144,12 @@ def test_contact_costs() -> None:
     """A hand on the table, on a stranger's object, and on the other arm; not on its own object."""
     episodes = begun("DualJacoPush-v0", 1)
     down = np.zeros((1, 6))
-    assert episodes.step(down).costs["collision"] == 0
-    simulation, scene = episodes.simulation, episodes.scene
-    own, strangers = scene.object_qpos[0, :3], scene.object_qpos[1, :3]
-    tool = simulation.to_world(simulation.arm_state().tool_position)[0, 0]
+    assert episodes.step(down).measured["cost_collision"] == 0
+    simulation = episodes.simulation
+    own, strangers = cubes_of(episodes).qpos[0, :3], cubes_of(episodes).qpos[1, :3]
+    tool = episodes.scene.to_world(simulation.arm_state().tool_position)[0, 0]
     kept = episodes.get_state()
     for cube, cost in ((own, 0), (strangers, 1)):
         episodes.set_state(kept)
         simulation.qpos[0, cube] = tool
-        assert episodes.step(down).costs["collision"] == cost
+        assert episodes.step(down).measured["cost_collision"] == cost

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import CUBE_IDS, SPARSE_IDS, begun
+from rollouts import CUBE_IDS, SPARSE_IDS, begun, cubes_of, objects_of, targets_of, touching
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
@@ -39,7 +39,7 @@ def places(episodes: Episodes) -> tuple[NDArray[np.float64], ...]:
     """Return hands, objects and targets (arms, 3) in base frames, as they are simulated."""
     simulation = episodes.simulation
     hand = simulation.arm_state().tool_position[0]
-    return hand, simulation.object_state().position[0], episodes.target[0]
+    return hand, objects_of(episodes).position[0], targets_of(episodes)[0]
 
 
 def world(episodes: Episodes, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,7 +67,7 @@ def test_regions_distances_and_reach(env_id: str, seed: int) -> None:
         if row.n_arms == 1:
             assert (np.abs(points[:, 1]) <= 0.42 + EPS).all()
         else:  # from 0.10 m outside the base line to a little beyond the middle line
-            beyond = 0.36 + episodes.settings.overlap
+            beyond = 0.36 + episodes.task.overlap
             assert (points[:, 1] >= [-0.10 - EPS, -beyond - EPS]).all()
             assert (points[:, 1] <= [beyond + EPS, 0.10 + EPS]).all()
     assert (hand[:, 0] >= 0.25 - 1e-3).all()
@@ -104,7 +104,7 @@ def test_no_arm_has_room_for_all_of_anothers_push(env_id: str, seed: int) -> Non
     way = (target - objects) / np.linalg.norm(target - objects, axis=-1, keepdims=True)
     behind = world(episodes, objects - (0.028 + 0.03) * way)
     at_end = world(episodes, target - (0.028 + 0.03 + 0.05) * way)
-    box = episodes.regions.workspace
+    box = episodes.task.workspace(episodes.scene.arms)
     reach = REACH[ENVIRONMENTS[env_id].robot] - 0.04  # surely within it
     for arm in range(2):
         rotation, base = episodes.scene.base_rotation[arm], episodes.scene.base_position[arm]
@@ -123,7 +123,7 @@ def test_the_distance_task_starts_and_ends_within_the_band(seed: int) -> None:
     seen = episodes.observation()
     assert seen.desired_goal[0, -1] == np.float32(0.35)
     assert abs(seen.achieved_goal[0, -1] - 0.35) <= 0.015
-    assert not episodes._constraint_broken.any()
+    assert not episodes._failed.any()
 
 
 @pytest.mark.parametrize("env_id", CUBE_IDS)
@@ -162,7 +162,7 @@ def test_hands_are_where_they_were_drawn(env_id: str, seed: int) -> None:
 @pytest.mark.parametrize("env_id", [one for one in CUBE_IDS if "PickAndPlace" in one])
 def test_half_of_the_pick_and_place_targets_are_in_the_air(env_id: str) -> None:
     n = 256
-    heights = begun(env_id, n).target[..., 2]
+    heights = targets_of(begun(env_id, n))[..., 2]
     share = (heights > 0.03).mean()
     assert abs(share - 0.5) < 0.15
     assert heights.max() > 0.2
@@ -172,9 +172,9 @@ def test_half_of_the_pick_and_place_targets_are_in_the_air(env_id: str) -> None:
 def test_something_lies_in_the_overlap_in_a_fifth_of_the_episodes(env_id: str) -> None:
     """An object or a target lies on the far side of the middle line or near enough to it."""
     episodes = begun(env_id, 200)
-    overlap = episodes.settings.overlap
-    objects = episodes.simulation.object_state().world_position
-    target = episodes.simulation.to_world(episodes.target)
+    overlap = episodes.task.overlap
+    objects = objects_of(episodes).world_position
+    target = episodes.targets()
     inside = np.abs(np.concatenate([objects, target], axis=1)[..., 1]) <= overlap
     assert inside.any(axis=1).mean() >= 0.20
 
@@ -194,9 +194,11 @@ def test_cubes_of_nine_centimetres_start_untouched(env_id: str) -> None:
 def test_touching_sees_what_it_should() -> None:
     episodes = begun("DualJacoPush-v0", 4)
     simulation, scene = episodes.simulation, episodes.scene
-    tools = simulation.to_world(simulation.arm_state().tool_position)
-    simulation.qpos[0, scene.object_qpos[0, :3]] = tools[0, 0]  # in the hand
-    simulation.qpos[1, scene.object_qpos[0, :3]] = simulation.qpos[1, scene.object_qpos[1, :3]]
+    tools = episodes.scene.to_world(simulation.arm_state().tool_position)
+    simulation.qpos[0, cubes_of(episodes).qpos[0, :3]] = tools[0, 0]  # in the hand
+    simulation.qpos[1, cubes_of(episodes).qpos[0, :3]] = simulation.qpos[
+        1, cubes_of(episodes).qpos[1, :3]
+    ]
     simulation.qpos[2, scene.joint_qpos[0, 1]] += 0.6  # an arm on or in the table
-    assert simulation.touching(np.arange(4)).tolist() == [True, True, True, False]
-    assert simulation.touching(np.array([3, 0])).tolist() == [False, True]
+    assert touching(episodes, np.arange(4)).tolist() == [True, True, True, False]
+    assert touching(episodes, np.array([3, 0])).tolist() == [False, True]

@@ -12,12 +12,14 @@ from gymnasium.utils.env_checker import check_env
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, random_actions
+from rollouts import assert_same, begun, objects_of, random_actions, touching
 
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
 from saver_envs.episodes import Episodes
+from saver_envs.people.bench import person_addresses
 from saver_envs.people.bodies import BODIES
 from saver_envs.people.manikin import joint_centres
+from saver_envs.people.patient import Patient, people_in
 from saver_envs.registration import make_episodes
 from saver_envs.tasks.wrist_push import WristPush
 
@@ -61,7 +63,7 @@ def test_a_start_keeps_the_rules(seed: int) -> None:
     assert abs(middle[0] - 0.35) <= 0.05 + 0.005  # the mesh's hips are a little off its origin
     assert abs(middle[1]) <= 0.03 + 0.005
     assert joints[1, 0] < middle[0] - 0.3  # the head towards -x
-    target = episodes.simulation.to_world(episodes.target)[0]
+    target = episodes.targets()[0]
     beside = target - hips
     np.testing.assert_allclose(np.linalg.norm(beside[:, :2], axis=-1), 0.15, atol=1e-6)
     assert beside[0, 1] < -0.14
@@ -78,25 +80,24 @@ def test_a_start_keeps_the_rules(seed: int) -> None:
     to_wrist = np.linalg.norm(hand + bases - wrists, axis=-1)
     assert (to_wrist >= 0.10 - 2e-3).all()
     assert (to_wrist <= 0.20 + 2e-3).all()
-    assert not episodes.simulation.touching(np.arange(1)).any()
+    assert not touching(episodes, np.arange(1)).any()
 
 
 def test_arms_lie_where_they_start() -> None:
     """Nothing floats or sinks in: wrists stay within millimetres, and nothing is pressed."""
     episodes = begun(ENV_ID, 8)
-    before = episodes.object_state().position
+    before = objects_of(episodes).position
     for _ in range(25):
         outcome = episodes.step(np.zeros((8, 6)))
-    assert np.abs(episodes.object_state().position - before).max() < 0.012
-    assert not outcome.costs["collision"].any()
-    np.testing.assert_allclose(outcome.readings["torso_force"], 0)
-    assert outcome.readings["torso_displacement"].max() < 1e-3
+    assert np.abs(objects_of(episodes).position - before).max() < 0.012
+    assert not outcome.measured["cost_collision"].any()
+    np.testing.assert_allclose(outcome.measured["torso_force"], 0)
+    assert outcome.measured["torso_displacement"].max() < 1e-3
 
 
 def test_people_differ() -> None:
     episodes = begun(ENV_ID, 24)
-    people = episodes.people
-    assert people is not None
+    people = people_in(episodes.memory)
     assert len(set(people.body.tolist())) > 6
     masses = {float(episodes.simulation.model_of(row).body("torso").mass[0]) for row in range(24)}
     assert len(masses) == len(set(people.body.tolist()))
@@ -112,7 +113,7 @@ def test_what_the_wrists_read() -> None:
     push = np.array([[0.3, 0.6, 0.0, 0.3, -0.6, 0.0]])
     for _ in range(10):
         episodes.step(push)
-    before = episodes.object_state()
+    before = objects_of(episodes)
     model, data = drawn(episodes)
     joints = joint_centres(model, data)
     np.testing.assert_allclose(before.world_position[0], joints[[4, 7]], atol=1e-9)
@@ -126,7 +127,7 @@ def test_what_the_wrists_read() -> None:
         assert abs(axes[2, 1]) < 1e-12
         assert before.quaternion[0, arm, 0] >= 0
     episodes.simulation._batch.step(None, 1, 2)
-    after = episodes.object_state()
+    after = objects_of(episodes)
     moved = (after.position - before.position) / 0.002
     np.testing.assert_allclose(moved, after.linear_velocity, atol=5e-3)
 
@@ -134,17 +135,17 @@ def test_what_the_wrists_read() -> None:
 def test_costs_and_success_remember_the_torso() -> None:
     """A push of the trunk moves it and costs; the episode succeeds no more, goal or not."""
     episodes = begun(ENV_ID, 2, control="joints")
-    address = episodes.scene.person.trunk_qpos[1]  # type: ignore[union-attr]
+    address = person_addresses(episodes.scene).trunk_qpos[1]
     episodes.simulation.qpos[0, address] += 0.021
     idle = np.zeros((2, episodes.action_size))
     outcome = episodes.step(idle)
-    assert outcome.costs["torso_displacement"].tolist() == [1, 0]
+    assert outcome.measured["cost_torso_displacement"].tolist() == [1, 0]
     assert outcome.cost.tolist() == [1, 0]
-    np.testing.assert_allclose(outcome.readings["torso_displacement"][0], 0.021, atol=2e-3)
+    np.testing.assert_allclose(outcome.measured["torso_displacement"][0], 0.021, atol=2e-3)
     episodes.simulation.qpos[0, address] -= 0.021
     episodes._goal[:] = episodes.observation().achieved_goal
     outcome = episodes.step(idle)
-    assert outcome.costs["torso_displacement"].tolist() == [0, 0]
+    assert outcome.measured["cost_torso_displacement"].tolist() == [0, 0]
     assert outcome.reached.tolist() == [True, True]
     assert outcome.reward.tolist() == [0, 0]
     assert outcome.success.tolist() == [False, True]
@@ -153,7 +154,7 @@ def test_costs_and_success_remember_the_torso() -> None:
 def test_a_hand_on_the_trunk_is_measured() -> None:
     """Both as a force and as a collision, and equal to what MuJoCo says of the contacts."""
     episodes = begun(ENV_ID, 1)
-    trunk = episodes.scene.person.trunk_qpos  # type: ignore[union-attr]
+    trunk = person_addresses(episodes.scene).trunk_qpos
     model, data = drawn(episodes)
     tool = data.site_xpos[episodes.scene.tool_site[1]]
     beside = data.geom("torso_1").xpos
@@ -161,24 +162,29 @@ def test_a_hand_on_the_trunk_is_measured() -> None:
     episodes.simulation.qpos[0, trunk[1]] += gap + 0.06
     episodes.simulation.qpos[0, trunk[0]] += tool[0] - beside[0]
     outcome = episodes.step(IDLE)
-    assert outcome.costs["collision"].tolist() == [1]
-    assert outcome.readings["torso_force"][0] > 50
-    assert outcome.costs["torso_force"].tolist() == [1]
+    assert outcome.measured["cost_collision"].tolist() == [1]
+    assert outcome.measured["torso_force"][0] > 50
+    assert outcome.measured["cost_torso_force"].tolist() == [1]
     assert not outcome.success.any()
 
 
-def test_limits_are_those_of_the_specification() -> None:
+def test_limits_are_those_of_the_specification(monkeypatch: pytest.MonkeyPatch) -> None:
     task = WristPush(2)
     goal = np.zeros((4, 6))
-    readings = {
-        "torso_force": np.array([49.9, 50.1, 0, 0]),
-        "torso_displacement": np.array([0, 0, 0.0199, 0.0201]),
-    }
-    costs = task.costs(goal, goal, np.zeros(4, dtype=bool), readings)
-    assert costs["torso_force"].tolist() == [0, 1, 0, 0]
-    assert costs["torso_displacement"].tolist() == [0, 0, 0, 1]
+    episodes = make_episodes(ENV_ID, 4)
+    patient = episodes.simulation.keep(Patient)
+    monkeypatch.setattr(
+        patient,
+        "readings",
+        lambda memory: {
+            "torso_force": np.array([49.9, 50.1, 0, 0]),
+            "torso_displacement": np.array([0, 0, 0.0199, 0.0201]),
+        },
+    )
+    measured = task.measure(episodes.simulation, episodes.memory, goal, goal)
+    assert measured["cost_torso_force"].tolist() == [0, 1, 0, 0]
+    assert measured["cost_torso_displacement"].tolist() == [0, 0, 0, 1]
     assert task.reward(goal, goal).tolist() == [0, 0, 0, 0]  # the goal alone
-    episodes = make_episodes(ENV_ID)
     assert episodes.settings.horizon == 250
     assert make_episodes(ENV_ID, rated=True).settings.max_speed == 0.2
 
@@ -200,12 +206,11 @@ def test_going_back_to_a_state_brings_back_the_people() -> None:
         {"object_size": 0.07},
         {"object_friction": 0.1},
         {"layout": "ring"},
-        {"in_hand_share": 0.5},
-        {"n_arms": 1},
+        {"in_hand_probability": 0.5},
     ],
 )
 def test_options_of_cubes_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=next(iter(options))):
+    with pytest.raises(TypeError, match=next(iter(options))):
         make_episodes(ENV_ID, **options)
 
 
@@ -230,7 +235,7 @@ def test_pixels_show_the_episode_behind() -> None:
     # In the picture's corner is the bench, 1.2 m below the camera.
     np.testing.assert_allclose(seen["depth"][5, 5], 1.20, atol=2e-3)
     episodes = env.unwrapped.episodes  # type: ignore[attr-defined]
-    wrist = episodes.object_state().world_position[0, 1]
+    wrist = objects_of(episodes).world_position[0, 1]
     pixel, depth = KINECT_V2.project(wrist, BENCH_POSE)
     column, row = np.floor(pixel).astype(int)
     assert 0 < depth - seen["depth"][row, column] < 0.06  # the skin is above the joint

@@ -5,6 +5,10 @@ import numpy as np
 import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy, play, run_episodes
+from saver_envs.tasks.distance import Distance
+
+#: Reads the goals of two objects and a distance.
+TASK = Distance(n_arms=2)
 
 
 class FakeVecEnv:
@@ -62,7 +66,7 @@ def predict(observation):
 
 @pytest.mark.parametrize("n_envs", [1, 3, 4, 16])
 def test_episode_i_has_seed_plus_i_whatever_the_vector(n_envs):
-    outcomes = run_episodes(predict, FakeVecEnv(n_envs), env_id="fake", episodes=10, seed=100)
+    outcomes = run_episodes(predict, FakeVecEnv(n_envs), TASK, env_id="fake", episodes=10, seed=100)
     seeds = np.arange(100, 110)
     lengths = 2 + seeds % 3
     np.testing.assert_array_equal(outcomes.lengths, lengths)
@@ -80,12 +84,12 @@ def test_episode_i_has_seed_plus_i_whatever_the_vector(n_envs):
 
 def test_seeds_are_asked_for_in_order():
     env = FakeVecEnv(4)
-    run_episodes(predict, env, env_id="fake", episodes=6, seed=7)
+    run_episodes(predict, env, TASK, env_id="fake", episodes=6, seed=7)
     assert env.seeds_seen == [[7, 8, 9, 10], [11, 12, 13, 14]]
 
 
 def test_summary_and_rates():
-    outcomes = run_episodes(predict, FakeVecEnv(5), env_id="fake", episodes=5, seed=0)
+    outcomes = run_episodes(predict, FakeVecEnv(5), TASK, env_id="fake", episodes=5, seed=0)
     summary = json.loads(json.dumps(outcomes.summary()))
     assert summary["env"] == "fake"
     assert (summary["episodes"], summary["seed"]) == (5, 0)
@@ -133,7 +137,7 @@ def test_real_episodes_are_reproducible_one_by_one():
 
 def test_deviation_from_the_required_value_is_of_the_episode_alone():
     """In the toy it is 0 until the last step, whose goal is 99 away."""
-    outcomes = run_episodes(predict, FakeVecEnv(2), env_id="Fake", episodes=3, seed=0)
+    outcomes = run_episodes(predict, FakeVecEnv(2), TASK, env_id="Fake", episodes=3, seed=0)
     lengths = np.array([2, 3, 4])
     np.testing.assert_allclose(outcomes.deviations[:, 0], 99.0 / lengths)
     np.testing.assert_allclose(outcomes.deviations[:, 1], 99.0)

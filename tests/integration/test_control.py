@@ -19,13 +19,15 @@ from saver_advisors.integration.safety import (
     limited_set_point,
 )
 from saver_advisors.pretrained import load_policy
-from saver_envs.episodes import ACTION_DURATION, LEASH
+from saver_envs.control import LEAD_LIMIT
+from saver_envs.episodes import ACTION_DURATION
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO, MICO
+from saver_envs.scenes import Arms
 from saver_envs.tasks.regions import regions
 from saver_envs.wrappers.finger_readings import translated_fingers
 
-WORKSPACE = regions(MICO, 2, "row").workspace
+WORKSPACE = regions(Arms(MICO, 2)).workspace
 
 
 def speed(loop: SmallLoop) -> float:
@@ -43,7 +45,9 @@ def test_without_latency_the_loop_is_the_environment(make_loop: Callable[..., Sm
     for step in range(20):
         loop.graph.run_until((step + 1) * ACTION_DURATION, loop.bench)
         seen = reference.observation().as_dict()
-        seen["observation"] = translated_fingers(seen["observation"], MICO, JACO)
+        seen["observation"] = translated_fingers(
+            seen["observation"], reference.task.observation_layout, MICO, JACO
+        )
         reference.step(policy.predict(seen)[0])
         np.testing.assert_allclose(
             loop.bench.episodes.simulation.qpos, reference.simulation.qpos, atol=1e-8
@@ -76,7 +80,7 @@ def test_no_set_point_leaves_the_limits(
     ahead = np.linalg.norm(found.position - tool, axis=-1)
     # Clipping into a region that the tool is in brings a point no farther from it, but for the
     # reach, which is level: a point above the tool's height may be moved a little more.
-    assert (ahead <= LEASH * limits.longest * freedom + 0.02).all()
+    assert (ahead <= LEAD_LIMIT * limits.longest * freedom + 0.02).all()
     if torso >= limits.torso_force:
         np.testing.assert_allclose(found.position, tool, atol=1e-9)
         assert "force" in found.by

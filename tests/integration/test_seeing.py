@@ -20,7 +20,7 @@ from saver_advisors.integration.perception_stages import Estimator, PictureCheck
 from saver_advisors.integration.stage import LoopStage
 from saver_advisors.integration.wrist_bench import WristBench
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
-from saver_envs.people.bench import CAMERA
+from saver_envs.people.bench import CAMERA, person_addresses
 from saver_envs.perception.parsing import Poses
 
 
@@ -34,8 +34,7 @@ def bench() -> Iterator[WristBench]:
 @pytest.fixture
 def true_joints(bench: WristBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Find the joints that matter where they are, in pictures that show anything at all."""
-    person = bench.episodes.scene.person
-    assert person is not None
+    person = person_addresses(bench.episodes.scene)
 
     def look(rgb: np.ndarray) -> Poses:
         truth = bench.truth()
@@ -62,7 +61,7 @@ def settings() -> LoopSettings:
 def test_one_drawing_gives_what_two_give(bench: WristBench) -> None:
     bench.reset(3)
     rgb, _ = bench.picture()
-    camera, data = bench._camera_of(int(bench.episodes.patient.people.body[0]))  # type: ignore[union-attr]
+    camera, data = bench._camera_of(bench.episodes.variant_of(0))
     _, depth = camera.capture(data)
     slow = RgbdCamera(camera.model, CAMERA)
     frame = slow.capture(data, None, shadows=False)

@@ -15,7 +15,7 @@ from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for
 from saver_advisors.integration.health import Event
 from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED, TrialRecord
-from saver_envs.tasks.wrist_push import HORIZON
+from saver_envs.tasks.wrist_push import WristPush
 
 
 def record(
@@ -73,7 +73,7 @@ def short_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     from saver_advisors.integration import trial
 
     monkeypatch.setattr(trial.run_trial, "__defaults__", (10, None, None))
-    assert HORIZON == 250
+    assert WristPush.horizon == 250
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.robots import fetch, jaco, mico
 from saver_envs.robots.description import Fingers
 from saver_envs.robots.fetch import FETCH
-from saver_envs.scenes import compose
+from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
 
 SITES = {"mico": "end_effector", "fetch": "tool"}
@@ -204,7 +204,7 @@ def test_torque_driven_arms_have_motors_and_nothing_else(robot: object) -> None:
 
 
 def test_the_fetch_in_a_scene() -> None:
-    scene = compose(FETCH, 1, Fingers.LOCKED)
+    scene = compose(Arms(FETCH, 1, Fingers.LOCKED))
     simulation = Simulation(scene, 1)
     simulation.qpos[:, scene.joint_qpos[0]] = FETCH.home
     simulation.ctrl[:, scene.arm_ctrl[0]] = FETCH.home

@@ -55,7 +55,7 @@ def test_guesses_nearby_become_exact(robot: str) -> None:
     assert not missed.any()
 
 
-@pytest.mark.parametrize(("steps", "tolerance"), [(1, 1e-9), (2, 1e-4)])
+@pytest.mark.parametrize(("steps", "tolerance"), [(1, 1e-7), (2, 1e-4)])
 @pytest.mark.parametrize("robot", ARMS)
 def test_compiled_steps_are_those_of_the_plain_solver(
     robot: str, steps: int, tolerance: float
@@ -67,8 +67,11 @@ def test_compiled_steps_are_those_of_the_plain_solver(
     joints, missed = Refinement(arm)(samples.targets, guess, guess, steps)
     plain = newton(arm, samples.targets, guess, steps, arm.tool_chain)
     assert not missed.any()
-    # The compiled solver omits steps once the error is below 1e-6.
-    assert np.abs(joints - plain).max() < tolerance
+    # Where its steps miss the target, the compiled solver starts again from the present joints; and
+    # it omits steps once the error is below 1e-6.
+    kept = ~misses(arm, plain, samples.targets)
+    assert kept.mean() > 0.9
+    assert np.abs(joints - plain)[kept].max() < tolerance
 
 
 def test_poses_that_are_not_tool_down() -> None:

@@ -12,7 +12,7 @@ from run_files import curve, run_content, write_run
 from reproduction.constraints.constraints_command import TASK, table
 from reproduction.constraints.constraints_findings import evaluate_findings
 from reproduction.program import main as reproduce
-from saver_advisors.experiments.training_runs import read_results
+from saver_advisors.experiments.training_runs import read_training_runs
 
 
 def points(best: float, **more: Any) -> list[dict[str, Any]]:
@@ -46,7 +46,7 @@ def write(folder: Path, row: str, best: float, seed: int = 0, **changes: Any) ->
 
 def verdicts(folder: Path) -> dict[str, str]:
     """Each finding's verdict, by the first words of its text."""
-    found = evaluate_findings(table(read_results([folder])))
+    found = evaluate_findings(table(read_training_runs([folder])))
     return {one.text.split(" ")[0]: one.verdict for one in found}
 
 
@@ -99,7 +99,7 @@ def test_the_page_and_its_figures_come_from_the_files(
     assert recorded["linear"]["success_rate"] is None
     # What it wrote may lie among the runs' files.
     (folder / "rendered.json").write_text(out.read_text())
-    assert not read_results([folder]).skipped
+    assert not read_training_runs([folder]).skipped
 
 
 def test_minutes_on_several_threads_say_so(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from reproduction.constraints.effort_cart import (
     best_return,
 )
 from reproduction.program import main as reproduce
-from saver_advisors.cli.measured import read_figures
+from saver_advisors.cli.measured import read_measurement
 from saver_advisors.safe_baselines import ALGORITHMS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -120,7 +120,7 @@ def test_the_page_shows_the_file():
     if not file.exists():
         assert not text.partition(safe_command.BEGIN)[2].partition(safe_command.END)[0].strip()
         return
-    figures = read_figures(file, "safe")
+    figures = read_measurement(file, "safe")
     assert safe_command.page_with(page, safe_command.render(figures)) == text
     assert safe_command.BEGIN in text
     assert {one["algorithm"] for one in figures["rows"]} == {

@@ -11,12 +11,15 @@ from reproduction.transfer.trajectories import run_trials
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.robots import ROBOTS
+from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT
+from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
 from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
 from saver_envs.wrappers.sensor_noise import SensorNoise
 
 PUSH, PICK = "DualMicoPush-v0", "DualMicoPickAndPlace-v0"
 OPTIONS = {"horizon": 12, "object_size": 0.07}
+LAYOUT = Layout(ARM_AND_OBJECT, 2)
 
 
 def follow(observation: Any) -> Any:
@@ -82,7 +85,7 @@ def test_the_policy_reads_the_hand_that_it_knows() -> None:
     trials = run_trials(spy, PICK, 2, env_kwargs={"horizon": 4}, hand=jaco)
     translated, told[:] = list(told), []
     run_trials(spy, PICK, 2, env_kwargs={"horizon": 4}, hand=mico)
-    np.testing.assert_array_equal(translated[0], translated_fingers(told[0], mico, jaco))
+    np.testing.assert_array_equal(translated[0], translated_fingers(told[0], LAYOUT, mico, jaco))
     for one in trials:
         assert one.closing[:, 1].all()
         assert not one.closing[:, 0].any()

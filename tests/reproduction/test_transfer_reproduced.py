@@ -50,16 +50,10 @@ def test_every_condition_can_be_built_and_differs_in_what_it_says(task: str) -> 
     for one in several:
         made = make_episodes(ENVIRONMENTS[task, one.robot], **one.options)
         made.reset()
-        usual = make_episodes(ENVIRONMENTS[task, one.robot]).settings.objects
-        objects = made.settings.objects
-        for name, option in (
-            ("size", "object_size"),
-            ("friction", "object_friction"),
-            ("mass", "object_mass"),
-            ("damping", "object_damping"),
-        ):
-            changed = getattr(objects, name) != getattr(usual, name)
-            assert changed == (option in one.options), (one.name, name)
+        usual = make_episodes(ENVIRONMENTS[task, one.robot]).task
+        for option in ("object_size", "object_friction", "object_mass", "object_damping"):
+            changed = getattr(made.task, option) != getattr(usual, option)
+            assert changed == (option in one.options), (one.name, option)
         assert ("noise" in one.words) == (one.noise is not None)
     assert ("object_size" in several[-1].options) == (task == "push")
     if task == "push":

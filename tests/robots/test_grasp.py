@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from saver_envs.grasping import settled_grasp
 from saver_envs.reachability import reachability_map
 from saver_envs.robots import ROBOTS, Robot
 from saver_envs.robots.description import Fingers
-from saver_envs.scenes import ObjectProperties, compose
+from saver_envs.scenes import Arms, compose, free_bodies
+from saver_envs.tasks.cubes import CubeProperties, Cubes
+from saver_envs.tasks.grasping import settled_grasp
 
 LIFT = np.array([0.40, 0.0, 0.20])  # m, base frame, clear of the table
 CLOSING_STEPS, HOLDING_STEPS = 300, 2000  # 0.6 s and 4 s
@@ -25,31 +26,33 @@ def offset_in_tool_frame(data: mujoco.MjData, site: int, object_qpos: np.ndarray
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_a_gripped_cube_is_held_for_four_seconds(robot: Robot) -> None:
-    scene = compose(robot, 1, Fingers.ACTUATED)
+    cubes = Cubes(1, CubeProperties())
+    scene = compose(Arms(robot, 1, Fingers.ACTUATED), cubes)
+    address = free_bodies(scene, cubes.names).qpos[0]
     model = copy.copy(scene.model)
     data = mujoco.MjData(model)
     posture = reachability_map(robot).postures_at(LIFT[None])[0]
     data.qpos[scene.joint_qpos[0]] = data.ctrl[scene.arm_ctrl[0]] = posture
     data.qpos[scene.finger_qpos[0]] = robot.finger_open
     data.ctrl[scene.finger_ctrl[0]] = robot.finger_closed
-    data.qpos[scene.object_qpos[0]] = (*LIFT, 1, 0, 0, 0)
+    data.qpos[address] = (*LIFT, 1, 0, 0, 0)
     gravity = model.opt.gravity.copy()
     model.opt.gravity[:] = 0  # until the hand has closed
     mujoco.mj_step(model, data, CLOSING_STEPS)
     model.opt.gravity[:] = gravity
     mujoco.mj_forward(model, data)
-    where = scene.tool_site[0], scene.object_qpos[0]
+    where = scene.tool_site[0], address
     before = offset_in_tool_frame(data, *where)
     mujoco.mj_step(model, data, HOLDING_STEPS)
     mujoco.mj_forward(model, data)
     after = offset_in_tool_frame(data, *where)
     assert np.linalg.norm(after - before) < 0.005
-    assert data.qpos[scene.object_qpos[0][2]] > 0.15  # it hangs in the air, not on the table
+    assert data.qpos[address[2]] > 0.15  # it hangs in the air, not on the table
 
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_the_settled_grasp_centres_the_cube_between_the_fingers(robot: Robot) -> None:
-    grasp = settled_grasp(robot, ObjectProperties())
+    grasp = settled_grasp(robot, CubeProperties())
     assert np.linalg.norm(grasp.object_offset) < 0.01
     # The cube stops the fingers before they are closed.
     assert (grasp.finger_position < robot.finger_closed - 0.1).all()

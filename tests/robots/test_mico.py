@@ -7,14 +7,14 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from rollouts import cubes_of, objects_of, targets_of
 
-from saver_envs.control import DampedLeastSquares
-from saver_envs.episodes import LEASH
+from saver_envs.control import LEAD_LIMIT, DampedLeastSquares
 from saver_envs.registration import make_episodes
 from saver_envs.robots import MICO
 from saver_envs.robots.description import Fingers
 from saver_envs.robots.mico import END_EFFECTOR_SITE
-from saver_envs.scenes import compose
+from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
 
 # Lengths of the modified DH table (SPEC 4.1, Table 7.1), metres.
@@ -130,7 +130,7 @@ def test_the_closed_hand_is_shut_and_stays_clear_of_the_table_at_its_lowest() ->
 
 
 def test_least_squares_turns_an_idle_joint_back() -> None:
-    scene = compose(MICO, 1, Fingers.LOCKED)
+    scene = compose(Arms(MICO, 1, Fingers.LOCKED))
     simulation = Simulation(scene, 1)
     joints = np.add(MICO.home, (0.0, 0.0, 0.0, 0.2))
     simulation.qpos[:, scene.joint_qpos[0]] = joints
@@ -146,7 +146,7 @@ def test_the_tool_follows_its_set_point_and_comes_to_rest_on_it(env_id: str) -> 
     for index in range(episodes.n):
         episodes.set_generator(index, np.random.default_rng(index))
     episodes.reset()
-    cubes = episodes.scene.object_qpos[0, :2]
+    cubes = cubes_of(episodes).qpos[0, :2]
     episodes.simulation.qpos[:, cubes] = (-0.5, 0.9)  # out of the way
     episodes.simulation.refresh()
     actions = np.zeros((episodes.n, episodes.action_size))
@@ -159,8 +159,8 @@ def test_the_tool_follows_its_set_point_and_comes_to_rest_on_it(env_id: str) -> 
         outcome = episodes.step(actions)
         tool = episodes.simulation.arm_state().tool_position
         error = np.linalg.norm(tool - episodes.set_point, axis=-1)
-        assert error.max() < 0.012 < LEASH
-        assert not outcome.costs["collision"].any()
+        assert error.max() < 0.012 < LEAD_LIMIT
+        assert not outcome.measured["cost_collision"].any()
     assert error.max() < 0.002
     assert np.linalg.norm(episodes.simulation.arm_state().tool_velocity, axis=-1).max() < 1e-3
 
@@ -170,12 +170,12 @@ def test_set_points_keep_the_hand_steep() -> None:
     for index in range(episodes.n):
         episodes.set_generator(index, np.random.default_rng(index))
     episodes.reset()
-    episodes.simulation.qpos[:, episodes.scene.object_qpos[0, :2]] = (-0.5, 0.9)
+    episodes.simulation.qpos[:, cubes_of(episodes).qpos[0, :2]] = (-0.5, 0.9)
     episodes.simulation.refresh()
     outwards = np.array([[1.0, 0, 0], [0.7, 0.7, 0], [0.7, -0.7, 0], [0, 1, 0]])
     for _ in range(40):
         outcome = episodes.step(outwards)
-        assert not outcome.costs["collision"].any()
+        assert not outcome.measured["cost_collision"].any()
     shoulder = np.array([0, 0, MICO.shoulder_height])
     reach = np.linalg.norm(episodes.simulation.arm_state().tool_position - shoulder, axis=-1)
     assert reach.max() < MICO.hand_reach + 0.005
@@ -189,9 +189,9 @@ def test_every_id_finds_starts_within_reach(env_id: str) -> None:
     for index in range(episodes.n):
         episodes.set_generator(index, np.random.default_rng(index))
     episodes.reset()
-    for points in (episodes.simulation.object_state().position, episodes.target):
+    for points in (objects_of(episodes).position, targets_of(episodes)):
         assert np.hypot(points[..., 0], points[..., 1]).max() <= MICO.reach + 1e-9
     for _ in range(3):
         outcome = episodes.step(np.zeros((episodes.n, episodes.action_size)))
         assert not outcome.diverged.any()
-        assert not outcome.costs["collision"].any()
+        assert not outcome.measured["cost_collision"].any()

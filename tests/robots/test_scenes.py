@@ -13,13 +13,23 @@ from saver_envs.robots.description import COLLISION_GROUP, Fingers
 from saver_envs.scenes import (
     BASE_SPACING,
     RING_RADIUS,
-    Layout,
-    ObjectProperties,
+    Arms,
+    Bases,
     Scene,
     base_poses,
     compose,
+    free_bodies,
 )
+from saver_envs.tasks.cubes import CubeProperties, Cubes
 from saver_envs.world import FRAMED_HEIGHT, TABLE_BIT
+
+
+def with_cubes(
+    name: str, n: int, fingers: Fingers = Fingers.ACTUATED, bases: Bases = "row"
+) -> Scene:
+    """Compose a scene with a cube for each arm."""
+    return compose(Arms(ROBOTS[name], n, fingers, bases), Cubes(n, CubeProperties()))
+
 
 CASES = [
     pytest.param(name, n_arms, layout, id=f"{name}-{n_arms}-{layout}")
@@ -28,9 +38,9 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "n_arms", "layout"), CASES)
-def test_addresses_lead_to_the_right_names(name: str, n_arms: int, layout: Layout) -> None:
+def test_addresses_lead_to_the_right_names(name: str, n_arms: int, layout: Bases) -> None:
     robot = ROBOTS[name]
-    scene = compose(robot, n_arms, Fingers.ACTUATED, layout=layout)
+    scene = with_cubes(name, n_arms, Fingers.ACTUATED, layout)
     model = scene.model
     assert scene.n_arms == n_arms
     dof, fingers = len(robot.arm_joints), len(robot.finger_joints)
@@ -52,12 +62,13 @@ def test_addresses_lead_to_the_right_names(name: str, n_arms: int, layout: Layou
             expected = [model.joint(f"arm{arm}_{joint}").qposadr[0] for joint in names]
             assert addresses[arm].tolist() == expected
         first = model.joint(f"object{arm}_joint").qposadr[0]
-        assert scene.object_qpos[arm].tolist() == list(range(first, first + 7))
+        cube = free_bodies(scene, (f"object{arm}",))
+        assert cube.qpos[0].tolist() == list(range(first, first + 7))
 
 
 @pytest.mark.parametrize(("name", "n_arms", "layout"), CASES)
-def test_arms_stand_where_the_layout_says(name: str, n_arms: int, layout: Layout) -> None:
-    scene = compose(ROBOTS[name], n_arms, Fingers.LOCKED, layout=layout)
+def test_arms_stand_where_the_layout_says(name: str, n_arms: int, layout: Bases) -> None:
+    scene = with_cubes(name, n_arms, Fingers.LOCKED, layout)
     data = mujoco.MjData(scene.model)
     mujoco.mj_kinematics(scene.model, data)
     for arm in range(n_arms):
@@ -96,7 +107,7 @@ def may_touch(model: mujoco.MjModel, first: str, second: str) -> bool:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_who_may_touch_whom(name: str) -> None:
-    model = compose(ROBOTS[name], 2, Fingers.ACTUATED).model
+    model = with_cubes(name, 2).model
     assert may_touch(model, "arm0_palm", "arm1_palm")
     assert may_touch(model, "arm0_palm", "table")
     assert may_touch(model, "arm0_distal_1", "object0")
@@ -119,8 +130,8 @@ def framed(scene: Scene, camera: str, points: np.ndarray, aspect: float) -> np.n
 
 @pytest.mark.parametrize("camera", ["front", "three_quarter", "side", "overhead"])
 @pytest.mark.parametrize(("name", "n_arms", "layout"), CASES)
-def test_cameras_frame_every_arm(name: str, n_arms: int, layout: Layout, camera: str) -> None:
-    scene = compose(ROBOTS[name], n_arms, Fingers.LOCKED, layout=layout)
+def test_cameras_frame_every_arm(name: str, n_arms: int, layout: Bases, camera: str) -> None:
+    scene = with_cubes(name, n_arms, Fingers.LOCKED, layout)
     local = np.array(
         [(x, y, z) for x in (0, 0.55) for y in (-0.25, 0.25) for z in (0, FRAMED_HEIGHT)]
     )
@@ -130,21 +141,22 @@ def test_cameras_frame_every_arm(name: str, n_arms: int, layout: Layout, camera:
 
 
 def test_a_pushed_cube_slides_and_stops_as_friction_says() -> None:
-    objects = ObjectProperties()
-    scene = compose(ROBOTS["jaco"], 1, Fingers.LOCKED, objects)
+    cube = CubeProperties()
+    scene = with_cubes("jaco", 1, Fingers.LOCKED)
+    address = free_bodies(scene, ("object0",))
     data = mujoco.MjData(scene.model)
     data.qpos[scene.joint_qpos[0]] = data.ctrl[scene.arm_ctrl[0]] = ROBOTS["jaco"].home
-    data.qpos[scene.object_qpos[0]] = (0.2, 0.5, objects.size / 2, 1, 0, 0, 0)
+    data.qpos[address.qpos[0]] = (0.2, 0.5, cube.size / 2, 1, 0, 0, 0)
     speed = 0.5
-    data.qvel[scene.object_dof[0, 0]] = speed
+    data.qvel[address.dof[0, 0]] = speed
     mujoco.mj_step(scene.model, data, 500)
-    travelled = data.qpos[scene.object_qpos[0, 0]] - 0.2
-    assert travelled == pytest.approx(speed**2 / (2 * objects.friction * 9.81), rel=0.1)
-    assert np.abs(data.qvel[scene.object_dof[0]]).max() < 1e-3
+    travelled = data.qpos[address.qpos[0, 0]] - 0.2
+    assert travelled == pytest.approx(speed**2 / (2 * cube.friction * 9.81), rel=0.1)
+    assert np.abs(data.qvel[address.dof[0]]).max() < 1e-3
 
 
 def test_the_table_is_the_only_geom_of_its_bit() -> None:
-    model = compose(ROBOTS["jaco"], 1).model
+    model = with_cubes("jaco", 1).model
     tables = [model.geom(i).name for i in range(model.ngeom) if model.geom_contype[i] == TABLE_BIT]
     assert tables == ["table"]
     assert model.geom("table").group[0] == COLLISION_GROUP

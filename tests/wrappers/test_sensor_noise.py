@@ -16,7 +16,8 @@ from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.envs.vector_env import SaverVectorEnv
 from saver_envs.registration import make_episodes
 from saver_envs.robots import ROBOTS
-from saver_envs.tasks.observation import PARTS
+from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT
+from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
 from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
 from saver_envs.wrappers.sensor_noise import (
@@ -30,12 +31,15 @@ PICK, PUSH = "DualMicoPickAndPlace-v0", "DualMicoPush-v0"
 HORIZON = 6
 
 
+LAYOUT = Layout(ARM_AND_OBJECT, 2)
+
+
 def slices() -> dict[str, slice]:
     """Where each part of an arm's block lies, from the table that the docs use."""
     found, start = {}, 0
-    for name, size, _ in PARTS:
-        found[name] = slice(start, start + size)
-        start += size
+    for part in ARM_AND_OBJECT:
+        found[part.name] = slice(start, start + part.size)
+        start += part.size
     return found
 
 
@@ -56,7 +60,7 @@ def exact(n: int, arms: int = 2) -> Any:
 
 def errors(noise: SensorNoise, n: int, moving: bool = True) -> SensorErrors:
     """Seeded ones, begun."""
-    made = SensorErrors(noise, n, 2, moving)
+    made = SensorErrors(noise, n, LAYOUT, moving)
     for index in range(n):
         made.seed(index, index)
     made.begin(range(n))
@@ -91,7 +95,7 @@ def test_errors_have_the_size_that_they_are_given() -> None:
 def test_what_is_read_stays_an_observation(factor: float, seed: int) -> None:
     """Unit quaternions with w >= 0, and a relative position that is the difference of the two."""
     before = exact(5)
-    made = SensorErrors(SensorNoise().scaled(factor), 5, 2, True)
+    made = SensorErrors(SensorNoise().scaled(factor), 5, LAYOUT, True)
     for index in range(5):
         made.seed(index, seed + index)
     made.begin(range(5))
@@ -233,7 +237,7 @@ def test_fingers_read_as_those_of_the_other_hand() -> None:
     blocks[0, :, parts["finger positions"]] = mico.finger_open
     blocks[1, :, parts["finger positions"]] = mico.finger_closed
     before = blocks.reshape(3, -1).copy()
-    read = translated_fingers(before, mico, jaco).reshape(3, 2, 28)
+    read = translated_fingers(before, LAYOUT, mico, jaco).reshape(3, 2, 28)
     np.testing.assert_allclose(read[0, :, parts["finger positions"]], jaco.finger_open, atol=1e-6)
     np.testing.assert_allclose(read[1, :, parts["finger positions"]], jaco.finger_closed, atol=1e-6)
     np.testing.assert_array_equal(before, blocks.reshape(3, -1))
@@ -241,7 +245,8 @@ def test_fingers_read_as_those_of_the_other_hand() -> None:
     for name in ("finger positions", "finger velocities"):
         others[parts[name]] = False
     np.testing.assert_array_equal(read[..., others], blocks[..., others])
-    there_and_back = translated_fingers(translated_fingers(before, mico, jaco), jaco, mico)
+    there = translated_fingers(before, LAYOUT, mico, jaco)
+    there_and_back = translated_fingers(there, LAYOUT, jaco, mico)
     np.testing.assert_allclose(there_and_back, before, atol=1e-6)
 
 
@@ -253,7 +258,7 @@ def test_the_locked_hands_of_a_push_read_as_in_training() -> None:
         episodes.reset()
         read.append(episodes.observation().observation)
     part = slices()["finger positions"]
-    translated = translated_fingers(read[0], ROBOTS["mico"], ROBOTS["jaco"])
+    translated = translated_fingers(read[0], LAYOUT, ROBOTS["mico"], ROBOTS["jaco"])
     np.testing.assert_allclose(
         translated.reshape(2, 28)[:, part], read[1].reshape(2, 28)[:, part], atol=1e-6
     )

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from saver_advisors.benchmark.machine import cores, timed
 from saver_advisors.benchmark.speed.steps import SPARE
+from saver_envs.registration import TWO_ARM_ID
 
 #: Replay: transitions stored, and drawn at a time.
 REPLAY_ROWS, REPLAY_BATCH = 200_000, 256
 #: Advice to the arms of so many environments, and the strategies timed.
 N_ENVS: Final = 16
 ADVICE: Final = ("early", "mc-q")
-ENV, TEACHER = "DualJacoPush-v0", "jaco-push"
+TEACHER: Final = "jaco-push"
 
 
 def replay_row(rounds: int) -> dict[str, Any]:
@@ -30,7 +31,7 @@ def replay_row(rounds: int) -> dict[str, Any]:
     from saver_envs.envs.spaces import action_space, observation_space
     from saver_envs.registration import make_episodes
 
-    episodes = make_episodes(ENV)
+    episodes = make_episodes(TWO_ARM_ID)
     horizon, n_envs = episodes.settings.horizon, N_ENVS
     space = observation_space(episodes)
     buffer = GoalReplayBuffer(
@@ -78,7 +79,7 @@ def advice_row(strategy: str, rounds: int, seconds: float) -> dict[str, Any]:
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     with cores(1):
-        env = SaverVecEnv(ENV, N_ENVS, seed=0)
+        env = SaverVecEnv(TWO_ARM_ID, N_ENVS, seed=0)
         arms = env.episodes.task.n_arms
         advisor = make_advisor(strategy, TEACHER, 10**9, n_arms=arms)
         size = (N_ENVS, env.episodes.action_size)
@@ -98,7 +99,7 @@ def advice_row(strategy: str, rounds: int, seconds: float) -> dict[str, Any]:
                 observation = env.episodes.observation().as_dict()
     return {
         "strategy": strategy,
-        "env": ENV,
+        "env": TWO_ARM_ID,
         "n_envs": N_ENVS,
         "arms": arms,
         "milliseconds": median(advised) * 1e3,

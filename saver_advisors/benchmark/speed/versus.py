@@ -20,12 +20,13 @@ from saver_advisors.benchmark.peers.suites import (
     RunningPeer,
     install,
 )
+from saver_envs.registration import ONE_ARM_ID, TWO_ARM_ID
 
 #: What is compared with which peer, how many times as fast it must be, and what is aimed at.
 COMPARISONS: Final = (
-    ("JacoPush-v0", FETCH_PUSH, 3.0, 5.0),
-    ("DualJacoPush-v0", FETCH_PUSH, 1.5, 2.5),
-    ("DualJacoPush-v0", TWO_ARM_LIFT, 20.0, 40.0),
+    (ONE_ARM_ID, FETCH_PUSH, 3.0, 5.0),
+    (TWO_ARM_ID, FETCH_PUSH, 1.5, 2.5),
+    (TWO_ARM_ID, TWO_ARM_LIFT, 20.0, 40.0),
 )
 N_ENVS: Final = 64
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
-from saver_envs.scenes import ObjectProperties, compose
+from saver_envs.scenes import Arms, compose, free_bodies
+from saver_envs.tasks.cubes import CubeProperties, Cubes, cube_name
 
 _HAND_POSITION = (0.45, 0.0, 0.20)  # m, base frame: free of the table
 _SETTLING_STEPS = 500  # 1 s
@@ -33,15 +34,16 @@ class Grasp:
 
 
 @lru_cache(maxsize=16)
-def settled_grasp(robot: Robot, objects: ObjectProperties) -> Grasp:
+def settled_grasp(robot: Robot, cube: CubeProperties) -> Grasp:
     """Close the hand on a weightless cube between its fingers and read where both come to rest.
 
     :param robot: an arm with actuated fingers.
-    :param objects: the cube.
+    :param cube: the cube.
     :return: the grasp.
     :raises RuntimeError: when the hand cannot hold such a cube.
     """
-    scene = compose(robot, 1, Fingers.ACTUATED, objects)
+    scene = compose(Arms(robot, 1, Fingers.ACTUATED), Cubes(1, cube))
+    address = free_bodies(scene, (cube_name(0),)).qpos[0]
     model = copy.copy(scene.model)
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
@@ -49,12 +51,12 @@ def settled_grasp(robot: Robot, objects: ObjectProperties) -> Grasp:
     data.qpos[scene.joint_qpos[0]] = data.ctrl[scene.arm_ctrl[0]] = posture
     data.qpos[scene.finger_qpos[0]] = robot.finger_open
     data.ctrl[scene.finger_ctrl[0]] = robot.finger_closed
-    data.qpos[scene.object_qpos[0]] = (*_HAND_POSITION, 1, 0, 0, 0)
+    data.qpos[address] = (*_HAND_POSITION, 1, 0, 0, 0)
     mujoco.mj_step(model, data, _SETTLING_STEPS)
     mujoco.mj_forward(model, data)
     tool = data.site_xpos[scene.tool_site[0]]
-    pose = data.qpos[scene.object_qpos[0]].copy()
+    pose = data.qpos[address].copy()
     offset = pose[:3] - tool
-    if np.linalg.norm(offset) > objects.size:
-        raise RuntimeError(f"the {robot.name} hand does not hold a cube of {objects.size} m")
+    if np.linalg.norm(offset) > cube.size:
+        raise RuntimeError(f"the {robot.name} hand does not hold a cube of {cube.size} m")
     return Grasp(data.qpos[scene.finger_qpos[0]].copy(), offset, pose[3:])

@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.episodes import Episodes
+from saver_envs.people.patient import Patient
 from saver_envs.registration import ENVIRONMENTS, make_episodes
+from saver_envs.scenes import FreeBodies, free_bodies
+from saver_envs.simulation import ObjectState
+from saver_envs.tasks.table import TableTask
 
 ALL_IDS = list(ENVIRONMENTS)
 SPARSE_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.reward_type == "sparse"]
 #: Those whose objects are cubes; the others' starts have rules of their own.
-CUBE_IDS = [env_id for env_id in SPARSE_IDS if not ENVIRONMENTS[env_id].task.moves_person]
+CUBE_IDS = [one for one in SPARSE_IDS if issubclass(ENVIRONMENTS[one].task, TableTask)]
 DUAL_IDS = [env_id for env_id, row in ENVIRONMENTS.items() if row.n_arms > 1]
 #: One id of each kind of scene, for what would take too long on all of them.
 FEW_IDS = [
@@ -59,6 +63,29 @@ def begun(env_id: str, n: int = 1, seed: int = 0, **options: Any) -> Episodes:
         episodes.set_generator(index, np.random.default_rng(seed + index))
     episodes.reset()
     return episodes
+
+
+def cubes_of(episodes: Episodes) -> FreeBodies:
+    """Return the addresses of the cubes, one an arm."""
+    assert isinstance(episodes.task, TableTask)
+    return free_bodies(episodes.scene, episodes.task.cubes.names)
+
+
+def objects_of(episodes: Episodes) -> ObjectState:
+    """Return the state of the cubes, or of the wrists."""
+    if isinstance(episodes.task, TableTask):
+        return episodes.simulation.object_state(cubes_of(episodes))
+    return episodes.simulation.keep(Patient).wrists()
+
+
+def targets_of(episodes: Episodes) -> NDArray[np.float64]:
+    """Return the targets (n, arms, 3) in the base frames, metres."""
+    return episodes.task.goal_layout.get(episodes.goal, "object position")
+
+
+def touching(episodes: Episodes, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Say which episodes have contact other than of what lies there."""
+    return episodes.simulation.touching(rows, episodes.task.resting)
 
 
 def random_actions(space_size: int, steps: int, n: int, seed: int = 0) -> NDArray[np.float32]:

@@ -1,0 +1,42 @@
+"""What an arm's skill offers, to whatever coordinates several of them."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.experts.blocks import ArmView
+
+FloatArray = NDArray[np.floating]
+
+
+class Skill(Protocol):
+    """What one arm can do by itself; leading dimensions (n, arms)."""
+
+    @property
+    def step(self) -> float:
+        """Longest displacement of an action, metres."""
+
+    @property
+    def object_size(self) -> float:
+        """Edge of the cubes, metres."""
+
+    @property
+    def ring(self) -> float:
+        """Radius round a cube on which a low hand passes without touching it, metres; 0 where
+        hands pass over cubes.
+        """
+
+    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+        """Return the actions of arms that ignore one another."""
+
+    def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
+        """Return what the arms will see after these actions."""
+
+    def finished(self, view: ArmView) -> NDArray[np.bool_]:
+        """Say which arms are done."""
+
+    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
+        """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted."""

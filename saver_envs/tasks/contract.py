@@ -1,0 +1,316 @@
+"""What a task is: everything that `episodes.py` asks of one, with defaults for moving objects.
+
+A task is an immutable description; its fields are its options. It owns the bodies that it adds to
+the scene, the starts, what is observed, the goal, the reward, the costs, and the text of its page.
+Arrays lead with n, the number of episodes; a single environment is n = 1 of the same code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.control import Workspace
+from saver_envs.robots.description import Fingers
+from saver_envs.scenes import Arms, Scene
+from saver_envs.simulation import ArmState, Simulation
+from saver_envs.tasks.layout import Layout, Part
+from saver_envs.world import TABLE_DEPTH
+
+if TYPE_CHECKING:
+    import mujoco
+
+RewardType = Literal["sparse", "dense"]
+FloatArray = NDArray[np.floating]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+#: Arrays (n, ...) of a task's own, by name; copied and pickled with the episodes.
+Memory = dict[str, NDArray[Any]]
+#: Parts of an observation by name.
+Seen = dict[str, NDArray[np.float64]]
+
+#: Distance within which an object counts as at its target (m).
+SUCCESS_THRESHOLD = 0.05
+#: Least distance of an object's start from its target (m).
+LEAST_WAY = 0.10
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where an episode starts; a task's own class adds what it places.
+
+    :param hand: (arms, 3) tool positions in the base frames, metres.
+    """
+
+    hand: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TaskPage:
+    """What a task's page says, in Markdown; each text stands where the page's template has it.
+
+    :param thing: what an arm moves, such as ``cube``.
+    :param succeeds: when an episode succeeds, half a sentence.
+    :param start: what the sampler guarantees, a sentence each.
+    :param reward: of the sparse id.
+    :param dense: of the dense id, half a sentence.
+    :param costs: cost -> when it is 1.
+    :param goal: part of the goal -> what it means.
+    :param facts: rows of the table of facts, name and value.
+    :param readings: further entries of ``info``, a sentence.
+    """
+
+    thing: str = "object"
+    succeeds: str = "every object is at its target"
+    start: Sequence[str] = ()
+    reward: str = "0 where the goal is reached, else -1."
+    dense: str = "minus the sum of the objects' distances to their targets, in metres."
+    costs: Mapping[str, str] = field(default_factory=dict)
+    goal: Mapping[str, str] = field(default_factory=dict)
+    facts: Sequence[tuple[str, str]] = ()
+    readings: str = ""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Base of all tasks; a subclass overrides what differs.
+
+    :param n_arms: number of arms.
+    :param reward_type: ``sparse`` (eq. 6.4: 0 where the goal is reached, else -1) or ``dense``
+        (the negative sum of the objects' distances to their targets, metres).
+    :param success_threshold: distance of an object from its target that counts as reached, metres.
+    """
+
+    n_arms: int
+    reward_type: RewardType = "sparse"
+    success_threshold: float = SUCCESS_THRESHOLD
+
+    #: Lower-case name of the task.
+    name: ClassVar[str]
+    #: Whether the fingers move.
+    fingers: ClassVar[Fingers] = Fingers.ACTUATED
+    #: Height at which the tool is held (m), or ``None`` where the action sets it.
+    held_height: ClassVar[float | None] = None
+    #: Actions in an episode, at the default speed and at the rated one.
+    horizon: ClassVar[int] = 50
+    rated_horizon: ClassVar[int] = 125
+    #: Costs that ``info`` reports as ``cost_<name>``.
+    costs: ClassVar[tuple[str, ...]] = ("collision",)
+    #: Those that ``info["cost"]`` adds up.
+    summed: ClassVar[tuple[str, ...]] = ("collision",)
+    #: Those that must stay 0 throughout an episode for it to succeed.
+    hard: ClassVar[tuple[str, ...]] = ()
+    #: Part of the goal, of size 1, that must stay at its desired value, and its tolerance; or
+    #: ``None``.
+    constraint: ClassVar[tuple[str, float] | None] = None
+    #: Values of the option ``reward_stage``, for tasks that have it.
+    reward_stages: ClassVar[tuple[str, ...]] = ()
+    #: Scripted policy that solves it, as ``module:function``.
+    expert: ClassVar[str | None] = None
+    #: How many models there are that differ in the task's bodies; an episode has one of them.
+    variants: ClassVar[int] = 1
+    #: Table under the arms, from behind a base to before it (m).
+    table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
+    #: Whether the simulation keeps the highest sample of each sensor in an action.
+    keeps_peaks: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self.reward_type not in ("sparse", "dense"):
+            raise ValueError(
+                f"reward_type={self.reward_type!r}: valid types are 'sparse' and 'dense'"
+            )
+        if not 0 < self.success_threshold < LEAST_WAY:
+            raise ValueError(
+                f"success_threshold={self.success_threshold!r}: must lie between 0 and "
+                f"{LEAST_WAY:.2f} m, the least distance of a start from its target"
+            )
+
+    # ---------------------------------------------------------------- what agents see
+
+    @property
+    def observation(self) -> tuple[Part, ...]:
+        """The parts of the observation."""
+        raise NotImplementedError
+
+    @property
+    def goal(self) -> tuple[Part, ...]:
+        """The parts of a goal; by default the position of each arm's object."""
+        return (Part("object position", 3, "m"),)
+
+    @cached_property
+    def observation_layout(self) -> Layout:
+        """Where the parts of the observation lie."""
+        return Layout(self.observation, self.n_arms)
+
+    @cached_property
+    def goal_layout(self) -> Layout:
+        """Where the parts of a goal lie."""
+        return Layout(self.goal, self.n_arms)
+
+    # ---------------------------------------------------------------- the scene
+
+    @property
+    def bases(self) -> Literal["row", "ring"]:
+        """How the arms' bases stand."""
+        return "row"
+
+    def scene_key(self) -> Hashable:
+        """Tell scenes apart: tasks with equal keys build the same bodies."""
+        return self
+
+    def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
+        """Add the task's bodies, sensors and sites to a scene that has its arms already.
+
+        Sensors whose names begin with ``collision_`` count what ``cost_collision`` counts. Sites
+        called ``target0``, ``target1``, ... show the points of :meth:`targets`.
+
+        :param spec: of the scene; the arms' names begin with ``arm0_``, ``arm1_``, ...
+        :param arms: which arms there are and where they stand.
+        :param variant: which of :attr:`variants` models.
+        :param decorated: whether the model is drawn; what is only seen may be left out otherwise.
+        """
+        raise NotImplementedError
+
+    def compiled(self, model: mujoco.MjModel) -> None:
+        """Adjust the compiled model, for what a specification cannot say."""
+
+    def workspace(self, arms: Arms) -> Workspace:
+        """Return where set-points may be."""
+        raise NotImplementedError
+
+    # ---------------------------------------------------------------- episodes
+
+    def memory(self, n: int) -> Memory:
+        """Return arrays (n, ...) that the task needs besides the simulation's state."""
+        return {}
+
+    def sample(self, generator: np.random.Generator, scene: Scene) -> Start:
+        """Draw a start; contacts are looked at by :meth:`valid`.
+
+        :param generator: the episode's source of randomness.
+        :param scene: of these arms and this task.
+        """
+        raise NotImplementedError
+
+    def place(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
+    ) -> None:
+        """Put everything where the starts of episodes ``rows`` say, and bring it up to date."""
+        raise NotImplementedError
+
+    @property
+    def resting(self) -> tuple[str, ...]:
+        """Names of the geoms that lie on the table at the start."""
+        return ()
+
+    def valid(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
+    ) -> Bools:
+        """Say which of the episodes that were just placed may begin; others are drawn again.
+
+        By default nothing may touch but what rests on the table.
+        """
+        return ~simulation.touching(rows, self.resting)
+
+    def restore(self, simulation: Simulation, memory: Memory) -> None:
+        """Give the models what the memory says, before a state is taken over."""
+
+    def drive(self, simulation: Simulation, memory: Memory, rows: Rows | slice) -> None:
+        """Move what moves by itself, such as a bed: called before each action."""
+
+    def observe(self, simulation: Simulation, memory: Memory, arms: ArmState) -> Seen:
+        """Return every part of the observation, unscaled; more than the parts does no harm.
+
+        :param arms: the arms' state.
+        :return: part -> (n, arms, size), or (n, size) for a shared one.
+        """
+        raise NotImplementedError
+
+    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
+        """Return achieved goals (n, goal size).
+
+        :param seen: what :meth:`observe` has just returned.
+        """
+        raise NotImplementedError
+
+    def desired(self, starts: Sequence[Any]) -> NDArray[np.float64]:
+        """Return the goals (k, goal size) of starts."""
+        raise NotImplementedError
+
+    # ---------------------------------------------------------------- reward, costs, success
+
+    def reward_and_reached(
+        self, achieved: FloatArray, desired: FloatArray
+    ) -> tuple[NDArray[np.float32], Bools]:
+        """Return rewards and where the goal is reached, shape of the leading dimensions.
+
+        Relabelling calls it with other goals: it knows nothing but its arguments.
+
+        :param achieved: (..., goal size).
+        :param desired: (..., goal size).
+        """
+        distances = self.distances(achieved, desired)
+        reached: Bools = np.logical_and.reduce(distances <= self.success_threshold, axis=-1)
+        if self.reward_type == "sparse":
+            return reached.astype(np.float32) - np.float32(1), reached
+        return -distances.sum(axis=-1).astype(np.float32), reached
+
+    def distances(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
+        """Return each object's distance to its target (..., arms), metres."""
+        difference = self.goal_layout.blocks(achieved - desired)
+        return np.sqrt((difference * difference).sum(axis=-1))
+
+    def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
+        """Return the reward of goals (..., goal size), shape (...); pure."""
+        return self.reward_and_reached(achieved, desired)[0]
+
+    def deviation(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
+        """Return how far the constraint's value is from the desired one, shape (...).
+
+        :raises ValueError: for a task without a constraint.
+        """
+        if self.constraint is None:
+            raise ValueError(f"the task {self.name!r} has no constraint")
+        layout, (name, _) = self.goal_layout, self.constraint
+        return np.abs(layout.get(achieved, name) - layout.get(desired, name))[..., 0]
+
+    @property
+    def least_reward(self) -> float:
+        """The smallest reward of a step where rewards are sparse."""
+        return -1.0
+
+    def measure(
+        self,
+        simulation: Simulation,
+        memory: Memory,
+        achieved: FloatArray,
+        desired: FloatArray,
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the entries of ``info``, (n,) each: ``cost_<name>`` of every cost, and readings.
+
+        :param achieved: (n, goal size), as agents see them.
+        :param desired: (n, goal size), as agents see them.
+        """
+        return {"cost_collision": simulation.collided.astype(np.float64)}
+
+    # ---------------------------------------------------------------- pictures and pages
+
+    def targets(self, scene: Scene, goal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points (n, k, 3) that the sites ``target0`` to ``target<k-1>`` show, world."""
+        return scene.to_world(self.goal_layout.blocks(goal))
+
+    def variant_of(self, memory: Memory, row: int) -> int:
+        """Return which of :attr:`variants` models episode ``row`` has."""
+        return 0
+
+    def decorate(self, model: mujoco.MjModel, memory: Memory, row: int) -> None:
+        """Adapt the model that is drawn to episode ``row``."""
+
+    def page(self, scene: Scene) -> TaskPage:
+        """Return the text of the task's page."""
+        return TaskPage()

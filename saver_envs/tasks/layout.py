@@ -1,0 +1,128 @@
+"""Where the parts of an observation or a goal lie: declared once, by the task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A named piece of an observation or a goal.
+
+    :param name: what tables call it, such as ``object position``.
+    :param size: how many numbers.
+    :param unit: of the numbers before scaling, such as ``m`` or ``m/s``.
+    :param scale: the numbers are multiplied by it, which brings them to the order of positions in
+        metres.
+    :param shared: there is one for all arms; otherwise each arm has its own.
+    """
+
+    name: str
+    size: int
+    unit: str
+    scale: float = 1.0
+    shared: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A vector made of parts: the block of arm 0, of arm 1, ..., then the shared parts.
+
+    :param parts: their order within a block is the order in the vector.
+    :param n_arms: number of blocks.
+    """
+
+    parts: tuple[Part, ...]
+    n_arms: int
+
+    @cached_property
+    def block(self) -> int:
+        """Numbers of one arm."""
+        return sum(part.size for part in self.parts if not part.shared)
+
+    @cached_property
+    def shared(self) -> int:
+        """Numbers that all arms share."""
+        return sum(part.size for part in self.parts if part.shared)
+
+    @cached_property
+    def size(self) -> int:
+        """Numbers in all."""
+        return self.block * self.n_arms + self.shared
+
+    @cached_property
+    def _own(self) -> dict[str, slice]:
+        """Slices of the parts within an arm's block."""
+        return _slices([part for part in self.parts if not part.shared])
+
+    @cached_property
+    def _common(self) -> dict[str, slice]:
+        """Slices of the shared parts within what follows the blocks."""
+        return _slices([part for part in self.parts if part.shared])
+
+    def part(self, name: str) -> Part:
+        """Return a part.
+
+        :raises KeyError: for an unknown name.
+        """
+        for part in self.parts:
+            if part.name == name:
+                return part
+        raise KeyError(f"no part {name!r}; the parts are {[part.name for part in self.parts]}")
+
+    def blocks(self, vector: Array) -> Array:
+        """Return each arm's block of vectors (..., size) as a view (..., n_arms, block)."""
+        own = vector[..., : self.block * self.n_arms]
+        return own.reshape(*vector.shape[:-1], self.n_arms, self.block)
+
+    def tail(self, vector: Array) -> Array:
+        """Return the shared parts of vectors (..., size) as a view (..., shared)."""
+        return vector[..., self.block * self.n_arms :]
+
+    def get(self, vector: Array, name: str) -> Array:
+        """Return a part of vectors (..., size) as a view, as it is scaled.
+
+        :return: (..., n_arms, size of the part), or (..., size of the part) for a shared one.
+        """
+        if self.part(name).shared:
+            return self.tail(vector)[..., self._common[name]]
+        return self.blocks(vector)[..., self._own[name]]
+
+    def join(self, values: Mapping[str, Array]) -> Array:
+        """Scale parts and put them in order.
+
+        :param values: part -> (n, n_arms, size), or (n, size) for a shared one.
+        :return: (n, size of the layout).
+        :raises KeyError: where a part is missing.
+        """
+        scaled = [
+            values[part.name] if part.scale == 1 else values[part.name] * part.scale
+            for part in self.parts
+        ]
+        own = [value for part, value in zip(self.parts, scaled, strict=True) if not part.shared]
+        common = [value for part, value in zip(self.parts, scaled, strict=True) if part.shared]
+        if not own:
+            return np.concatenate(common, axis=-1)
+        blocks = np.concatenate(own, axis=-1)
+        flat = blocks.reshape(len(blocks), -1)
+        return np.concatenate([flat, *common], axis=-1) if common else flat
+
+    def of_agent(self, vector: Array, arm: int) -> Array:
+        """Return what one arm sees of vectors (..., size): its block, then the shared parts."""
+        return np.concatenate([self.blocks(vector)[..., arm, :], self.tail(vector)], axis=-1)
+
+
+def _slices(parts: Sequence[Part]) -> dict[str, slice]:
+    edges = np.cumsum([0, *(part.size for part in parts)])
+    return {
+        part.name: slice(int(start), int(end))
+        for part, start, end in zip(parts, edges[:-1], edges[1:], strict=True)
+    }
