@@ -33,7 +33,7 @@ POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
 """The MICO runs the Jaco's policy, which was not trained for it, and a scripted policy."""
 NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
 SQUARES: Final = "damped least squares"
-SHIPPED: Final = "shipped"
+SHIPPED, SHIPPED_GAN = "shipped", "shipped GAN"
 
 _N_ENVS: Final = (16, 64, 256)
 _ROUNDS: Final = 60
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.training.threads import one_thread_of_algebra
 
     training = training_of(args)
-    before = trained_before(args.weights, args.robots, "ik", (SHIPPED, *args.models))
+    before = trained_before(args.weights, args.robots, "ik", (SHIPPED, SHIPPED_GAN, *args.models))
 
     def figures() -> dict[str, Any]:
         found = measure(args.robots, args.models, before, args.samples, training, args.episodes)
@@ -132,7 +132,7 @@ def _in_use(robot: str, name: str) -> list[tuple[int | None, Sequence[str]]]:
     """
     if name == SQUARES:
         return [(None, POLICIES[robot])]
-    if name == SHIPPED:
+    if name in (SHIPPED, SHIPPED_GAN):
         return [(0, POLICIES[robot]), (_STEPS, POLICIES[robot])]
     return [(0, POLICIES[robot][-1:])]
 
@@ -140,14 +140,17 @@ def _in_use(robot: str, name: str) -> list[tuple[int | None, Sequence[str]]]:
 def _inverses(
     robot: str, names: Sequence[str], samples: int, training: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Load the shipped model, and train the others."""
+    """Load the shipped models, and train the others."""
     from tqdm import tqdm
 
     from saver_envs.modelling.models import Training, new_model
     from saver_envs.modelling.shipped import shipped_model
     from saver_envs.modelling.workspace import workspace_samples
 
-    found: dict[str, Any] = {SHIPPED: shipped_model(robot)}
+    found: dict[str, Any] = {
+        SHIPPED: shipped_model(robot),
+        SHIPPED_GAN: shipped_model(robot, adversarial=True),
+    }
     if names:
         data = workspace_samples(robot, samples, 0)
         for name in tqdm(names, desc=f"{robot}: training", unit="model"):

@@ -29,7 +29,8 @@ class LearnedInverseKinematics:
     Pass it to an environment: ``gymnasium.make("MicoPush-v0", inverse_kinematics=learned)``.
 
     :param robot: the arm to drive, by name or by its description.
-    :param model: a fitted model, the path of a weight file, or None for the shipped model.
+    :param model: a fitted model, the path of a weight file, ``gan`` for the shipped adversarial
+        model, or None for the shipped network.
     :param refinement: Newton steps after the model's guess; 0 leaves the guess unchanged.
     :param nearest: whether :meth:`solve` searches for the nearest reachable point where the refined
         guess misses its target; by default where there is a refinement.

@@ -8,22 +8,26 @@ from saver_envs.modelling.arms import TASK_NAMES, Task
 from saver_envs.modelling.models import InverseModel, load_model
 
 WEIGHTS = Path(__file__).parent / "weights"
+#: Names the shipped adversarial models of inverse kinematics, beside the default networks.
+GAN = "gan"
 
 
-def shipped_model(robot: str, task: Task = "ik") -> InverseModel:
+def shipped_model(robot: str, task: Task = "ik", adversarial: bool = False) -> InverseModel:
     """Return the shipped inverse model of an arm.
 
     :param robot: the arm's name.
     :param task: ``ik``, inverse kinematics, or ``id``, inverse dynamics.
+    :param adversarial: return the best adversarial model by validation, inverse kinematics only.
     :raises ValueError: for an arm or task without one.
     """
-    path = WEIGHTS / f"{robot}-{task}.safetensors"
+    kind = f"{task}-{GAN}" if adversarial else task
+    path = WEIGHTS / f"{robot}-{kind}.safetensors"
     if not path.is_file():
-        ending = f"-{task}.safetensors"
+        ending = f"-{kind}.safetensors"
         names = sorted(one.name.removesuffix(ending) for one in WEIGHTS.glob(f"*{ending}"))
-        kind = TASK_NAMES.get(task, f"task {task!r}")
+        what = TASK_NAMES.get(task, f"task {task!r}")
         raise ValueError(
-            f"robot={robot!r}: weights of {kind} are shipped for {', '.join(names) or 'none'}"
+            f"robot={robot!r}: weights of {what} are shipped for {', '.join(names) or 'none'}"
         )
     return load_model(path, robot, task)
 
@@ -33,11 +37,14 @@ def model_for(robot: str, task: Task, model: InverseModel | str | Path | None) -
 
     :param robot: the arm's name.
     :param task: ``ik`` or ``id``.
-    :param model: a fitted model, the path of a weight file, or None for the shipped model.
+    :param model: a fitted model, the path of a weight file, ``gan`` for the shipped adversarial
+        model, or None for the shipped network.
     :raises ValueError: for a model of another arm or task.
     """
     if model is None:
         return shipped_model(robot, task)
+    if model == GAN:
+        return shipped_model(robot, task, adversarial=True)
     if not isinstance(model, InverseModel):
         return load_model(Path(model), robot, task)
     if model.robot != robot or model.task != task:

@@ -29,7 +29,8 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
     that is not, and ``info["ik_unreachable"]`` says which arms have one.
 
     :param env: made with ``control="joints"``.
-    :param model: a fitted model, the path of a weight file, or None for the shipped one.
+    :param model: a fitted model, the path of a weight file, ``gan`` for the shipped adversarial
+        model, or None for the shipped network.
     :param refinement: Newton steps behind the model's guess.
     :raises ValueError: for an environment in Cartesian control, or a model of another robot.
     :raises TypeError: for an environment that has no arms of ours.

@@ -19,7 +19,7 @@ from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.datasets import campaign_of
 from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
-from saver_envs.modelling.models import Training, new_model
+from saver_envs.modelling.models import ADVERSARIAL, Training, new_model
 from saver_envs.modelling.models.base import InverseModel
 from saver_envs.modelling.networks import MLPArchitecture
 from saver_envs.modelling.shipped import shipped_model
@@ -42,11 +42,13 @@ class Wild(type(new_model("mlp", "mico", "ik"))):  # type: ignore[misc]
         return np.full((len(inputs), self.output_size), 40.0)
 
 
+@pytest.mark.parametrize("model", [None, "gan"])
 @pytest.mark.parametrize("robot", ARMS)
-def test_shipped_models_meet_unseen_targets(robot: str) -> None:
+def test_shipped_models_meet_unseen_targets(robot: str, model: str | None) -> None:
     unseen = workspace_samples(robot, 1500, 77)
-    learned = LearnedInverseKinematics(robot)
-    raw = LearnedInverseKinematics(robot, refinement=0).solve(unseen.targets)
+    learned = LearnedInverseKinematics(robot, model)
+    assert (learned.model.name in ADVERSARIAL) == (model == "gan")
+    raw = LearnedInverseKinematics(robot, model, refinement=0).solve(unseen.targets)
     refined = learned.solve(unseen.targets)
     millimetres = refined.error * 1e3
     assert np.median(millimetres) < 2
