@@ -326,7 +326,8 @@ class _EpisodeRecord:
                 self.cost_maxima[name] = max(self.cost_maxima.get(name, -np.inf), float(value))
         if done:
             self.final_info = info
-            self.final_distances = np.asarray(self.task.distances(achieved, desired), float)
+            ends = (np.asarray(goal, np.float64) for goal in (achieved, desired))
+            self.final_distances = np.asarray(self.task.distances(*ends), np.float64)
 
 
 def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeOutcomes:
