@@ -81,7 +81,9 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         self._error = solution.error
         commanded = episodes.simulation.ctrl.take(episodes.scene.arm_ctrl, 1)
         joints = solution.joints.reshape(commanded.shape)
-        motion = np.clip((joints - commanded) / self._largest, -1, 1)
+        motion = (joints - commanded) / self._largest
+        # One factor for all joints of an arm: clipped one by one they would bend the tool's path.
+        motion /= np.maximum(np.abs(motion).max(axis=-1, keepdims=True), 1.0)
         result = np.concatenate([motion, blocks[..., 3:]], axis=-1)
         return result.ravel().astype(np.float32)
 
