@@ -162,7 +162,7 @@ def _register_with_gymnasium(
 def register_robot(robot: Robot) -> Robot:
     """Make a robot known by its name.
 
-    :param robot: see :func:`saver_envs.robots.from_model.robot_from_model` for one from a MuJoCo model.
+    :param robot: from a MuJoCo model, see :func:`saver_envs.robots.from_model.robot_from_model`.
     :return: the robot.
     :raises ValueError: for a taken name.
     """
