@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from saver_advisors.cli.arguments import at_least
+from saver_advisors.cli.arguments import add_json, add_table, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 
 if TYPE_CHECKING:
@@ -16,23 +16,20 @@ if TYPE_CHECKING:
     from saver_advisors.reporting.figures import Drawn
 
 
-def add_count(
-    parser: argparse.ArgumentParser, flag: str, default: int, purpose: str, least: int = 1
-) -> None:
-    """Declare an argument that is a whole number.
+def add_seeds(parser: argparse.ArgumentParser, default: Sequence[int], purpose: str) -> None:
+    """Declare ``--seeds``.
 
     :param parser: the command's parser.
-    :param flag: such as ``--trials``.
-    :param default: its default.
-    :param purpose: what it counts, for the help.
-    :param least: the smallest valid value.
+    :param default: the seeds without the argument.
+    :param purpose: what the seeds are for, for the help.
     """
     parser.add_argument(
-        flag,
-        type=at_least(least),
-        default=default,
+        "--seeds",
+        nargs="+",
+        type=at_least(0),
+        default=list(default),
         metavar="N",
-        help=f"{purpose} (default: {default})",
+        help=f"{purpose} (default: {' '.join(map(str, default))})",
     )
 
 
@@ -66,13 +63,37 @@ def add_choices(
     )
 
 
+def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None:
+    """Add ``--results``, ``--table``, ``--figures`` and ``--json``.
+
+    :param parser: the command's parser
+    :param results: default folder of results
+    """
+    parser.add_argument(
+        "--results",
+        nargs="+",
+        type=Path,
+        default=[results],
+        metavar="PATH",
+        help="result files or folders of them: training runs, results of `saver curves`, and "
+        f"evaluations of reference policies (default: {results})",
+    )
+    add_table(parser)
+    parser.add_argument(
+        "--figures", type=Path, metavar="DIR", help="write the figures to this folder"
+    )
+    add_json(parser)
+
+
 def measure_and_render(
     args: argparse.Namespace,
     kind: str,
     measure: Callable[[], Mapping[str, Any]],
     render: Callable[[dict[str, Any]], str],
 ) -> int:
-    """Measure or read figures, print their page, and write the files that were asked for.
+    """Measure or read figures, print their page, and write the requested files.
+
+    Measurements run with one thread of linear algebra, as training does by default.
 
     :param args: with the arguments of :func:`saver_advisors.cli.arguments.add_page`.
     :param kind: the kind of the figures, as their JSON file names it.
@@ -81,7 +102,9 @@ def measure_and_render(
     :return: exit status.
     :raises UsageError: if ``--from`` names a file without such figures.
     """
-    figures = measured_or_read(args, kind, measure)
+    from saver_advisors.training.threads import one_thread_of_algebra
+
+    figures = measured_or_read(args, kind, one_thread_of_algebra()(measure))
     hand_over(render(figures), figures, args.json, args.table)
     return 0
 
@@ -92,10 +115,10 @@ def write_comparison(
     draw: Callable[[Path], list[Drawn]],
     page: Callable[[Sequence[Drawn], Path], str],
 ) -> int:
-    """Write the JSON file, the pictures and the page of compared training runs, as asked for.
+    """Write the requested files of a comparison of training runs: JSON, pictures and page.
 
     :param args: with the arguments of
-        :func:`saver_advisors.cli.result_files.add_result_arguments`.
+        :func:`add_result_arguments`.
     :param figures: everything that was computed.
     :param draw: draws the figures into a folder.
     :param page: renders the page, from the drawn figures and the page's folder.

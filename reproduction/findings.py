@@ -1,4 +1,4 @@
-"""The dissertation's findings about advising, evaluated on training runs.
+"""Evaluate the dissertation's findings about advising on training runs.
 
 A finding consists of comparisons between rows of a table. In these runs it holds if every
 comparison comes out in its favour by more than the evaluations can resolve. It does not hold if one
@@ -160,20 +160,15 @@ class Finding:
         return min((one.advantage.n for one in self._known if one.advantage), default=0)
 
     @property
-    def closest(self) -> Comparison | None:
-        """The comparison least in favour of the claim; None if no comparison is possible."""
-        return min(
-            self._known, key=lambda one: one.advantage.value if one.advantage else 0, default=None
-        )
-
-    @property
     def _known(self) -> list[Comparison]:
         """The possible comparisons."""
         return [one for one in self.comparisons if one.advantage is not None]
 
     def text(self) -> str:
-        """Describe the closest comparison with its figures."""
-        one = self.closest
+        """Describe the comparison that is least in favour of the claim, with its figures."""
+        one = min(
+            self._known, key=lambda one: one.advantage.value if one.advantage else 0, default=None
+        )
         if one is None or one.advantage is None:
             return "no two of its rows can be compared"
         parts = [

@@ -1,4 +1,4 @@
-"""From Cartesian set-points to joint targets: the inverse kinematics seam and its default."""
+"""From Cartesian set-points to joint targets: the inverse kinematics interface and its default."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
@@ -17,11 +17,11 @@ from saver_envs.simulation import ArmState
 DAMPING = 1e-3
 #: Largest joint step of one solve, radians.
 LARGEST_JOINT_STEP = 0.3
-#: A joint counts as idle where its turning moves the tool by less than this (m/rad).
+#: A joint is idle if turning it moves the tool by less than this (m/rad).
 IDLE_LEVER = 1e-6
 
 
-#: Entries of a rotation matrix, row by row, whose differences are its turn.
+#: Flat indices of the entries of a rotation matrix whose differences give its rotation vector.
 _ABOVE_DIAGONAL, _BELOW_DIAGONAL = np.array([5, 6, 1]), np.array([7, 2, 3])
 
 
@@ -40,15 +40,33 @@ def shortened(vectors: NDArray[np.floating], longest: NDArray[np.floating] | flo
     return vectors * np.minimum(1.0, longest / np.maximum(length, 1e-12))
 
 
+def checked_action(
+    action: ArrayLike, shape: tuple[int, ...], name: str = "action"
+) -> NDArray[np.float64]:
+    """Return an action clipped to [-1, 1].
+
+    :param action: of an agent.
+    :param shape: that it must have.
+    :param name: what the messages call it.
+    :raises ValueError: for another shape or a value that is not finite.
+    """
+    values = np.asarray(action, dtype=np.float64)
+    if values.shape != shape:
+        raise ValueError(f"{name} of shape {values.shape}: must have shape {shape}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}={values!r}: every value must be finite")
+    return bounded(values, -1.0, 1.0)
+
+
 class InverseKinematics(Protocol):
-    """Turns tool set-points into joint targets: the place where a learned model plugs in."""
+    """Converts tool set-points to joint targets; a learned model can take its place."""
 
     def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets for tool positions.
 
         :param state: the arms' present state, leading dimensions (n, arms).
-        :param target: (n, arms, 3) tool positions in each arm's base frame, metres. The hand is
-            meant to point down at its fixed yaw, on arms that can hold it.
+        :param target: (n, arms, 3) tool positions in each arm's base frame, metres. The hand points
+            down at its fixed yaw, on arms that can hold it.
         :return: (n, arms, dof) joint angles, radians.
         """
 
@@ -60,6 +78,24 @@ def orientation_error(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     entries = rotation.reshape(*rotation.shape[:-2], 9)
     return 0.5 * (entries.take(_ABOVE_DIAGONAL, -1) - entries.take(_BELOW_DIAGONAL, -1))
+
+
+def tool_error(
+    state: ArmState, target: NDArray[np.float64], holds_orientation: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the tools' errors and the rows of the Jacobian that correct them.
+
+    :param state: the arms' state.
+    :param target: (n, arms, 3) tool positions in base frames, metres.
+    :param holds_orientation: whether the tools also keep the axes of the bases.
+    :return: (n, arms, rows) metres and radians, and (n, arms, rows, dof); 6 rows, or 3 for the
+        position alone.
+    """
+    error = target - state.tool_position
+    if not holds_orientation:
+        return error, state.jacobian[..., :3, :]
+    turn = orientation_error(state.tool_rotation)
+    return np.concatenate([error, turn], axis=-1), state.jacobian
 
 
 def least_squares_step(
@@ -82,9 +118,9 @@ def least_squares_step(
 class DampedLeastSquares:
     """One damped least squares step from the present joints towards the set-point.
 
-    Arms that can hold their orientation solve for position and orientation, others for the
-    position alone; joints that do not move the tool then go back to their home angle, for nothing
-    else would bring them back once a contact has turned them.
+    Arms that can hold their orientation solve for position and orientation, others for the position
+    alone; joints that do not move the tool then return to their home angle: nothing else would undo
+    a turn by a contact.
 
     :param robot: gives the joint limits and whether orientation is held.
     :param damping: squared damping factor.
@@ -99,12 +135,7 @@ class DampedLeastSquares:
 
     def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof); see :class:`InverseKinematics`."""
-        error = target - state.tool_position
-        jacobian = state.jacobian
-        if self._holds_orientation:
-            error = np.concatenate([error, orientation_error(state.tool_rotation)], axis=-1)
-        else:
-            jacobian = jacobian[..., :3, :]
+        error, jacobian = tool_error(state, target, self._holds_orientation)
         step = least_squares_step(jacobian, error, self._damping)
         if not self._holds_orientation:
             idle = np.abs(jacobian).max(axis=-2) < IDLE_LEVER
@@ -115,11 +146,12 @@ class DampedLeastSquares:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where set-points may be: a box, less what is too far from the shoulder, in base frames.
+    """The region of valid set-points in base frames: a box within reach of the shoulder.
 
     :param lower: (arms, 3), metres.
     :param upper: (arms, 3), metres.
-    :param hand_reach: greatest distance from the shoulder, metres; infinity where the box will do.
+    :param hand_reach: greatest distance from the shoulder, metres; infinity if only the box limits
+        it.
     :param shoulder_height: height of the shoulder above the base, metres.
     """
 
@@ -137,9 +169,9 @@ class Workspace:
             boxed[..., :2] *= np.minimum(1.0, longest / np.maximum(length, 1e-12))
         return boxed
 
-    def contains(self, points: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.bool_]:
-        """Say which points (..., arms, 3) lie inside, ``margin`` metres from the box's walls."""
-        inside = (points >= self.lower + margin) & (points <= self.upper - margin)
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (..., arms, 3) lie inside."""
+        inside = (points >= self.lower) & (points <= self.upper)
         within: NDArray[np.bool_] = np.logical_and.reduce(inside, axis=-1)
         if math.isfinite(self.hand_reach):
             length = np.hypot(points[..., 0], points[..., 1])
@@ -152,9 +184,9 @@ class Workspace:
         return np.sqrt(np.maximum(self.hand_reach**2 - rise**2, 0.0))
 
 
-#: A set-point leads the tool by at most this many actions' way at top speed, 0.05 m at 0.5 m/s, so
-#: that a blocked arm presses with bounded force, turns round at once, and does not race to catch up
-#: when it comes free.
+#: Largest lead of a set-point over the tool, in displacements of an action at top speed (0.05 m at
+#: 0.5 m/s): a blocked arm presses with bounded force, reverses at once, and does not overshoot when
+#: it comes free.
 LEAD_LIMIT = 2.5
 
 
@@ -163,7 +195,7 @@ class SetPointRule:
     """How a Cartesian action moves the tools' set-points.
 
     :param workspace: where set-points may be.
-    :param longest: way of a set-point in one action at top speed, metres.
+    :param longest: displacement of a set-point in one action at top speed, metres.
     :param held_height: of all set-points (m), or ``None`` where the action sets it.
     """
 

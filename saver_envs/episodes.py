@@ -5,17 +5,24 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import DampedLeastSquares, InverseKinematics, SetPointRule, bounded
+from saver_envs.control import (
+    DampedLeastSquares,
+    InverseKinematics,
+    SetPointRule,
+    bounded,
+    checked_action,
+)
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, Scene, compose
-from saver_envs.simulation import SUBSTEPS, ArmState, Simulation, SimulationState
+from saver_envs.simulation import SUBSTEPS, ArmState, Simulation
 from saver_envs.tasks.contract import Memory, Start, Task
+from saver_envs.validation import require
 from saver_envs.world import TIMESTEP
 
 Control = Literal["cartesian", "joints"]
@@ -24,8 +31,7 @@ Control = Literal["cartesian", "joints"]
 ACTION_DURATION = SUBSTEPS * TIMESTEP
 #: Top speeds of the set-point (m/s): ours by default, the makers' (Table 5.3) when rated.
 DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
-#: In joint control the targets may run ahead of the joints by this much (rad): more than they lag
-#: at full speed, 0.11.
+#: Largest lead of the targets over the joints in joint control (rad); at full speed it is 0.11.
 JOINT_LEAD = 0.15
 _MOST_REDRAWS = 50
 
@@ -49,14 +55,10 @@ class Settings:
     control: Control = "cartesian"
 
     def __post_init__(self) -> None:
-        checks = {
-            "horizon": (self.horizon >= 1, "at least 1 action"),
-            "max_speed": (0 < self.max_speed <= 2, "above 0 and at most 2 m/s"),
-            "control": (self.control in ("cartesian", "joints"), "'cartesian' or 'joints'"),
-        }
-        for name, (holds, valid) in checks.items():
-            if not holds:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+        speed, known = self.max_speed, self.control in get_args(Control)
+        require("horizon", self.horizon, self.horizon >= 1, "at least 1 action")
+        require("max_speed", speed, 0 < speed <= 2, "above 0 and at most 2 m/s")
+        require("control", self.control, known, "'cartesian' or 'joints'")
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,7 @@ class Observation:
 
     def as_dict(self) -> dict[str, NDArray[np.float32]]:
         """Return the three arrays under the names of the goal API."""
-        return {
-            "observation": self.observation,
-            "achieved_goal": self.achieved_goal,
-            "desired_goal": self.desired_goal,
-        }
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class Outcome:
 class EpisodesState:
     """Everything that n episodes' future depends on; arrays with one row per episode.
 
-    :param simulation: the simulations' state.
+    :param simulation: (n, state size) the simulations' state.
     :param set_point: (n, arms, 3) tool set-points in base frames, metres.
     :param goal: (n, goal size) desired goals.
     :param elapsed: (n,) actions since the reset.
@@ -129,10 +127,10 @@ class EpisodesState:
     :param observation: (n, observation size) as last read.
     :param achieved: (n, goal size) as last read.
     :param generators: the episodes' sources of randomness.
-    :param memory: what the task keeps besides.
+    :param memory: further state of the task.
     """
 
-    simulation: SimulationState
+    simulation: NDArray[np.float64]
     set_point: NDArray[np.float64]
     goal: NDArray[np.float64]
     elapsed: NDArray[np.int64]
@@ -146,8 +144,8 @@ class EpisodesState:
 class Episodes:
     """n episodes of one task, stepped together.
 
-    They can be pickled and deep-copied in the midst of an episode: the copy is built anew from
-    the constructor's arguments, takes over the state and goes on identically.
+    They can be pickled and deep-copied within an episode: the copy is rebuilt from the
+    constructor's arguments, takes over the state and continues identically.
 
     :param task: what is to be done.
     :param settings: robot, limits and control.
@@ -186,7 +184,8 @@ class Episodes:
         self.memory: Memory = task.memory(n)
         self.set_point = np.zeros((n, task.n_arms, 3))
         self.elapsed = np.zeros(n, dtype=np.int64)
-        self._goal = np.zeros((n, self.goal_size))
+        #: (n, goal size) desired goals.
+        self.goal = np.zeros((n, self.goal_size))
         self._failed = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
@@ -194,28 +193,23 @@ class Episodes:
 
     @property
     def action_size_per_arm(self) -> int:
-        """Numbers of an arm's action: motion, and the gripper command where the fingers move."""
+        """Size of an arm's action: motion, and the gripper command if the fingers move."""
         return self._motion_size + self._has_gripper
 
     @property
     def action_size(self) -> int:
-        """Numbers of an action, arm after arm."""
+        """Size of an action, arm after arm."""
         return self.action_size_per_arm * self.task.n_arms
 
     @property
     def observation_size(self) -> int:
-        """Numbers of an observation."""
+        """Size of an observation."""
         return self.task.observation_layout.size
 
     @property
     def goal_size(self) -> int:
-        """Numbers of a goal."""
+        """Size of a goal."""
         return self.task.goal_layout.size
-
-    @property
-    def goal(self) -> NDArray[np.float64]:
-        """Desired goals (n, goal size); not a copy."""
-        return self._goal
 
     def set_generator(self, index: int, generator: np.random.Generator) -> None:
         """Give episode ``index`` its source of randomness for the resets to come."""
@@ -226,7 +220,7 @@ class Episodes:
         return EpisodesState(
             simulation=self.simulation.get_state(),
             set_point=self.set_point.copy(),
-            goal=self._goal.copy(),
+            goal=self.goal.copy(),
             elapsed=self.elapsed.copy(),
             failed=self._failed.copy(),
             observation=self._observation.copy(),
@@ -245,7 +239,7 @@ class Episodes:
         self.task.restore(self.simulation, self.memory)
         self.simulation.set_state(state.simulation)
         self.set_point = state.set_point.copy()
-        self._goal = state.goal.copy()
+        self.goal = state.goal.copy()
         self.elapsed = state.elapsed.copy()
         self._failed = state.failed.copy()
         self._observation = state.observation.copy()
@@ -272,7 +266,7 @@ class Episodes:
         rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
         starts = self._begin(rows)
         self.set_point[rows] = np.stack([start.hand for start in starts])
-        self._goal[rows] = self.task.desired(starts)
+        self.goal[rows] = self.task.desired(starts)
         self.elapsed[rows] = 0
         self._failed[rows] = False
         self._read(rows)
@@ -280,10 +274,10 @@ class Episodes:
         return self._outcome(np.zeros(self.n, dtype=bool))
 
     def _begin(self, rows: NDArray[np.intp]) -> list[Start]:
-        """Draw starts of episodes ``rows`` and put everything there.
+        """Draw starts of episodes ``rows`` and place everything.
 
-        The sampler knows hands as points. Whether one touches its object, with fingers open and
-        the object larger than usual, shows in the simulation: such a start is drawn again.
+        The sampler treats hands as points. Only the simulation shows whether one touches its
+        object, such as open fingers a large cube; such a start is drawn again.
         """
         task, simulation = self.task, self.simulation
         starts: dict[int, Start] = {}
@@ -338,14 +332,7 @@ class Episodes:
 
         :raises ValueError: for a wrong shape or a value that is not finite.
         """
-        values = np.asarray(actions, dtype=np.float64)
-        if values.shape != (self.n, self.action_size):
-            raise ValueError(
-                f"actions of shape {values.shape}: must have shape {(self.n, self.action_size)}"
-            )
-        if not np.isfinite(values).all():
-            raise ValueError(f"actions={values!r}: every value must be finite")
-        return bounded(values, -1.0, 1.0)
+        return checked_action(actions, (self.n, self.action_size), "actions")
 
     def _arm_targets(
         self, motion: NDArray[np.float64], controls: NDArray[np.float64]
@@ -353,19 +340,19 @@ class Episodes:
         """Return joint targets (n, arms, dof), radians, for motions in [-1, 1]."""
         commanded = controls.take(self.scene.arm_ctrl, 1)
         if self.settings.control == "joints":
-            # Joints may go as much faster than their makers rate them as the tool may.
+            # Joints may exceed their rated speed by the same factor as the tool.
             scale = self.settings.max_speed / RATED_SPEED * ACTION_DURATION
             wanted = commanded + motion * self._joint_speed * scale
         else:
             wanted = self.inverse_kinematics(self._arms, self.moved_set_point(motion))
         if self.settings.limit_joint_speed:
-            # One factor for all joints of an arm: clipped one by one they would bend the tool's way
-            # and press the hand on the table.
+            # One factor for all joints of an arm: clipping each by itself would bend the tool's
+            # path and press the hand on the table.
             change = wanted - commanded
             excess = np.abs(change) / (self._joint_speed * ACTION_DURATION)
             wanted = commanded + change / np.maximum(excess.max(axis=-1, keepdims=True), 1.0)
         if self.settings.control == "joints":
-            # Last, since the joints of a blocked arm may be pushed away faster than they may move.
+            # Last, because contacts may push the joints of a blocked arm faster than they may move.
             present = self._arms.joint_position
             wanted = present + bounded(wanted - present, -JOINT_LEAD, JOINT_LEAD)
         return bounded(wanted, self._joint_lower, self._joint_upper)
@@ -396,9 +383,10 @@ class Episodes:
             self._achieved[rows] = achieved[rows]
 
     def _outcome(self, diverged: NDArray[np.bool_]) -> Outcome:
-        # From the numbers that agents see, so that relabelling them finds the very same rewards.
+        # From the float32 values that agents see, so that relabelling gives exactly the same
+        # rewards.
         task = self.task
-        achieved, desired = self._achieved.astype(np.float32), self._goal.astype(np.float32)
+        achieved, desired = self._achieved.astype(np.float32), self.goal.astype(np.float32)
         measured = task.measure(self.simulation, self.memory, achieved, desired)
         reward, reached = task.reward_and_reached(achieved, desired)
         for name in task.hard:
@@ -415,16 +403,16 @@ class Episodes:
         )
 
     def observation(self) -> Observation:
-        """Return what the agents see now, in arrays of their own."""
+        """Return what the agents see now, in new arrays."""
         return Observation(
             self._observation.astype(np.float32),
             self._achieved.astype(np.float32),
-            self._goal.astype(np.float32),
+            self.goal.astype(np.float32),
         )
 
     def targets(self) -> NDArray[np.float64]:
         """Return the points (n, k, 3) that the scene's target sites show, world frame, metres."""
-        return self.task.targets(self.scene, self._goal)
+        return self.task.targets(self.scene, self.goal)
 
     def variant_of(self, index: int) -> int:
         """Return which of the scene's models episode ``index`` has."""

@@ -1,4 +1,4 @@
-"""Files that are there as a whole or not at all."""
+"""Atomic writing of files."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import BinaryIO
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that takes its name only once it is complete and on the disk.
+    """Open a file for atomic writing: it gets its name once it is complete and on the disk.
 
-    What is written goes beside it first, under a name of this process, so that neither a crash, a
-    full disk nor another process that writes the same file leaves a part of one.
+    The data goes to a temporary file in the same folder first, so a crash, a full disk or another
+    process that writes the same file never leaves an incomplete file.
 
     :param path: of the file; its folder must exist.
     :return: a context with the file opened for binary writing; an exception inside leaves an old

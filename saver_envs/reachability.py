@@ -1,4 +1,4 @@
-"""Which points an arm can reach with its hand as tasks hold it, and postures that reach them."""
+"""Points that an arm can reach with its hand as tasks hold it, and postures that reach them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import (
-    LARGEST_JOINT_STEP,
-    bounded,
-    least_squares_step,
-    orientation_error,
-)
+from saver_envs.control import LARGEST_JOINT_STEP, bounded, least_squares_step, tool_error
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, compose
-from saver_envs.simulation import ArmState, Simulation
+from saver_envs.simulation import Simulation
 
-#: Grid over the box of hand positions that SPEC names, with room beyond the side walls (m).
+#: Grid over the box of hand positions that SPEC names, with room beyond its sides (m).
 GRID_LOWER = (0.25, -0.50, 0.02)
 GRID_UPPER = (0.60, 0.50, 0.40)
 GRID_SHAPE = (8, 21, 8)
@@ -26,15 +21,14 @@ GRID_SHAPE = (8, 21, 8)
 POSITION_TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 1e-2
 _COLD_ITERATIONS, _WARM_ITERATIONS = 60, 8
 _DAMPING = 1e-5
-#: Steps below this (rad) are not followed by another: convergence is quadratic, or nearly so.
+#: A row stops after a step below this (rad); convergence is about quadratic.
 _STILL = 1e-7
 
 
 class PostureSolver:
     """Iterated damped least squares on one arm's kinematics, many targets at once.
 
-    A row of a result depends on no other row: each stops by itself where its steps have become
-    small.
+    Rows are independent: each stops when its own steps have become small.
 
     :param robot: the arm.
     :param capacity: most targets that one call can solve.
@@ -66,8 +60,8 @@ class PostureSolver:
         joints = np.array(guess, dtype=np.float64)
         moving = np.ones(len(targets), dtype=bool)
         for _ in range(iterations):
-            error, state = self._error(ids, joints, targets)
-            step = least_squares_step(self._rows(state.jacobian[:, 0]), error, _DAMPING)
+            error, jacobian = self._error(ids, joints, targets)
+            step = least_squares_step(jacobian, error, _DAMPING)
             step = bounded(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
             moved = bounded(joints + step, self._lower, self._upper)
             joints[moving] = moved[moving]
@@ -81,23 +75,18 @@ class PostureSolver:
 
     def _error(
         self, ids: NDArray[np.intp], joints: NDArray[np.float64], targets: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], ArmState]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return errors (k, rows) and Jacobians (k, rows, dof) of postures (k, dof)."""
         simulation = self._simulation
         simulation.qpos[ids[:, None], self._scene.joint_qpos[0]] = joints
         simulation.refresh(ids)
-        state = simulation.arm_state(ids)
-        error = targets - state.tool_position[:, 0]
-        if self._robot.holds_orientation:
-            turn = orientation_error(state.tool_rotation[:, 0])
-            error = np.concatenate([error, turn], axis=-1)
-        return error, state
-
-    def _rows(self, jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-        return jacobian if self._robot.holds_orientation else jacobian[:, :3]
+        holds = self._robot.holds_orientation
+        error, jacobian = tool_error(simulation.arm_state(ids), targets[:, None], holds)
+        return error[:, 0], jacobian[:, 0]
 
 
 class ReachabilityMap:
-    """A grid of solved postures: a proof that points are reachable, and a start for solving them.
+    """A grid of solved postures, which proves points reachable and starts their solution.
 
     :param robot: the arm whose workspace is solved.
     """
@@ -113,7 +102,7 @@ class ReachabilityMap:
         points = np.stack(np.meshgrid(*self._axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self._solver = PostureSolver(robot, len(points))
         guess = np.tile(np.asarray(robot.home), (len(points), 1))
-        # Turning the base joint towards the point leaves little for the iterations to do.
+        # With the base joint turned towards the point, few iterations are needed.
         guess[:, 0] -= np.arctan2(points[:, 1], points[:, 0])
         joints, reached = self._solver.solve(points, guess, _COLD_ITERATIONS)
         self.postures = joints.reshape(*GRID_SHAPE, -1)
@@ -126,7 +115,7 @@ class ReachabilityMap:
         self._cell_reached = corners
 
     def reachable(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Say for points (..., 3), metres, whether all corners of their grid cell are reached."""
+        """Return whether all corners of the grid cells of points (..., 3), metres, are reached."""
         scaled = (points - self._origin) * self._cells_per_metre
         inside = np.logical_and.reduce((scaled >= 0) & (scaled <= self._most_cells), axis=-1)
         cell = bounded(scaled, 0, self._most_cells - 1).astype(np.intp)

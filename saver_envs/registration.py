@@ -1,6 +1,6 @@
 """Ids are rows: id -> task, robot, arms. Adapters build their episodes from a row and options.
 
-Our own rows are registered the way that yours are: see :func:`register_task` and
+The rows of this package are registered like your own: see :func:`register_task` and
 :func:`register_robot`.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
+import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Any
@@ -29,10 +30,10 @@ from saver_envs.tasks.wrist_push import WristPush
 
 #: Module whose ids need no prefix.
 PACKAGE = "saver_envs"
-#: What the id of a twin with a dense reward has behind its name.
+#: Suffix of the name of an id with a dense reward.
 DENSE = "Dense"
 
-#: Ids that commands use where none is given: of one arm, and of two.
+#: Default ids of commands: with one arm, and with two.
 ONE_ARM_ID, TWO_ARM_ID = "JacoPush-v0", "DualJacoPush-v0"
 #: Ids that are timed by default, and ids that the demo shows.
 TIMED_IDS = (ONE_ARM_ID, "JacoPickAndPlace-v0", TWO_ARM_ID, "DualJacoPickAndPlace-v0")
@@ -40,7 +41,7 @@ SHOWN_IDS = (
     *(ONE_ARM_ID, "JacoPickAndPlace-v0", "MicoPush-v0"),
     *(TWO_ARM_ID, "DualJacoDistance-v0", "DualMicoPush-v0"),
 )
-#: The id that the loop of sensors, policy and servos is made for.
+#: The id of the closed loop of camera, policy and servos.
 CASUALTY_ID = "WristPush-v0"
 
 
@@ -62,7 +63,7 @@ class EnvironmentRow:
 
 @dataclass(frozen=True)
 class ControlOptions:
-    """Keyword arguments of every id; those of its task come on top.
+    """Keyword arguments of every id; its task adds more.
 
     :param n_arms: 1 to 4 arms; the id's number by default.
     :param horizon: actions in an episode; the task's by default.
@@ -81,7 +82,7 @@ class ControlOptions:
 
 #: Every id with its row, the dense twins behind the sparse ones.
 ENVIRONMENTS: dict[str, EnvironmentRow] = {}
-#: Ids whose observation is the camera's picture alone, and the ids behind them.
+#: Id with camera pictures as observations -> the id whose episodes they show.
 PIXELS: dict[str, str] = {}
 
 
@@ -99,8 +100,8 @@ def register_task(
     """Register a task with a robot under an id, for Gymnasium and for PettingZoo.
 
     Call it where your module is imported: ``gymnasium.make("your_module:YourTask-v0")`` and
-    ``saver train --env your_module:YourTask-v0`` then find the id. Episodes end by their own clock,
-    so no time limit is given. Ids of several arms are in PettingZoo's registry as well, behind
+    ``saver train --env your_module:YourTask-v0`` then find the id. Episodes count their own steps,
+    so no time limit is registered. Ids of several arms are in PettingZoo's registry as well, behind
     ``saver_envs/``.
 
     :param task: the task's class.
@@ -111,10 +112,10 @@ def register_task(
     :param dense: register a twin with a dense reward, ``<name>Dense-v<version>``.
     :param pixels: register a twin whose observation is the RGB-D camera's picture,
         ``<name>Pixels-v<version>``.
-    :param check: build an episode, reset it and step it once, to find out what the task misses.
+    :param check: build episodes, reset them and step them once, to find out what the task lacks.
     :return: the ids.
-    :raises ValueError: for a taken id, an unknown robot, or a task that misses a part; the message
-        names it and what is wanted.
+    :raises ValueError: for a taken id, an unknown robot, or a task that lacks a part; the message
+        names it.
     """
     if robot not in ROBOTS:
         raise ValueError(
@@ -160,7 +161,7 @@ def _register_with_gymnasium(
 
 
 def register_robot(robot: Robot) -> Robot:
-    """Make a robot known by its name.
+    """Register a robot under its name.
 
     :param robot: from a MuJoCo model, see :func:`saver_envs.robots.from_model.robot_from_model`.
     :return: the robot.
@@ -189,34 +190,23 @@ def _check(row: EnvironmentRow) -> None:
                 f"{kind.costs}"
             )
     try:
-        episodes = _build(row, ControlOptions(), {}, 2, 1, None)
+        _check_episodes(kind.__name__, Episodes(*_described(row, ControlOptions(), {}), n=2))
     except NotImplementedError as error:
-        raise ValueError(f"{kind.__name__} lacks {_where(error)}") from error
-    except KeyError as error:
-        raise ValueError(f"{kind.__name__}: the scene has no {error}") from error
-    _check_episode(kind.__name__, episodes)
+        method = traceback.extract_tb(error.__traceback__)[-1].name
+        raise ValueError(f"{kind.__name__} lacks the method {method}()") from error
+    except LookupError as error:
+        raise ValueError(f"{kind.__name__}: {error}") from error
 
 
-def _where(error: BaseException) -> str:
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return "a method" if trace is None else f"the method {trace.tb_frame.f_code.co_name}()"
-
-
-def _check_episode(name: str, episodes: Episodes) -> None:
+def _check_episodes(name: str, episodes: Episodes) -> None:
+    """Start episodes and step them once, and compare the results with the task's declarations."""
     task, n = episodes.task, episodes.n
     generators = [np.random.default_rng(index) for index in range(n)]
-    try:
-        _check_start(name, episodes, [task.sample(one, episodes.scene) for one in generators])
-        for index, generator in enumerate(generators):
-            episodes.set_generator(index, generator)
-        episodes.reset()
-        outcome = episodes.step(np.zeros((n, episodes.action_size)))
-    except NotImplementedError as error:
-        raise ValueError(f"{name} lacks {_where(error)}") from error
-    except (KeyError, IndexError) as error:
-        raise ValueError(f"{name}: {error}") from error
+    _check_start(name, episodes, [task.sample(one, episodes.scene) for one in generators])
+    for index, generator in enumerate(generators):
+        episodes.set_generator(index, generator)
+    episodes.reset()
+    outcome = episodes.step(np.zeros((n, episodes.action_size)))
     missing = [cost for cost in task.costs if f"cost_{cost}" not in outcome.measured]
     if missing:
         raise ValueError(f"{name}.measure: returns no cost_{missing[0]}, which costs names")
@@ -304,22 +294,15 @@ def make_episodes(
     :raises ValueError: for an unknown id or an option out of range.
     :raises TypeError: for an unknown option.
     """
-    row = row_of(env_id)
-    control, of_task = _parsed(env_id, options)
-    return _build(row, control, of_task, n, threads, inverse_kinematics)
+    return Episodes(*task_and_settings(env_id, options), n, threads, inverse_kinematics)
 
 
 def task_and_settings(env_id: str, options: Mapping[str, Any]) -> tuple[Task, Settings]:
-    """Return what an id with these options describes, without building a simulation.
+    """Return task and settings of an id with these options, without building a simulation.
 
     :raises ValueError: for an unknown id or an option out of range.
     :raises TypeError: for an unknown option.
     """
-    return _described(row_of(env_id), *_parsed(env_id, dict(options)))
-
-
-def _parsed(env_id: str, options: dict[str, Any]) -> tuple[ControlOptions, dict[str, Any]]:
-    """Tell the options of the control from those of the task."""
     valid = default_options(env_id)
     for name in options:
         if name not in valid:
@@ -330,7 +313,7 @@ def _parsed(env_id: str, options: dict[str, Any]) -> tuple[ControlOptions, dict[
     names = {one.name for one in fields(ControlOptions)}
     control = {name: value for name, value in options.items() if name in names}
     of_task = {name: value for name, value in options.items() if name not in names}
-    return ControlOptions(**control), of_task
+    return _described(row_of(env_id), ControlOptions(**control), of_task)
 
 
 def _described(
@@ -347,17 +330,6 @@ def _described(
         limit_joint_speed=control.rated,
         control=control.control,
     )
-
-
-def _build(
-    row: EnvironmentRow,
-    control: ControlOptions,
-    of_task: Mapping[str, Any],
-    n: int,
-    threads: int,
-    inverse_kinematics: InverseKinematics | None,
-) -> Episodes:
-    return Episodes(*_described(row, control, of_task), n, threads, inverse_kinematics)
 
 
 def register_all() -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -20,21 +20,23 @@ Array = NDArray[np.float64]
 
 #: Distance between neighbouring bases in a row (m), Table 8.1.
 BASE_SPACING = 0.72
-#: Radius of the circle on which bases stand around the table (m), ours: as far from the centre
-#: as a base of a row is from the middle of its workspace.
+#: Radius of the circle of bases around the table (m), ours: the distance of a base in a row from
+#: the middle of its workspace.
 RING_RADIUS = 0.60
 MAX_ARMS = 4
 #: First part of the names of sensors that count contacts for ``cost_collision``.
 COLLISION = "collision_"
+#: Reading of a contact sensor that finds out whether there is a contact.
+CONTACT_COUNT = (1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1)
 #: First part of the names of the sites that show targets.
 TARGET = "target"
-#: Memory for the contacts of a simulation and their constraints (bytes), ten times what they need.
+#: Memory for the contacts of a simulation and their constraints (bytes), ten times the need.
 MEMORY = 4 * 2**20
 
 #: Further collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
 OBJECT_BIT, FIRST_ARM_BIT = 2, 4
 
-#: Colours of objects and targets, one an arm (red, green, blue).
+#: Colours of objects and targets, one per arm (red, green, blue).
 ARM_COLOURS = ((0.85, 0.33, 0.20), (0.20, 0.47, 0.75), (0.93, 0.69, 0.20), (0.45, 0.62, 0.35))
 
 
@@ -45,7 +47,7 @@ class Arms:
     :param robot: every arm's description.
     :param n: how many, 1 to 4.
     :param fingers: actuated or locked.
-    :param bases: how they stand, see :func:`base_poses`.
+    :param bases: layout of the bases, see :func:`base_poses`.
     :raises ValueError: for another number of arms or another way to stand.
     """
 
@@ -72,47 +74,38 @@ class Arms:
         return f"arm{index}_{self.robot.base_body}"
 
 
-class Content(Protocol):
-    """What a scene holds besides arms; a task is one."""
+class Content:
+    """What a scene holds besides arms: nothing by default; a task is one."""
 
-    @property
-    def variants(self) -> int:
-        """How many models there are."""
-
-    @property
-    def table_depth(self) -> tuple[float, float]:
-        """Table under the arms, from behind a base to before it, metres."""
+    #: Number of models that differ in these bodies; an episode has one of them.
+    variants: ClassVar[int] = 1
+    #: Table under the arms, from behind a base to before it (m).
+    table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
 
     def scene_key(self) -> Hashable:
-        """Tell contents apart."""
+        """Return what identifies the scene: contents with equal keys build the same bodies."""
+        return self
 
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
-        """Add bodies, sensors and sites."""
+        """Add bodies, sensors and sites to a scene that has its arms already.
+
+        :param spec: of the scene; the arms' names begin with ``arm0_``, ``arm1_``, ...
+        :param arms: which arms there are and where they stand.
+        :param variant: which of :attr:`variants` models.
+        :param decorated: whether the model is drawn; otherwise visual geoms may be left out.
+        """
 
     def compiled(self, model: mujoco.MjModel) -> None:
-        """Adjust the compiled model."""
+        """Adjust the compiled model, for what a specification cannot express."""
 
 
-class Nothing:
-    """Arms over a bare table."""
-
-    variants = 1
-    table_depth = TABLE_DEPTH
-
-    def scene_key(self) -> Hashable:
-        """Return one key for all."""
-        return "nothing"
-
-    def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
-        """Add nothing."""
-
-    def compiled(self, model: mujoco.MjModel) -> None:
-        """Leave the model as it is."""
+#: Arms over a bare table.
+BARE_TABLE = Content()
 
 
 @dataclass(frozen=True)
 class _Recipe:
-    """What a scene is made from; equal where arms and key are."""
+    """What a scene is compiled from; recipes with equal arms and keys are equal."""
 
     arms: Arms
     key: Hashable
@@ -123,7 +116,7 @@ class _Recipe:
 class Scene:
     """Compiled models and where to find things in them; arrays have one row per arm.
 
-    :param models: the compiled models of what moves and collides, one a variant; see
+    :param models: the compiled models of what moves and collides, one per variant; see
         :meth:`drawing_model`.
     :param arms: which arms, and how they stand.
     :param base_position: (arms, 3), metres, world frame.
@@ -172,15 +165,9 @@ class Scene:
         return self.arms.n
 
     @cached_property
-    def cameras(self) -> list[str]:
-        """Names of the cameras."""
-        return [self.model.camera(index).name for index in range(self.model.ncam)]
-
-    @cached_property
     def bases_turned(self) -> bool:
         """Whether any base's frame is turned against the world's."""
-        upright = np.broadcast_to(np.eye(3), self.base_rotation.shape)
-        return not np.array_equal(self.base_rotation, upright)
+        return bool(self.arms.yaw.any())
 
     @cached_property
     def world_to_base(self) -> Array:
@@ -245,8 +232,8 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
     """Return where the bases stand and which way they face.
 
     :param n_arms: 1 to 4.
-    :param bases: ``row``: side by side along y, 0.72 m apart, all facing +x; ``ring``: on a
-        circle round the point (0.6, 0, 0), facing it.
+    :param bases: ``row``: side by side along y, 0.72 m apart, all facing +x; ``ring``: on a circle
+        around the point (0.6, 0, 0), facing it.
     :return: positions (arms, 3) in metres and yaw angles (arms,) in radians, world frame.
     :raises ValueError: for another number of arms or another way to stand.
     """
@@ -265,16 +252,15 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
     raise ValueError(f"layout={bases!r}: valid layouts are 'row' and 'ring'")
 
 
-def compose(arms: Arms, content: Content | None = None) -> Scene:
-    """Compile a table with arms, cameras, and what a task adds.
+def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:
+    """Compile a table with arms, cameras and a content.
 
     Scenes are cached: callers share them and must not change their models.
 
     :param arms: which arms, and how they stand.
-    :param content: what else there is; nothing by default.
+    :param content: other bodies; none by default.
     :return: the scene.
     """
-    content = content or Nothing()
     return _compose(_Recipe(arms, content.scene_key(), content))
 
 
@@ -290,12 +276,11 @@ def _drawing_model(recipe: _Recipe, variant: int) -> mujoco.MjModel:
 
 
 def _physics_model(recipe: _Recipe, variant: int) -> mujoco.MjModel:
-    """Compile a scene without what is only seen, and with jointless bodies fused to their parents.
+    """Compile a scene without visual geoms, and with static bodies fused to their parents.
 
-    It moves as the whole does, for a quarter fewer instructions: the compiler keeps the inertia of
-    what it drops or fuses. What it would change is how soft contacts are, which follows from the
-    inverse weight of the bodies that touch: a fused one keeps that of its lightest part, the
-    fingertips.
+    It moves like the complete scene with a quarter fewer instructions: the compiler keeps the
+    inertia of what it drops or fuses. Only the softness of contacts would change, which depends on
+    the inverse weight of the bodies: a fused body keeps that of its lightest part, the fingertips.
     """
     whole = _specification(recipe, variant, decorated=False).compile()
     spec = _specification(recipe, variant, decorated=False)
@@ -320,7 +305,7 @@ def _specification(recipe: _Recipe, variant: int, decorated: bool) -> mujoco.MjS
 
 
 def _add_arm(spec: mujoco.MjSpec, arms: Arms, index: int) -> None:
-    """Add arm ``index``, its names behind ``arm<index>_``, with its collision bits."""
+    """Add arm ``index`` with the prefix ``arm<index>_`` and its collision bits."""
     robot = arms.robot
     arm = robot.build(arms.fingers)
     spec.assets = {**spec.assets, **arm.assets}  # attaching a body leaves the mesh files behind
@@ -357,50 +342,52 @@ def add_target(
     )
 
 
-def add_contact_counters(
-    spec: mujoco.MjSpec, pairs: Sequence[tuple[str, int, str, int, str]]
+def add_contact_sensor(
+    spec: mujoco.MjSpec,
+    name: str,
+    body: str,
+    kind: mujoco.mjtObj,
+    other: str,
+    reading: tuple[int, int, int] = CONTACT_COUNT,
 ) -> None:
-    """Add sensors that count contacts.
+    """Add a sensor of the contacts between a body with its subtree and something else.
 
-    :param spec: gets the sensors.
-    :param pairs: name of the sensor, type and name of what touches, type and name of what is
-        touched; a body stands for its whole subtree.
+    :param spec: gets the sensor.
+    :param name: of the sensor.
+    :param body: name of the body.
+    :param kind: what ``other`` names: a geom, or a body with its subtree.
+    :param other: what the body touches.
+    :param reading: MuJoCo's parameters of a contact sensor: bits of the data, way of reduction
+        and number of contacts; by default whether there is a contact.
     """
-    for name, first_type, first, second_type, second in pairs:
-        spec.add_sensor(
-            name=name,
-            type=mujoco.mjtSensor.mjSENS_CONTACT,
-            objtype=first_type,
-            objname=first,
-            reftype=second_type,
-            refname=second,
-            intprm=(int(1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)), 0, 1),
-        )
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=body,
+        reftype=kind,
+        refname=other,
+        intprm=reading,
+    )
 
 
 def _addressed(models: tuple[mujoco.MjModel, ...], recipe: _Recipe) -> Scene:
-    """Look every name up once, after compilation."""
+    """Look up every name once, after compilation."""
     model, arms = models[0], recipe.arms
     robot = arms.robot
-    indices = range(arms.n)
     moving = arms.fingers is Fingers.ACTUATED
 
-    def table(rows: list[list[int]]) -> NDArray[np.intp]:
-        return np.array(rows, dtype=np.intp).reshape(arms.n, -1)
+    def ids(kind: Callable[[str], Any], names: tuple[str, ...]) -> NDArray[np.intp]:
+        rows = [[kind(f"arm{arm}_{name}").id for name in names] for arm in range(arms.n)]
+        return np.array(rows, dtype=np.intp)
 
-    def joint_ids(names: tuple[str, ...]) -> NDArray[np.intp]:
-        return table([[model.joint(f"arm{arm}_{name}").id for name in names] for arm in indices])
-
-    def actuator_ids(names: tuple[str, ...]) -> NDArray[np.intp]:
-        return table([[model.actuator(f"arm{arm}_{name}").id for name in names] for arm in indices])
-
-    joint_id = joint_ids(robot.arm_joints)
-    finger_id = joint_ids(robot.finger_joints if moving else ())
+    joint_id = ids(model.joint, robot.arm_joints)
+    finger_id = ids(model.joint, robot.finger_joints if moving else ())
     sensors = [
         index for index in range(model.nsensor) if model.sensor(index).name.startswith(COLLISION)
     ]
-    sites = {model.site(index).name: index for index in range(model.nsite)}
-    targets = sum(name.startswith(TARGET) for name in sites)
+    names = [model.site(index).name for index in range(model.nsite)]
+    targets = sum(name.startswith(TARGET) for name in names)
     yaw = arms.yaw
     cosine, sine = np.cos(yaw), np.sin(yaw)
     zero, one = np.zeros_like(yaw), np.ones_like(yaw)
@@ -416,9 +403,9 @@ def _addressed(models: tuple[mujoco.MjModel, ...], recipe: _Recipe) -> Scene:
         joint_dof=model.jnt_dofadr[joint_id].astype(np.intp),
         finger_qpos=model.jnt_qposadr[finger_id].astype(np.intp),
         finger_dof=model.jnt_dofadr[finger_id].astype(np.intp),
-        arm_ctrl=actuator_ids(robot.arm_actuators),
-        finger_ctrl=actuator_ids(robot.finger_actuators if moving else ()),
-        tool_site=np.array([sites[f"arm{arm}_{robot.tool_site}"] for arm in indices]),
-        target_site=np.array([sites[f"{TARGET}{index}"] for index in range(targets)], np.intp),
+        arm_ctrl=ids(model.actuator, robot.arm_actuators),
+        finger_ctrl=ids(model.actuator, robot.finger_actuators if moving else ()),
+        tool_site=ids(model.site, (robot.tool_site,))[:, 0],
+        target_site=np.array([model.site(f"{TARGET}{k}").id for k in range(targets)], np.intp),
         collision_sensor=model.sensor_adr[sensors].astype(np.intp),
     )

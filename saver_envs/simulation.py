@@ -1,4 +1,4 @@
-"""n simulations of one scene on MuJoCo's native batch: step, reset some, read fresh state."""
+"""n simulations of one scene on MuJoCo's native batch: step all, reset some, read the state."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from saver_envs.scenes import FreeBodies, Scene, rotate
+from saver_envs.validation import require
 
 Kept = TypeVar("Kept")
 
-#: Substeps of 0.002 s in one action: 25 actions a second.
+#: Substeps of 0.002 s in one action: 25 actions per second.
 SUBSTEPS = 20
-#: Contacts are sampled this many times in an action (100 Hz), so that a brief touch is seen.
+#: Contact samples per action (100 Hz), so that brief contacts are not missed.
 CONTACT_SAMPLES = 4
 
-_POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
-#: Warnings after which a simulation's state means nothing (MuJoCo has reset it by itself): bad
-#: positions, velocities and accelerations, which follow one another.
+#: Warnings after which a simulation's state is meaningless, because MuJoCo has reset it: bad
+#: positions, velocities and accelerations, which have consecutive numbers.
 _DIVERGENCE_WARNINGS = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
-#: Orders of the factors in a cross product: those of the minuends, then those of the subtrahends.
+#: Indices of the factors of a cross product: of the minuends, then of the subtrahends.
 _CROSS_FIRST, _CROSS_SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
 
 
@@ -70,17 +70,6 @@ class ObjectState:
     world_position: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SimulationState:
-    """Everything that the simulations' future depends on, copied.
-
-    :param rows: (n, state size) MuJoCo's integration state: time, positions, velocities, controls
-        and the solver's warm start.
-    """
-
-    rows: NDArray[np.float64]
-
-
 def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Cross product over the last axis; ten times faster than ``numpy.cross`` on few rows."""
     products = first.take(_CROSS_FIRST, -1) * second.take(_CROSS_SECOND, -1)
@@ -94,8 +83,8 @@ class Simulation:
     :param n: number of simulations, at least 1.
     :param threads: native threads that share them; results do not depend on it.
     :param keeps_peaks: keep the highest sample of every sensor in an action.
-    :param persistent: keep one ``MjData`` a simulation. Stepping wants it: the last velocity
-        stage of a step is then the first of the next. Pure kinematics does without the memory.
+    :param persistent: keep one ``MjData`` per simulation. Stepping needs it: a step continues from
+        the velocity stage of the last one. Pure kinematics saves the memory.
     :raises ValueError: for fewer than one simulation or thread.
     """
 
@@ -107,10 +96,8 @@ class Simulation:
         keeps_peaks: bool = False,
         persistent: bool = True,
     ) -> None:
-        if n < 1:
-            raise ValueError(f"n={n!r}: at least one simulation is needed")
-        if threads < 1:
-            raise ValueError(f"threads={threads!r}: at least one thread is needed")
+        require("n", n, n >= 1, "at least 1 simulation")
+        require("threads", threads, threads >= 1, "at least 1 thread")
         self.scene = scene
         self.n = n
         self._batch = Batch(scene.model, nsim=n, nthread=min(threads, n), persistent=persistent)
@@ -119,13 +106,15 @@ class Simulation:
         self.ctrl = self._batch.bind("ctrl")
         self._anchors = self._batch.bind("xanchor")
         self._axes = self._batch.bind("xaxis")
-        self._site_position = self._batch.bind("site_xpos")
+        #: (n, sites, 3) where the sites are, world frame, metres.
+        self.site_position = self._batch.bind("site_xpos")
         self._site_rotation = self._batch.bind("site_xmat")
-        self._sensors = self._batch.bind("sensordata")
+        #: (n, numbers) what the sensors read.
+        self.sensors = self._batch.bind("sensordata")
         self._keeps_peaks = keeps_peaks
         #: (n, sensors) highest of an action's samples, where peaks are kept.
-        self.peaks = np.zeros(self._sensors.shape)
-        #: (n,) contact in the last action that ``cost_collision`` counts.
+        self.peaks = np.zeros(self.sensors.shape)
+        #: (n,) whether the last action had a contact that ``cost_collision`` counts.
         self.collided = np.zeros(n, dtype=bool)
         self._expanded: dict[str, NDArray[Any]] = {}
         self._kept: dict[Any, Any] = {}
@@ -137,7 +126,7 @@ class Simulation:
         kinds = scene.model.jnt_type[scene.joint_id]
         self._slides = (kinds == int(mujoco.mjtJoint.mjJNT_SLIDE))[..., None]
         self._has_slides = bool(self._slides.any())
-        # The batch gives two numbers a warning: its last argument and how often it came.
+        # The batch has two numbers per warning: its last argument and its count.
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
@@ -160,7 +149,7 @@ class Simulation:
         rows = slice(None) if ids is None else ids
         previous = self.ctrl.copy() if ramp else None
         self.ctrl[rows] = targets[rows]
-        contacts = np.zeros(self._sensors.shape)
+        contacts = np.zeros(self.sensors.shape)
         if self._keeps_peaks:
             self.peaks[rows] = -np.inf
         failed: list[int] = []
@@ -175,11 +164,11 @@ class Simulation:
                 self._batch.step(ids, SUBSTEPS // CONTACT_SAMPLES, stage)
             except SimulationError as error:
                 failed.extend(int(i) for i in error.ids)
-            contacts += self._sensors
+            contacts += self.sensors
             if self.keep_samples:
                 self.samples[sample] = self.qpos
             if self._keeps_peaks:
-                self.peaks[rows] = np.maximum(self.peaks[rows], self._sensors[rows])
+                self.peaks[rows] = np.maximum(self.peaks[rows], self.sensors[rows])
         collided = np.logical_or.reduce(contacts.take(self.scene.collision_sensor, 1), axis=-1)
         diverged = self._diverged(failed)
         if ids is not None:
@@ -194,7 +183,7 @@ class Simulation:
         """Advance all simulations by substeps of 0.002 s, with the servos' targets as they are.
 
         :param substeps: at least 1.
-        :return: ``diverged`` (n,), as :meth:`step` says it.
+        :return: ``diverged`` (n,), as in :meth:`step`.
         """
         failed: list[int] = []
         try:
@@ -202,18 +191,18 @@ class Simulation:
         except SimulationError as error:
             failed.extend(int(i) for i in error.ids)
         if self._keeps_peaks:
-            self.peaks[:] = self._sensors
+            self.peaks[:] = self.sensors
         return self._diverged(failed)
 
     def contact_torque(self) -> NDArray[np.float64]:
-        """Return what contacts and joint limits do to the arms' joints, (n, arms, dof), N m.
+        """Return the torques of contacts and joint limits on the arms' joints, (n, arms, dof), N m.
 
-        It is what is left of measured joint torques when the arm's own dynamics are taken off.
+        They are the measured joint torques minus the torques of the arms' own dynamics.
         """
         return self._constraint_torque.take(self.scene.joint_dof, 1)
 
     def _diverged(self, failed: Sequence[int]) -> NDArray[np.bool_]:
-        # A sum tells whether anything is not finite at a fraction of the cost of looking at rows.
+        # One sum finds values that are not finite at a fraction of the cost of checking all rows.
         sound = np.isfinite(self._batch.state.sum())
         if sound and not failed and (self._warnings == self._warnings_before).all():
             return np.zeros(self.n, dtype=bool)
@@ -227,10 +216,10 @@ class Simulation:
     def reset(
         self, ids: NDArray[np.intp], joints: NDArray[np.float64], fingers: NDArray[np.float64]
     ) -> None:
-        """Put the arms of simulations ``ids`` at rest in the given postures, servos holding them.
+        """Put the arms of simulations ``ids`` at rest in the given postures, held by their servos.
 
-        Everything else goes to where its model has it. What follows from the state is not brought
-        up to date: place the rest, then call :meth:`refresh`.
+        Everything else returns to its initial state. Derived quantities are not updated: place the
+        other bodies, then call :meth:`refresh`.
 
         :param ids: (k,) simulations.
         :param joints: (k, arms, dof) joint angles, radians.
@@ -246,26 +235,16 @@ class Simulation:
         self.peaks[ids] = 0.0
         self._warnings_before[ids] = self._warnings[ids]
 
-    def touching(
-        self, ids: NDArray[np.intp], resting: Sequence[str], support: str = "table"
-    ) -> NDArray[np.bool_]:
-        """Say which of simulations ``ids`` have contact other than of what lies on its support.
+    def touching(self, ids: NDArray[np.intp], resting: Sequence[str]) -> NDArray[np.bool_]:
+        """Return which of simulations ``ids`` (k,) have contacts, see :meth:`contacts_of`."""
+        return np.array([bool(self.contacts_of(int(index), resting)) for index in ids])
 
-        :param ids: (k,) simulations.
-        :param resting: names of geoms that lie on the support.
-        :param support: name of the geom under them.
-        :return: (k,)
+    def contacts_of(self, index: int, resting: Sequence[str]) -> list[tuple[str, str]]:
+        """Return the names of geoms in contact, except for those that rest on the table.
+
+        :param index: of the simulation.
+        :param resting: names of the geoms that rest on the table.
         """
-        return np.array([bool(self._contacts(int(index), resting, support)) for index in ids])
-
-    def contacts_of(self, index: int, resting: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """Name the geoms that touch in a simulation; see :meth:`touching`."""
-        model = self.scene.model
-        pairs = self._contacts(index, resting, "table")
-        return [(model.geom(first).name, model.geom(second).name) for first, second in pairs]
-
-    def _contacts(self, index: int, resting: Sequence[str], support: str) -> list[tuple[int, int]]:
-        """Return pairs of geoms that touch, but for those that rest on the support."""
         if self._scratch is None:
             model = self.model_of(0) if self._expanded else self.scene.model
             self._scratch = model, mujoco.MjData(model)
@@ -277,51 +256,45 @@ class Simulation:
         mujoco.mj_collision(model, data)
         pairs = data.contact.geom
         lying = [model.geom(name).id for name in resting]
-        below = (pairs == model.geom(support).id).any(axis=-1)
+        below = (pairs == model.geom("table").id).any(axis=-1)
         rests = below & np.isin(pairs, lying).any(axis=-1)
-        return [(int(first), int(second)) for first, second in pairs[~rests]]
+        return [
+            (model.geom(first).name, model.geom(second).name) for first, second in pairs[~rests]
+        ]
 
     def keep(self, kind: Callable[[Simulation], Kept]) -> Kept:
-        """Return what ``kind(self)`` made at the first call, such as the addresses a task needs."""
+        """Return ``kind(self)`` from the first call on, such as addresses that a task needs."""
         if kind not in self._kept:
             self._kept[kind] = kind(self)
         kept: Kept = self._kept[kind]
         return kept
 
-    def get_state(self) -> SimulationState:
-        """Return a copy of everything that the simulations' future depends on."""
-        return SimulationState(self._batch.state.copy())
+    def get_state(self) -> NDArray[np.float64]:
+        """Return a copy of everything that the simulations' future depends on.
 
-    def set_state(self, state: SimulationState) -> None:
+        :return: (n, state size) MuJoCo's integration state: time, positions, velocities, controls
+            and the solver's warm start.
+        """
+        return self._batch.state.copy()
+
+    def set_state(self, state: NDArray[np.float64]) -> None:
         """Go back to a state that :meth:`get_state` returned, of this or an equal simulation.
 
         :raises ValueError: for a state of another scene or another number of simulations.
         """
-        if state.rows.shape != self._batch.state.shape:
-            raise ValueError(
-                f"state of shape {state.rows.shape}: these simulations have "
-                f"{self._batch.state.shape}"
-            )
-        self._batch.state[:] = state.rows
+        shape = self._batch.state.shape
+        if state.shape != shape:
+            raise ValueError(f"state of shape {state.shape}: these simulations have {shape}")
+        self._batch.state[:] = state
         self.refresh()
         self._warnings_before[:] = self._warnings
 
     def refresh(self, ids: NDArray[np.intp] | None = None) -> None:
-        """Bring positions and velocities of simulations ``ids`` up to date with their state."""
+        """Update the derived positions and velocities of simulations ``ids``."""
         self._batch.forward(ids, stage=_VELOCITY_STAGE)
 
-    @property
-    def site_position(self) -> NDArray[np.float64]:
-        """Where the sites are, (n, sites, 3), world frame, metres; not a copy."""
-        return self._site_position
-
-    @property
-    def sensors(self) -> NDArray[np.float64]:
-        """What the sensors read, (n, numbers); not a copy."""
-        return self._sensors
-
     def per_simulation(self, field: str) -> NDArray[Any]:
-        """Return a field of the model, which from now on may differ between simulations, (n, ...).
+        """Return a field of the model that may differ between simulations from now on, (n, ...).
 
         :param field: its name in ``MjModel``.
         """
@@ -341,7 +314,7 @@ class Simulation:
             return (values if ids is None else values[ids]).take(columns, 1)
 
         joint_velocity = of(self.qvel, scene.joint_dof)
-        tool = of(self._site_position, scene.tool_site)
+        tool = of(self.site_position, scene.tool_site)
         axes = of(self._axes, scene.joint_id)
         levers = tool[:, :, None, :] - of(self._anchors, scene.joint_id)
         linear, angular = cross(axes, levers), axes
@@ -370,7 +343,7 @@ class Simulation:
     def object_state(self, bodies: FreeBodies) -> ObjectState:
         """Return the state of bodies, copied, body i in the base frame of arm i.
 
-        :param bodies: one an arm.
+        :param bodies: one per arm.
         """
         scene = self.scene
         pose = self.qpos.take(bodies.qpos, 1)

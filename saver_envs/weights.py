@@ -74,10 +74,10 @@ def read_weights(
 
     :param path: of the file.
     :param kind: what the file must hold, such as ``saver-policy``.
-    :param shapes: returns the expected tensors for a header; None, or where it returns None: any
-        tensors.
+    :param shapes: returns the expected tensors for a header; any are accepted if it is None or
+        returns None.
     :param half: whether the file may hold 16-bit floats where others are expected.
-    :param may_be_infinite: names of tensors in which only NaN is an error; None: the values are not
+    :param may_be_infinite: names of tensors in which only NaN is an error; with None, no values are
         checked.
     :return: the header and the tensors by name.
     :raises ValueError: if the file is damaged, inconsistent or of another kind; the message names

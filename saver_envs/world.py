@@ -1,4 +1,4 @@
-"""The world round the arms: options of the simulation, light, floor, table and cameras."""
+"""The world around the arms: options of the simulation, light, floor, table and cameras."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP
+from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY
 
 TIMESTEP = 0.002  # s, the dissertation's (chapter 5)
-#: Collision bit of the table, which nothing else adds.
+#: Collision bit of the table alone.
 TABLE_BIT = 1
 
-#: Table round a base, in its frame: from behind it to before it, and to either side (m).
+#: Table around a base, in its frame: from behind it to before it, and to either side (m).
 TABLE_DEPTH, TABLE_SIDE = (-0.16, 0.80), 0.60
 TABLE_COLOUR, TABLE_GRID = (0.80, 0.74, 0.65), 0.10  # red, green, blue; width of a square (m)
 #: Cameras: vertical field of view (degrees), and what they frame: arms up to this height (m), and
-#: the table but for this rim along x and y (m).
+#: the table without this rim along x and y (m).
 FIELD_OF_VIEW, FRAMED_HEIGHT, UNFRAMED_RIM = 45.0, 0.62, (0.12, 0.22)
 
 
@@ -88,7 +88,7 @@ def new_world(table: TableArea) -> mujoco.MjSpec:
 
 
 def _add_materials(spec: mujoco.MjSpec) -> None:
-    """The sky, and the table's squares."""
+    """Add the sky and the table's grid."""
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -141,8 +141,8 @@ def _add_table(spec: mujoco.MjSpec, table: TableArea) -> None:
         contype=TABLE_BIT,
         conaffinity=0,
         condim=3,
-        # A contact takes the larger friction of its two geoms: with none of its own the table
-        # leaves the choice to what lies on it.
+        # A contact has the larger friction of its two geoms: with next to none of its own, the
+        # table leaves it to the objects.
         friction=(0.01, 0.001, 0.0001),
         group=COLLISION_GROUP,
     )
@@ -164,19 +164,15 @@ def _add_table(spec: mujoco.MjSpec, table: TableArea) -> None:
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=position,
             size=size,
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
             rgba=(*colour, 1),
+            **DRAWN_ONLY,
         )
     world.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=(x, y, -0.001),
         size=(half_x, half_y, 0.1),
-        contype=0,
-        conaffinity=0,
-        group=VISUAL_GROUP,
         material="table",
+        **DRAWN_ONLY,
     )
 
 
@@ -185,15 +181,13 @@ def _add_floor(spec: mujoco.MjSpec) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=(0, 0, -0.75),
         size=(0, 0, 1),
-        contype=0,
-        conaffinity=0,
-        group=VISUAL_GROUP,
         rgba=(0.72, 0.75, 0.78, 1),
+        **DRAWN_ONLY,
     )
 
 
 def add_cameras(spec: mujoco.MjSpec, table: TableArea) -> None:
-    """Cameras that frame table and arms, whatever their number, in pictures of 4 to 3."""
+    """Add cameras that frame the table and all arms in 4:3 pictures."""
     centre = np.array([*table.centre, FRAMED_HEIGHT / 2])
     corners = np.array(
         [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64

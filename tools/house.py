@@ -22,7 +22,7 @@ PACKAGES = ("saver_envs", "saver_advisors", "reproduction")
 #: earlier one. Modules of one row may not import each other's.
 LAYERS: dict[str, tuple[str, ...]] = {
     "saver_envs": (
-        "files",
+        "files validation",
         "weights",
         "robots",
         "world",

@@ -1,1 +1,1 @@
-"""Chapter 5: every strategy of advising, beside Table 5.2."""
+"""Chapter 5: all advising strategies, compared with Table 5.2."""

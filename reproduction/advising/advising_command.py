@@ -1,4 +1,4 @@
-"""Table 5.2 of the dissertation beside our runs: every strategy, and which findings hold.
+"""Compare advising strategies with Table 5.2 of the dissertation, and evaluate its findings.
 
 The command reads the JSON files of finished and unfinished training runs. Files that are cut short
 are listed and left out.
@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import comparison_figures, write_comparison
+from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
 from saver_advisors.benchmark.run_tables import flat
-from saver_advisors.cli.result_files import add_result_arguments, read
+from saver_advisors.cli.result_files import read
 
 if TYPE_CHECKING:
     from reproduction.findings import Finding
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read and summarise runs, print tables, and write the files that were asked for.
+    """Read and summarise runs, print tables, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.

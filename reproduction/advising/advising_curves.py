@@ -1,4 +1,4 @@
-"""Counterparts of the dissertation's Figures 5.4 to 5.8, and one of the baselines beyond them."""
+"""Draw the counterparts of the dissertation's Figures 5.4 to 5.8, and our own baselines."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ NUMBERS: Final = {
 
 
 def draw_all(results: Results, folder: Path) -> list[Drawn]:
-    """Draw every figure that there are runs for.
+    """Draw all figures for which there are runs.
 
-    :param results: of the files
-    :param folder: where to, made if need be
-    :return: the figures, in the paper's order
+    :param results: the training runs.
+    :param folder: folder of the pictures, created if missing.
+    :return: the figures, in the paper's order.
     """
     folder.mkdir(parents=True, exist_ok=True)
     drawn = []
@@ -48,7 +48,7 @@ def draw_all(results: Results, folder: Path) -> list[Drawn]:
 
 
 def from_scratch(results: Results) -> list[Panel]:
-    """Without advice, one arm and two: a panel a task."""
+    """Return one panel per task: learning without advice, with one arm and with two."""
     panels = []
     for task, two_arms in table_5_2().tasks.items():
         rows = {}
@@ -61,7 +61,7 @@ def from_scratch(results: Results) -> list[Panel]:
 
 
 def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
-    """A task's strategies, and the thresholds of each correcting one; panels with runs only."""
+    """Return a panel of strategies, and one per correcting strategy with its thresholds."""
     panels = [Panel("strategies", _chosen(by_row, STRATEGIES), grey=NO_ADVICE)]
     for name in THRESHOLDS:
         members = [row for row in table_5_2().labels if row.startswith(f"{name} ")]
@@ -72,7 +72,7 @@ def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
 
 
 def baselines(task: str, by_row: Mapping[str, Sequence[TrainingRun]]) -> Panel | None:
-    """The rows that the dissertation does not have, with early advising and none beside them."""
+    """Return a panel of the rows beyond Table 5.2, with early and no advising for comparison."""
     beyond = sorted(row for row in by_row if row not in table_5_2().labels)
     rows = _chosen(by_row, beyond)
     if not rows:

@@ -1,4 +1,4 @@
-"""The page of ``python -m reproduction advising``, and its short form on the terminal."""
+"""Render the page of ``python -m reproduction advising``, and print its short form."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from reproduction.advising.paper import NO_ADVICE, ONE_ARM, PaperFigures, table_5_2
 from reproduction.command_parts import print_skipped
 from reproduction.findings import ABBREVIATIONS, MIN_SEEDS, Finding
-from reproduction.page_parts import join_parts, pictures
+from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
     DEFINITIONS,
     beside,
@@ -26,7 +26,7 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.experiments.summary import MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import join_parts, markdown
 from saver_advisors.reporting.tables import show as show_table
 
 COLUMNS: Final = ("row", "n", "IE", "RT", "MSR", "ELR")
@@ -52,7 +52,7 @@ favour of the claim.
 """
 
 SCRATCH: Final = """\
-Epochs to a success rate of 0.9 from scratch, which the paper gives beside its Figure 5.4:
+Epochs to a success rate of 0.9 from scratch, which the paper reports with its Figure 5.4:
 """
 
 FEW_NAMES: Final = 3

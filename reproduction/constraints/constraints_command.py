@@ -1,4 +1,4 @@
-"""Learning under a constraint (chapter 6): variants, ablations and safe algorithms side by side.
+"""Compare variants, ablations and safe algorithms for learning under a constraint (chapter 6).
 
 The command reads the JSON files of training runs on the distance task, those of the grid and those
 of `saver benchmark run`, and evaluates the dissertation's findings on them.
@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import comparison_figures, write_comparison
-from saver_advisors.cli.result_files import add_result_arguments, read
+from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
+from saver_advisors.cli.result_files import read
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read and summarise runs, print tables, and write the files that were asked for.
+    """Read and summarise runs, print tables, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.

@@ -1,4 +1,4 @@
-"""The dissertation's findings about the distance task, evaluated on training runs.
+"""Evaluate the dissertation's findings about the distance task on training runs.
 
 Chapter 6 shows curves (Figures 6.1 and 6.2) and no table. Here its findings are thresholds:
 "succeeds" is a success rate of at least half of the 0.70 that it shows at best, and "never

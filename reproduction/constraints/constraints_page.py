@@ -1,14 +1,14 @@
-"""Chapter 6 as a page, with its figures, and as tables on the terminal."""
+"""Render the comparison with chapter 6 as a page with figures, and print its tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import print_skipped
 from reproduction.constraints.constraints_findings import PAPER_BEST, ConstraintFinding
-from reproduction.page_parts import join_parts, pictures, row_cells, rows_table
+from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
     NOTHING,
     origin,
@@ -21,7 +21,7 @@ from saver_advisors.experiments.plots import Panel, draw_panels
 from saver_advisors.experiments.summary import MINUTE, MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import join_parts, markdown, records_table, rows_table
 from saver_advisors.reporting.tables import show as show_table
 
 RATES: Final = {"SR": "success_rate", "GSR": "goal_success_rate", "CMR": "constraint_met_rate"}
@@ -48,7 +48,7 @@ and 6.2).
 - **chosen checkpoint**: SR of the checkpoint with the best evaluation, measured on the report seeds
   as all other figures; the report seeds are used for nothing else
 - **minutes**: training time without evaluations, on one thread unless more are named. Other
-  processes ran beside most of the runs, so minutes are an order of magnitude only
+  processes ran at the same time as most runs, so minutes are only an order of magnitude
 
 n is the number of finished seeds. A figure over two seeds is their mean, and the brackets hold
 both.
@@ -63,7 +63,7 @@ FINDINGS: Final = """\
 *Succeeds* is an SR of at least 0.35; *never* means an SR of at most 0.05 at every evaluation.
 """
 
-FINDING_COLUMNS: Final = {"finding": "text", "in these runs": "verdict", "evidence": "evidence"}
+FINDING_COLUMNS: Final = ("finding", "in these runs", "evidence")
 
 
 def final_rate(row: MethodRow, name: str) -> Estimate | None:
@@ -113,8 +113,8 @@ def page(
     parts.append(under_way_list(rows))
     if results.references:
         parts += ["Policies that did not learn this task:\n", references(results)]
-    findings_table = markdown(list(FINDING_COLUMNS), _finding_cells(findings))
-    parts += ["## Findings of chapter 6", FINDINGS, findings_table]
+    parts += ["## Findings of chapter 6", FINDINGS]
+    parts.append(markdown(FINDING_COLUMNS, _finding_cells(findings)))
     if len(finished) > 1:
         parts += ["## Equal time", EQUAL_TIME, equal_time_table(finished)]
     if drawn:
@@ -128,8 +128,7 @@ def method_table(rows: Sequence[MethodRow]) -> str:
     :param rows: rows with finished runs.
     :return: Markdown.
     """
-    cells = [_method_cells(row) for row in rows]
-    return markdown(list(cells[0]), [list(one.values()) for one in cells])
+    return records_table(map(_method_cells, rows))
 
 
 def _method_cells(row: MethodRow) -> dict[str, str]:
@@ -208,12 +207,10 @@ def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     folder.mkdir(parents=True, exist_ok=True)
     drawn = []
     for label, name in RATES.items():
-        shown = {
-            row.name: runs
-            for row in rows
-            if row.n
-            and (runs := [run for run in row.runs if any(_has(one, name) for one in run.points)])
-        }
+        shown = {}
+        for row in rows:
+            if runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)]:
+                shown[row.name] = runs
         if shown:
             path = folder / f"{name.replace('_', '-')}.png"
             draw_panels([Panel("DualJacoDistance-v0", shown)], name).savefig(path)
@@ -240,17 +237,12 @@ def show(
         show_table(("row", "n", *RATES), cells, title="DualJacoDistance-v0")
     if told := under_way_list(rows):
         print(told)
-    show_table(list(FINDING_COLUMNS), _finding_cells(findings))
+    show_table(FINDING_COLUMNS, _finding_cells(findings))
     print_skipped(results)
 
 
 def _finding_cells(findings: Sequence[ConstraintFinding]) -> list[list[str]]:
-    keys = FINDING_COLUMNS.values()
-    return row_cells(map(vars, findings), [f"{{{key}}}" for key in keys])
-
-
-def _has(point: Mapping[str, Any], name: str) -> bool:
-    return point.get(name) is not None
+    return [[one.text, one.verdict, one.evidence] for one in findings]
 
 
 def _estimate(values: Sequence[float | None]) -> Estimate | None:

@@ -1,7 +1,8 @@
-"""CPO and the Lagrangians on a constrained problem whose optimum is known.
+"""CPO and the Lagrangian methods on a constrained problem with a known optimum.
 
 Each algorithm learns with several seeds. Its mean action is then evaluated over fresh episodes: the
-return as a fraction of the optimum, and the cost against the limit.
+return as a fraction of the optimum, and the cost against the limit. A page with the markers
+``BEGIN`` and ``END`` keeps the text around them.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices
-from reproduction.page_parts import Column, measured_at, rows_table
-from saver_advisors.benchmark.machine import progress
-from saver_advisors.cli.measured import measured_or_read
+from reproduction.command_parts import add_choices, add_seeds
+from reproduction.page_parts import measured_at
+from saver_advisors.cli.arguments import add_count, add_page, at_least
+from saver_advisors.cli.measured import hand_over, measured_or_read
+from saver_advisors.reporting.tables import Column, between_markers, join_parts, rows_table
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -57,19 +59,18 @@ PRICED: Final[dict[str, Any]] = {
     "multiplier_lr": 0.002,
     # Proportional control on top: without it multiplier and cost oscillate.
     "multiplier_gain": 0.3,
+    "multiplier_init": 0.65,
 }
 SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "cpo": {"n_critic_updates": 20},
     "trpolag": {
         **PRICED,
-        "multiplier_init": 0.65,
         "n_critic_updates": 20,
         # A step of the default 0.01 changes the cost by more than the margin.
         "target_kl": 0.005,
     },
     "ppolag": {
         **PRICED,
-        "multiplier_init": 0.65,
         "n_epochs": 20,
         # PPO has no trust region: without a schedule the cost of the last step is random.
         "learning_rate": lambda remaining: 5e-5 + 2e-3 * remaining,
@@ -83,17 +84,8 @@ BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, at_least
-
     add_choices(parser, "--algorithms", NAMES, "algorithms")
-    parser.add_argument(
-        "--seeds",
-        nargs="+",
-        type=at_least(0),
-        default=list(SEEDS),
-        metavar="N",
-        help="seeds, one run each (default: 9 10 11)",
-    )
+    add_seeds(parser, SEEDS, "seeds, one run each")
     parser.add_argument(
         "--steps",
         type=at_least(1),
@@ -102,51 +94,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         + ", ".join(f"{name} {steps:,}" for name, steps in STEPS.items())
         + ")",
     )
-    parser.add_argument(
-        "--processes",
-        type=at_least(1),
-        default=1,
-        metavar="N",
-        help="runs at a time, one core each (default: 1)",
-    )
-    parser.add_argument(
-        "--table",
-        type=Path,
-        metavar="FILE",
-        help=f"write the figures as Markdown; between {BEGIN} and {END} if the page has them",
-    )
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="show the JSON file of an earlier measurement instead of measuring",
-    )
-    add_json(parser)
+    add_count(parser, "--processes", 1, "runs at a time, one core each")
+    add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the figures, and write the files that were asked for.
+    """Measure, print the figures, and write the requested files.
 
     :param args: see :func:`add_arguments`.
-    :return: exit status: 0 if every run meets limit and optimum, else 1.
-    :raises UsageError: if a file cannot be read or written.
+    :return: exit status: 0 if every run meets the limit near the optimum, else 1.
+    :raises UsageError: if ``--from`` names a file without such figures.
     """
-    from saver_advisors.reporting.errors import UsageError
-    from saver_advisors.reporting.provenance import write_json_atomic
-
-    try:
-        figures = measured_or_read(args, "safe", lambda: measure(args))
-        page = render(figures)
-        print(page)
-        if args.json is not None:
-            write_json_atomic(args.json, figures)
-            print(f"wrote {args.json}")
-        if args.table is not None:
-            args.table.write_text(page_with(args.table, page), encoding="utf-8")
-            print(f"wrote {args.table}")
-    except OSError as error:
-        raise UsageError(str(error)) from error
+    figures = measured_or_read(args, "safe", lambda: measure(args))
+    page = render(figures)
+    hand_over(page, figures, args.json, None)
+    if args.table is not None:
+        args.table.write_text(page_with(args.table, page), encoding="utf-8")
+        print(f"wrote {args.table}")
     return 0 if all(one["limit_met"] and one["near_optimum"] for one in figures["rows"]) else 1
 
 
@@ -156,20 +120,17 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one per run.
     """
+    from tqdm import tqdm
+
     from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, best_return
 
     runs = [
         (name, seed, args.steps or STEPS[name]) for name in args.algorithms for seed in args.seeds
     ]
-    rows = []
     # Spawn, since a forked process would share torch's threads and generators with this one.
-    with (
-        ProcessPoolExecutor(args.processes, get_context("spawn")) as pool,
-        progress("safe", len(runs)) as advance,
-    ):
-        for row in pool.map(one_run, *zip(*runs, strict=True)):
-            rows.append(row)
-            advance()
+    with ProcessPoolExecutor(args.processes, get_context("spawn")) as pool:
+        results = pool.map(one_run, *zip(*runs, strict=True))
+        rows = list(tqdm(results, desc="safe", total=len(runs), unit="run", dynamic_ncols=True))
     return {
         "title": "Safe baselines on a problem with a known optimum",
         "kind": "safe",
@@ -192,11 +153,7 @@ def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
     :param steps: number of environment steps.
     :return: JSON-able figures.
     """
-    from reproduction.constraints.effort_cart import (
-        COST_LIMIT,
-        EffortCartVecEnv,
-        best_return,
-    )
+    from reproduction.constraints.effort_cart import COST_LIMIT, EffortCartVecEnv, best_return
     from saver_advisors.safe_baselines import ALGORITHMS
 
     began = time.process_time()
@@ -268,9 +225,7 @@ def render(figures: Mapping[str, Any]) -> str:
         f"limit of {(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost are those "
         f"of the mean action, over {figures['episodes']:,} fresh episodes.\n"
     )
-    origin = measured_at(figures)
-    table = rows_table(figures["rows"], COLUMNS)
-    return "\n".join([text, table, f"{origin}\n" if origin else ""])
+    return join_parts([text, rows_table(figures["rows"], COLUMNS), measured_at(figures)])
 
 
 def page_with(path: Path, text: str) -> str:
@@ -280,8 +235,6 @@ def page_with(path: Path, text: str) -> str:
     :param text: the figures as Markdown.
     :return: the text, or the page's content with the text between its markers if it has them.
     """
-    from saver_advisors.reporting.tables import between_markers
-
     old = path.read_text(encoding="utf-8") if path.is_file() else ""
     try:
         return between_markers(old, BEGIN, END, text)

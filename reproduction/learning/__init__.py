@@ -1,1 +1,1 @@
-"""Where a training run spends its time, beside stock SB3."""
+"""Profile a training run and compare its speed with stock SB3."""

@@ -1,12 +1,12 @@
-"""The figures of ``python -m reproduction learning`` as a page of Markdown."""
+"""Render the figures of ``python -m reproduction learning`` as a page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from reproduction.page_parts import join_parts, measured_at, rows_table
-from saver_advisors.reporting.tables import markdown
+from reproduction.page_parts import measured_at
+from saver_advisors.reporting.tables import join_parts, markdown, rows_table
 
 INTRODUCTION: Final = """\
 Generated from the JSON file of `python -m reproduction learning`. A block is one episode in each

@@ -1,10 +1,10 @@
-"""Times gradient steps of SBX's TD3 (Stable-Baselines3 in JAX) in a virtual environment of its own.
+"""Time gradient steps of SBX's TD3 (Stable-Baselines3 in JAX) in its own virtual environment.
 
-It imports nothing of ours. Usage: ``python sbx_worker.py OBSERVATION ACTION BATCH WIDTH ...``: the
-sizes of the network's input, of the actions and of a batch, and the widths of the hidden layers. It
-says ``{"ready": ...}``, then answers every line ``UPDATES`` on its input with one line of JSON: the
-processor seconds of so many gradient steps on a buffer of random transitions. It compiles anew for
-each number of them, so the first answer to a number says little.
+This program imports nothing of SAVER. Usage: ``python sbx_worker.py OBSERVATION ACTION BATCH WIDTH
+...``: sizes of the network's input, of an action and of a batch, and widths of the hidden layers.
+It prints ``{"ready": ...}``. For each line with a number of gradient steps on its input it prints a
+line of JSON with their processor seconds, on a buffer of random transitions. JAX compiles again for
+each new number of steps, so the first answer for a number is not representative.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import time
 from importlib import metadata
 from typing import Any
 
-#: One thread, as everything has that it is compared with.
+#: One thread, as the learners that it is compared with.
 FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 STORED = 20_000
 
 
 def make_model(observation: int, action: int, batch: int, widths: list[int]) -> Any:
-    """TD3 with twin critics and LayerNorm, its buffer full of random transitions."""
+    """Create TD3 with twin critics and LayerNorm, and a buffer full of random transitions."""
     numpy: Any = importlib.import_module("numpy")
     gymnasium: Any = importlib.import_module("gymnasium")
     td3: Any = importlib.import_module("sbx").TD3
 
     class Noise(gymnasium.Env):
-        """Observations from a generator, whatever is done: only their size matters."""
+        """Declares the spaces; it is never stepped."""
 
         observation_space = gymnasium.spaces.Box(-5, 5, (observation,), numpy.float32)
         action_space = gymnasium.spaces.Box(-1, 1, (action,), numpy.float32)
@@ -52,10 +52,10 @@ def make_model(observation: int, action: int, batch: int, widths: list[int]) -> 
 
 
 def main(observation: int, action: int, batch: int, widths: list[int]) -> None:
-    """Make the learner and serve."""
+    """Create the learner, and answer requests."""
     os.environ["XLA_FLAGS"] = FLAGS
     os.environ["JAX_PLATFORMS"] = "cpu"
-    # What the libraries print belongs to the log, the answers alone to our reader.
+    # Output of the libraries goes to the log, so that the reader receives only answers.
     answers, sys.stdout = sys.stdout, sys.stderr
     model = make_model(observation, action, batch, widths)
     logger: Any = importlib.import_module("stable_baselines3.common.logger").Logger

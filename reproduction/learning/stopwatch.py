@@ -1,4 +1,4 @@
-"""Time by part of a program, from outside: methods of objects are wrapped, nothing is edited."""
+"""Measure the time of a program by part, by wrapping methods of its objects."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 
 
 class Stopwatch:
-    """Adds up the processor time that each watched method takes itself.
+    """Adds up the processor time of each watched method.
 
-    What a watched method spends in another watched one counts for the latter alone, so that the
-    parts add up to the whole.
+    Time that a watched method spends in another one counts for the latter only, so that the parts
+    add up to the whole.
     """
 
     def __init__(self) -> None:
@@ -22,38 +22,35 @@ class Stopwatch:
     def watch(self, owner: Any, method: str, part: str) -> None:
         """Time a method of one object from now on.
 
-        :param owner: the object, which must let its attributes be set
-        :param method: its name
-        :param part: what its time counts for
-        :raises AttributeError: where the object has no such method
+        :param owner: the object, whose attributes must be settable.
+        :param method: name of the method.
+        :param part: the part that its time counts for.
+        :raises AttributeError: if the object has no such method.
         """
         inner = getattr(owner, method)
         self.seconds.setdefault(part, 0.0)
 
         @functools.wraps(inner)
         def timed(*arguments: Any, **named: Any) -> Any:
-            self._switch(part)
+            self._lap()
+            self._running.append(part)
             try:
                 return inner(*arguments, **named)
             finally:
-                self._back()
+                self._lap()
+                self._running.pop()
 
         setattr(owner, method, timed)
 
     def take(self) -> dict[str, float]:
-        """The seconds of each part since the last call, which starts them at 0 again."""
+        """Return the seconds of each part since the last call, and start again at 0."""
         taken = dict(self.seconds)
         self.seconds = dict.fromkeys(taken, 0.0)
         return taken
 
-    def _switch(self, part: str) -> None:
+    def _lap(self) -> None:
+        """Add the time since the last lap to the part that is running."""
         now = time.process_time()
         if self._running:
             self.seconds[self._running[-1]] += now - self._since
-        self._running.append(part)
-        self._since = now
-
-    def _back(self) -> None:
-        now = time.process_time()
-        self.seconds[self._running.pop()] += now - self._since
         self._since = now

@@ -1,4 +1,4 @@
-"""Training loops to time: ours as configured, ours with one change, and SB3's own."""
+"""Build the training loops to time: ours as configured, ours with one change, and SB3's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time of a training run by part, and the effect of changes on it.
+"""Measure the time of a training run by part, and the effect of single changes on it.
 
 Each environment's learner is built as `saver train` builds it and trained for some blocks: an
 episode in each environment, then gradient steps. Compared loops are measured alternately, block by
@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_choices, add_count, measure_and_render
+from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.learning.training_loops import (
     AS_CONFIGURED,
     UPDATE,
@@ -23,11 +23,11 @@ from reproduction.learning.training_loops import (
     settings_of,
     stock_loop,
 )
-from saver_advisors.benchmark.machine import cores, median_ratio, progress
+from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
+from saver_advisors.cli.arguments import add_count, add_page, env_id
 from saver_advisors.reporting.provenance import load_averages
-from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 EXAMPLES: Final = """\
 examples:
   python -m reproduction learning                                    minutes
-  python -m reproduction learning --envs JacoPush-v0 --variants      the parts only
-  python -m reproduction learning --sbx --json learning.json         SBX's gradient steps as well
+  python -m reproduction learning --envs JacoPush-v0 --variants      only the parts
+  python -m reproduction learning --sbx --json learning.json         also SBX's gradient steps
   python -m reproduction learning --from learning.json --table page.md"""
 
 ENVS: Final = ("JacoPush-v0", "DualJacoPush-v0")
@@ -48,8 +48,6 @@ WARM_UP: Final = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_page, env_id
-
     names = [variant.name for variant in VARIANTS if variant.name != AS_CONFIGURED]
     parser.add_argument(
         "--envs",
@@ -72,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
@@ -87,7 +85,6 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(str(error)) from error
 
 
-@one_thread_of_algebra()
 def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Take every measurement that was asked for.
 
@@ -171,21 +168,17 @@ def variant_rows(
     for name in stock:
         loops[f"SB3's {name} + HER"] = stock_loop(env_id, name)
     blocks = _measured_blocks(f"{env_id}, variants", list(loops.values()), rounds)
-    updates = [
-        [block[UPDATE] / loop.updates for block in found]
-        for loop, found in zip(loops.values(), blocks, strict=True)
-    ]
-    whole = [
-        [block["total"] / loop.steps for block in found]
-        for loop, found in zip(loops.values(), blocks, strict=True)
-    ]
+    updates, steps = [], []
+    for loop, found in zip(loops.values(), blocks, strict=True):
+        updates.append([block[UPDATE] / loop.updates for block in found])
+        steps.append([block["total"] / loop.steps for block in found])
     return [
         {
             "name": name,
             "update_ms": 1e3 * median(updates[index]),
-            "steps_per_second": 1.0 / median(whole[index]),
+            "steps_per_second": 1.0 / median(steps[index]),
             "times_as_fast_an_update": median_ratio(updates[0], updates[index]),
-            "times_as_fast": median_ratio(whole[0], whole[index]),
+            "times_as_fast": median_ratio(steps[0], steps[index]),
         }
         for index, name in enumerate(loops)
     ]
@@ -195,21 +188,20 @@ def _measured_blocks(
     title: str, loops: Sequence[TimedLoop], rounds: int
 ) -> list[list[dict[str, float]]]:
     """Run loops alternately, and return the blocks of each after the warm-up."""
-    blocks = []
-    with progress(title, WARM_UP + rounds) as advance:
-        for _ in range(WARM_UP + rounds):
-            blocks.append([loop.block() for loop in loops])
-            advance()
+    from tqdm import trange
+
+    turns = trange(WARM_UP + rounds, desc=title, unit="round", dynamic_ncols=True)
+    blocks = [[loop.block() for loop in loops] for _ in turns]
     return [list(found) for found in zip(*blocks[WARM_UP:], strict=True)]
 
 
 def sbx_row(env_id: str, rounds: int, cache: Path) -> dict[str, Any]:
-    """Time SBX's gradient steps with networks and batches of the same sizes, beside ours.
+    """Time SBX's gradient steps and ours, with networks and batches of the same sizes.
 
     :param env_id: id of the environment.
     :param rounds: number of measured blocks.
     :param cache: folder of the virtual environments.
-    :return: ``update_ms`` of SBX, ``times_as_fast_an_update`` beside ours, and ``versions``.
+    :return: ``update_ms`` of SBX, its speed-up ``times_as_fast_an_update``, and ``versions``.
     :raises PeerError: if SBX cannot be installed or does not run.
     """
     config = settings_of(env_id, VARIANTS[0])

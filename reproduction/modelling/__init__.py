@@ -1,1 +1,1 @@
-"""Chapter 7: learned inverse kinematics and dynamics, beside Tables 7.4 and 7.5, and in use."""
+"""Chapter 7: learned inverse kinematics and dynamics, compared with Tables 7.4 and 7.5."""

@@ -1,4 +1,4 @@
-"""The grid of chapter 7: its cells, which of them have results, and training the others."""
+"""List the cells of chapter 7's grid, read their results, and train the cells without results."""
 
 from __future__ import annotations
 
@@ -9,18 +9,15 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import fields, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from reproduction.modelling.grid_cells import (
-    DEVICES,
-    PRECISIONS,
-    Device,
-    GridCell,
-    Precision,
-    Task,
-    run_cell,
-)
+from reproduction.modelling.grid_cells import DEVICES, PRECISIONS, GridCell, run_cell
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
+from saver_advisors.training.threads import one_thread_of_algebra
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
+    from saver_envs.modelling.networks import Device, Precision
 
 #: Models whose networks are trained in the requested precision.
 _IN_EITHER_PRECISION = frozenset({"mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional"})
@@ -63,17 +60,16 @@ def cells_of(
 
     cells = []
     for size, model in product(sizes, models):
-        adversarial = model in ADVERSARIAL
-        for sigma, seed in product(
-            sigmas if adversarial else (0.0,), seeds if model != "analytic" else seeds[:1]
-        ):
-            weight = supervised_weight if adversarial else 0.0
-            cell = GridCell(robot, task, model, size, sigma, seed, epochs, weight)
-            if model in _IN_EITHER_PRECISION:
-                cell = replace(cell, precision=precision)
-            if model in _ON_EITHER_DEVICE:
-                cell = replace(cell, device=device)
-            cells.append(cell)
+        options: dict[str, Any] = {"epochs": epochs}
+        if model in ADVERSARIAL:
+            options["supervised_weight"] = supervised_weight
+        if model in _IN_EITHER_PRECISION:
+            options["precision"] = precision
+        if model in _ON_EITHER_DEVICE:
+            options["device"] = device
+        for sigma in sigmas if model in ADVERSARIAL else (0.0,):
+            for seed in seeds if model != "analytic" else seeds[:1]:
+                cells.append(GridCell(robot, task, model, size, sigma, seed, **options))
     return cells
 
 
@@ -131,14 +127,12 @@ def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> Iterato
             for task in as_completed(tasks):
                 yield task.result()
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
+@one_thread_of_algebra()
 def _run(cell: GridCell, folder: Path) -> dict[str, Any]:
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    with one_thread_of_algebra():
-        result = {**run_cell(cell), "provenance": provenance()}
+    result = {**run_cell(cell), "provenance": provenance()}
     write_json_atomic(folder / cell.file_name, result)
     return result
 

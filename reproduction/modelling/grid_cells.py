@@ -1,27 +1,25 @@
-"""One cell of chapter 7's grid: a model, the data it is trained on, and its measurements."""
+"""Train and measure one cell of chapter 7's grid: a model with its data and settings."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saver_advisors.benchmark.machine import timed
 
 if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
+    from saver_envs.modelling.chain import FloatArray
     from saver_envs.modelling.models import InverseModel
+    from saver_envs.modelling.networks import Device, Precision
 
-FloatArray = NDArray[np.float64]
-Task = Literal["ik", "id"]
-Precision = Literal["float32", "bfloat16"]
-Device = Literal["cpu", "cuda"]
-
-PRECISIONS: Final[tuple[Precision, ...]] = get_args(Precision)
-DEVICES: Final[tuple[Device, ...]] = get_args(Device)
+# As in `saver_envs.modelling.networks`, which imports torch.
+PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
+DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k stands for the first k x 10,000 consecutive samples."""

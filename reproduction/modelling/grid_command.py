@@ -1,4 +1,4 @@
-"""Inverse kinematics or dynamics of chapter 7: the paper's networks and others, beside its tables.
+"""Train the models of chapter 7 for inverse kinematics or dynamics, and compare with its tables.
 
 Each cell (model, data size, sigma, seed) is trained once and kept as a JSON file, so that an
 interrupted grid can be continued. The commands ``ik`` and ``id`` differ in the task only.
@@ -9,13 +9,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
-from reproduction.modelling.grid_cells import SAMPLES_A_SIZE, SIGMAS, SIZES, Task
+from reproduction.command_parts import add_choices, add_seeds, measure_and_render
+from reproduction.modelling.grid_cells import SAMPLES_A_SIZE, SIGMAS, SIZES
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
-from saver_advisors.cli.arguments import add_page, at_least
+from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.model_data import prepare_data
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
 
 MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
@@ -39,31 +43,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_choices(
         parser, "--sigmas", SIGMAS, "standard deviations of the fake inputs of adversarial models"
     )
-    parser.add_argument(
-        "--seeds",
-        nargs="+",
-        type=at_least(0),
-        default=[0],
-        metavar="N",
-        help="seeds of split, weights and noise (default: 0)",
-    )
+    add_seeds(parser, [0], "seeds of split, weights and noise")
     parser.add_argument(
         "--supervised-weight",
         nargs="+",
-        type=_weight,
+        type=float,
         default=[0.0],
         metavar="W",
         help="weights of a squared error in the adversarial losses, which the paper's equations "
         "do not have (default: 0)",
     )
     add_training(parser)
-    parser.add_argument(
+    add_count(
+        parser,
         "--processes",
-        type=at_least(1),
-        default=1,
-        metavar="N",
-        help="number of cells trained at once, one core each; they share the GPU, if that is the "
-        "device (default: 1)",
+        1,
+        "number of cells trained at once, one core each; with --device cuda they share the GPU",
     )
     parser.add_argument(
         "--results",
@@ -78,13 +73,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="accept results of any device and precision, for a grid that moves between machines",
     )
     parser.add_argument(
-        "--no-training", action="store_true", help="show the cells that have results only"
+        "--no-training", action="store_true", help="show only the cells that have results"
     )
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train the missing cells, print the page, and write the files that were asked for.
+    """Train the missing cells, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
@@ -98,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
 def _measure(args: argparse.Namespace) -> dict[str, Any]:
     from reproduction.modelling.grid import as_known, cells_of, results_of
     from reproduction.modelling.paper_claims import claims, little_data
-    from saver_advisors.reporting.errors import UsageError
+    from saver_envs.modelling.models import Training
 
     grid = args.robot, args.task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
@@ -108,6 +103,9 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
         cells = [as_known(cell, args.results) for cell in cells]
     if not args.no_training:
         training_of(args)
+        with user_mistakes("argument --supervised-weight"):
+            for weight in args.supervised_weight:
+                Training(supervised_weight=weight)
         prepare_data(args.robot)
         _train(cells, args.results, args.processes)
     results = results_of(cells, args.results)
@@ -143,13 +141,3 @@ def _train(cells: Sequence[Any], folder: Path, processes: int) -> None:
         for result in run_grid(cells, folder, processes):
             progress.set_description(f"{result['model']}, size {result['size']}")
             progress.update()
-
-
-def _weight(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: must be 0 or more")
-    return value

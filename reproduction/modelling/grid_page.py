@@ -1,4 +1,4 @@
-"""The page of a grid of chapter 7: our figures beside the paper's Tables 7.4 and 7.5."""
+"""Render a grid of chapter 7 as a page, next to the paper's Tables 7.4 and 7.5."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 from reproduction.findings import verdict_of
 from reproduction.modelling.grid_cells import PAPER_EPOCHS
 from reproduction.modelling.paper_claims import ADVERSARIAL, paper, paper_cells
-from reproduction.page_parts import rows_table
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import markdown, rows_table
 
 _UNIT: Final = {"ik": "rad", "id": "N m"}
 _COLUMNS: Final = (*ADVERSARIAL, "mlp")
@@ -39,7 +38,7 @@ def render(figures: Mapping[str, Any]) -> str:
     if rows := figures.get("little_data"):
         parts += ["## With 10,000 samples\n", _little_data(task, rows)]
     if comparison := _comparison(robot, task, groups):
-        parts += ["## Beside the paper's table\n", comparison]
+        parts += ["## Comparison with the paper's table\n", comparison]
     parts += ["## Every cell\n", _cells(task, groups)]
     parts.append(_origin(figures))
     return "\n".join(parts)
@@ -55,7 +54,7 @@ def _introduction(robot: str, task: str, figures: Mapping[str, Any]) -> str:
     table = "7.4" if robot == "mico" else "7.5"
     return (
         f"Root mean square errors in {_UNIT[task]} over the joints, on the validation split and "
-        f"on the unseen trajectory; {_training(figures)}. Of size k are the first k x 10,000 "
+        f"on the unseen trajectory; {_training(figures)}. Size k stands for the first k x 10,000 "
         f"consecutive samples. Figures over several seeds are means, with their range in brackets. "
         f"The paper's figures (Table {table}) were measured on its arm, ours on the simulated "
         f"twin: compare orders and ratios, not absolute values.{joints}\n"
@@ -94,7 +93,7 @@ def _little_data(task: str, rows: Results) -> str:
     note = (
         f"RMSE on the unseen trajectory minus that of the MLP of the same seed ({_UNIT[task]}): "
         "below 0 the adversarial model is better. Means over seeds, 95% intervals (Student's t). "
-        "*MSE weight* is the weight of a squared error beside the adversarial loss.\n"
+        "*MSE weight* is the weight of a squared error added to the adversarial loss.\n"
     )
     table = rows_table(
         sorted(rows, key=lambda one: (one["supervised_weight"], one["difference"])),

@@ -1,8 +1,9 @@
-"""Learned inverse kinematics in use: accuracy, prediction time, and success of a policy.
+"""Measure learned inverse kinematics in use: accuracy, prediction time, and success of a policy.
 
 The command measures the distance of the hand from unseen targets, with and without refinement; the
-time of a prediction; the time of a call beside damped least squares; and the success of a policy
-whose set-points become joint targets through each model instead of damped least squares.
+time of a prediction; the time of a call, compared with damped least squares; and the success of a
+policy whose set-points each model turns into joint targets. Models replace damped least squares
+either in the environment or in the wrapper `LearnedIKAction`, around joint control.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_count, measure_and_render
+from reproduction.command_parts import measure_and_render
 from saver_advisors.benchmark.machine import median_ratio, timed
+from saver_advisors.cli.arguments import add_count
 from saver_envs.modelling.accuracy import accuracy, unseen_targets
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 EXAMPLES: Final = """\
 examples:
   python -m reproduction kinematics --json kinematics.json --table kinematics.md
-  python -m reproduction kinematics --models cgan lsgan bigan dualgan    raw networks as well
+  python -m reproduction kinematics --models cgan lsgan bigan dualgan    also raw networks
   python -m reproduction kinematics --robots jaco --weights flow.safetensors
   python -m reproduction kinematics --robots jaco --episodes 20"""
 
@@ -31,6 +33,8 @@ ARMS: Final = ("mico", "jaco", "fetch")
 ENVS: Final = {"jaco": "JacoPush-v0", "mico": "MicoPush-v0"}
 POLICIES: Final = {"jaco": ("jaco-push",), "mico": ("jaco-push", "expert")}
 """The MICO runs the Jaco's policy, which was not trained for it, and a scripted policy."""
+WRAPPED: Final = ("jaco", "jaco-push")
+"""Arm and policy of the episodes through the wrapper."""
 NETWORKS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional", "flow")
 SQUARES: Final = "damped least squares"
 SHIPPED, SHIPPED_GAN = "shipped", "shipped GAN"
@@ -48,16 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from saver_advisors.cli.arguments import add_page
 
     add_arms_and_models(
-        parser, ARMS, NETWORKS, "networks to train on the workspace's targets and to use raw"
+        parser, ARMS, NETWORKS, "networks to train on targets of the workspace and to use raw"
     )
     add_weights(parser)
-    add_count(parser, "--samples", 60_000, "samples to train those on", least=100)
+    add_count(parser, "--samples", 60_000, "training samples of these networks", least=100)
     add_count(parser, "--episodes", 100, "episodes of each evaluation")
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
@@ -66,7 +70,6 @@ def run(args: argparse.Namespace) -> int:
     from reproduction.modelling.kinematics_page import render
     from reproduction.modelling.model_arguments import training_of
     from reproduction.modelling.weight_files import cards_of, trained_before
-    from saver_advisors.training.threads import one_thread_of_algebra
 
     training = training_of(args)
     before = trained_before(args.weights, args.robots, "ik", (SHIPPED, SHIPPED_GAN, *args.models))
@@ -75,8 +78,7 @@ def run(args: argparse.Namespace) -> int:
         found = measure(args.robots, args.models, before, args.samples, training, args.episodes)
         return found | cards_of(args.weights)
 
-    with one_thread_of_algebra():
-        return measure_and_render(args, "kinematics", figures, render)
+    return measure_and_render(args, "kinematics", figures, render)
 
 
 def measure(
@@ -113,6 +115,12 @@ def measure(
         for steps, policies in _in_use(robot, name)
         for policy in policies
     ]
+    wrapped = [
+        _success(*WRAPPED, name, inverses[WRAPPED[0]][name], steps, episodes, wrapper=True)
+        for name in (SHIPPED, SHIPPED_GAN)
+        for steps in (0, _STEPS)
+        if WRAPPED[0] in used
+    ]
     return {
         "title": "Learned inverse kinematics in use",
         "kind": "kinematics",
@@ -121,7 +129,7 @@ def measure(
         "prediction": predictions,
         "accuracy": accuracies,
         "cost": cost,
-        "success": success,
+        "success": success + wrapped,
     }
 
 
@@ -214,25 +222,49 @@ def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
 
 
 def _success(
-    robot: str, policy: str, name: str, model: Any, steps: int | None, episodes: int
+    robot: str,
+    policy: str,
+    name: str,
+    model: Any,
+    steps: int | None,
+    episodes: int,
+    wrapper: bool = False,
 ) -> dict[str, Any]:
+    """Evaluate a policy whose set-points a model turns into joint targets."""
     from saver_advisors.cli.policies import resolve
     from saver_advisors.evaluation.episodes import evaluate_policy
     from saver_envs.modelling.kinematics import LearnedInverseKinematics
 
     env_id = ENVS[robot]
-    kwargs: dict[str, Any] = {}
-    if model is not None and steps is not None:
-        kwargs["inverse_kinematics"] = LearnedInverseKinematics(robot, model, steps)
-    outcomes = evaluate_policy(
-        resolve(policy, env_id, {}).predict, env_id, episodes=episodes, env_kwargs=kwargs
-    )
+    predict = resolve(policy, env_id, {}).predict
+    if wrapper:
+        outcomes = _through_wrapper(env_id, predict, model, steps, episodes)
+    else:
+        kwargs = {}
+        if model is not None and steps is not None:
+            kwargs["inverse_kinematics"] = LearnedInverseKinematics(robot, model, steps)
+        outcomes = evaluate_policy(predict, env_id, episodes=episodes, env_kwargs=kwargs)
     return {
         "env": env_id,
         "policy": policy,
         "inverse_kinematics": name,
+        "used_in": "LearnedIKAction" if wrapper else "environment",
         "refinement": steps,
         "episodes": episodes,
         "success": outcomes.success_rate,
         "interval": list(outcomes.confidence_interval),
     }
+
+
+def _through_wrapper(env_id: str, predict: Any, model: Any, steps: Any, episodes: int) -> Any:
+    """Evaluate a Cartesian policy on an environment in joint control, through the wrapper."""
+    import gymnasium
+
+    from saver_advisors.evaluation.episodes import SingleEpisodeEnv, run_episodes
+    from saver_envs.wrappers.learned_ik import LearnedIKAction
+
+    joints: Any = gymnasium.make(f"saver_envs:{env_id}", control="joints")
+    with LearnedIKAction(joints, model, steps) as env:
+        task = joints.unwrapped.episodes.task
+        single = SingleEpisodeEnv(env)
+        return run_episodes(predict, single, task, env_id=env_id, episodes=episodes)

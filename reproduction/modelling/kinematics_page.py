@@ -1,4 +1,4 @@
-"""The figures of ``python -m reproduction kinematics`` as a page of Markdown."""
+"""Render the results of ``python -m reproduction kinematics`` as a Markdown page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from reproduction.modelling.weight_files import origin
-from reproduction.page_parts import Column, rows_table
+from saver_advisors.reporting.tables import Column, rows_table
 
 ACCURACY: Final = {
     "arm": "{robot}",
@@ -35,32 +35,33 @@ SUCCESS: Final[Mapping[str, Column]] = {
     "environment": "{env}",
     "policy": "{policy}",
     "inverse kinematics": "{inverse_kinematics}",
+    "used in": "{used_in}",
     "Newton steps": lambda one: "-" if one["refinement"] is None else str(one["refinement"]),
     "success": "{success:.3f} [{interval[0]:.3f}, {interval[1]:.3f}]",
 }
 
 
 def render(figures: Mapping[str, Any]) -> str:
-    """Render the figures as a page.
+    """Render the results as a page.
 
-    :param figures: what was measured, or the content of its JSON file.
+    :param figures: the measurements, or the content of their JSON file.
     :return: Markdown.
     """
     parts = [
         f"# {figures['title']}\n",
         "## Accuracy\n",
         "Distance of the hand from unseen targets in the workspace, median / 99th percentile, mm. "
-        "*As used* adds the search for the nearest point if two Newton steps miss the target."
+        "*As used* adds a search for the nearest point if two Newton steps miss the target."
         f"{origin(figures)}\n",
         rows_table(figures["accuracy"], ACCURACY),
         "## Prediction time\n",
-        "A model alone, without refinement: one target, and each of 4,096.\n",
+        "A model without refinement: for a single target, and per target in a batch of 4,096.\n",
         rows_table(figures["prediction"], PREDICTION),
     ]
     if figures["cost"]:
         parts += [
-            "One call for all environments: the shipped models with their refinement, on states "
-            "and set-points of random actions, each call after a step, as in use. *Ratio* is the "
+            "One call for all environments: the shipped models with refinement, on states and "
+            "set-points of random actions, each call after a step, as in use. *Ratio* is the "
             "median over the rounds.\n",
             rows_table(figures["cost"], COST),
         ]

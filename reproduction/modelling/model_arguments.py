@@ -1,4 +1,4 @@
-"""Arguments that several commands of chapter 7 share."""
+"""Declare the arguments that several commands of chapter 7 share."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Sequence
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_count
+from reproduction.command_parts import add_choices
 from reproduction.modelling.grid_cells import DEVICES, PAPER_EPOCHS, PRECISIONS
+from saver_advisors.cli.arguments import add_count
 
 ROBOTS: Final = ("mico", "fetch")
 
@@ -52,9 +53,9 @@ def add_precision(parser: argparse.ArgumentParser) -> None:
         choices=PRECISIONS,
         default="float32",
         metavar="NAME",
-        help="of the matrix products between hidden layers during training: float32, or bfloat16, "
-        "which takes two thirds of the time on a processor that supports it and much longer on "
-        "one that does not (default: float32)",
+        help="precision of the matrix products between hidden layers during training: float32, or "
+        "bfloat16, which takes two thirds of the time on processors that support it and much "
+        "longer on others (default: float32)",
     )
 
 

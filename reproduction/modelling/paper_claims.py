@@ -1,4 +1,4 @@
-"""The paper's claims about its Tables 7.4 and 7.5, evaluated on its cells and on ours.
+"""Evaluate the paper's claims about its Tables 7.4 and 7.5, on its cells and on ours.
 
 A claim is a function of a table of RMSEs. The same function evaluates the paper's table and ours.
 A claim stays open if cells are missing.
@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -48,10 +49,8 @@ def paper_cells(robot: str, task: str) -> list[dict[str, Any]]:
     cells = list(paper()["tables"][robot][task])
     analytic = paper()["analytic"].get(robot, {}).get(task)
     if analytic is not None:
-        sizes = sorted({cell["size"] for cell in cells})
-        cells += [
-            {"size": size, "sigma": 0.0, "model": "analytic", "test": analytic} for size in sizes
-        ]
+        for size in sorted({cell["size"] for cell in cells}):
+            cells.append({"size": size, "sigma": 0.0, "model": "analytic", "test": analytic})
     return cells
 
 
@@ -62,11 +61,10 @@ class RmseTable:
     """
 
     def __init__(self, cells: Iterable[Mapping[str, Any]]) -> None:
-        groups: dict[tuple[str, int, float], list[Mapping[str, Any]]] = defaultdict(list)
+        self._groups: dict[tuple[str, int, float], list[Mapping[str, Any]]] = defaultdict(list)
         for cell in cells:
-            groups[cell["model"], cell["size"], cell["sigma"]].append(cell)
-        self._groups = groups
-        self.sizes = sorted({size for _, size, _ in groups})
+            self._groups[cell["model"], cell["size"], cell["sigma"]].append(cell)
+        self.sizes = sorted({size for _, size, _ in self._groups})
 
     @property
     def largest(self) -> int:
@@ -103,8 +101,8 @@ class RmseTable:
         """
         return min(self.at(model, size, column).values())
 
-    def best_adversarial(self, size: int, column: str = "test") -> float:
-        """Return the lowest RMSE of any adversarial model at a size; arguments as for :meth:`at`.
+    def both(self, size: int, column: str = "test") -> tuple[float, float]:
+        """Return the lowest RMSE of the adversarial models and that of the MLP at a size.
 
         :raises MissingCells: if there are none.
         """
@@ -112,14 +110,7 @@ class RmseTable:
         found = [self.best(name, size, column) for name in ADVERSARIAL if name in models]
         if not found:
             raise MissingCells
-        return min(found)
-
-    def both(self, size: int, column: str = "test") -> tuple[float, float]:
-        """Return the lowest RMSE of the adversarial models and that of the MLP at a size.
-
-        :raises MissingCells: if there are none.
-        """
-        return self.best_adversarial(size, column), self.best("mlp", size, column)
+        return min(found), self.best("mlp", size, column)
 
 
 Evaluated = tuple[bool, str]
@@ -169,8 +160,7 @@ def _dualgan_best(table: RmseTable) -> Evaluated:
 def _most_gan_cells_beat_base(table: RmseTable) -> Evaluated:
     better = [
         value < table.best("mlp", size)
-        for size in table.sizes
-        for model in ADVERSARIAL
+        for size, model in product(table.sizes, ADVERSARIAL)
         for value in table.at(model, size).values()
     ]
     return _mostly(better), f"{sum(better)} of {len(better)} cells"
@@ -178,13 +168,12 @@ def _most_gan_cells_beat_base(table: RmseTable) -> Evaluated:
 
 def _middle_sigma_best(table: RmseTable) -> Evaluated:
     middle = []
-    for size in table.sizes:
-        for model in ADVERSARIAL:
-            figures = table.at(model, size)
-            if len(figures) < 3:
-                raise MissingCells
-            best = min(figures, key=lambda sigma: figures[sigma])
-            middle.append(best not in (min(figures), max(figures)))
+    for size, model in product(table.sizes, ADVERSARIAL):
+        figures = table.at(model, size)
+        if len(figures) < 3:
+            raise MissingCells
+        best = min(figures, key=lambda sigma: figures[sigma])
+        middle.append(best not in (min(figures), max(figures)))
     told = f"{sum(middle)} of {len(middle)} (model, size)"
     return _mostly(middle), f"a sigma between the ends is best in {told}"
 

@@ -1,4 +1,4 @@
-"""Tracking on the twins: joint error with feedback alone, and with each model's feed-forward."""
+"""Measure the tracking error of the twins with each feed-forward and with feedback alone."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import measure_and_render
-from reproduction.modelling.weight_files import origin
-from reproduction.page_parts import rows_table
+from reproduction.modelling.model_arguments import ROBOTS, add_arms_and_models, training_of
+from reproduction.modelling.weight_files import add_weights, cards_of, origin, trained_before
+from saver_advisors.cli.arguments import add_page
+from saver_advisors.reporting.tables import rows_table
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
@@ -32,34 +34,25 @@ _TRAJECTORIES: Final = 4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.model_arguments import ROBOTS, add_arms_and_models
-    from reproduction.modelling.weight_files import add_weights
-    from saver_advisors.cli.arguments import add_page
-
     add_arms_and_models(parser, ROBOTS, MODELS, "models to train on the whole data set")
     add_weights(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
-    from reproduction.modelling.model_arguments import training_of
-    from reproduction.modelling.weight_files import cards_of, trained_before
-    from saver_advisors.training.threads import one_thread_of_algebra
-
     training = training_of(args)
     before = trained_before(args.weights, args.robots, "id", (*UNTRAINED, *args.models))
 
     def figures() -> dict[str, Any]:
         return measure(args.robots, args.models, training, before) | cards_of(args.weights)
 
-    with one_thread_of_algebra():
-        return measure_and_render(args, "tracking", figures, render)
+    return measure_and_render(args, "tracking", figures, render)
 
 
 def measure(
@@ -100,11 +93,10 @@ def _feed_forwards(
         for name in models:
             found[name] = new_model(name, robot, "id")
             found[name].fit(*samples, Training(**training))
-    found |= before
-    return {
-        alone: None,
-        **{name: LearnedInverseDynamics(robot, model) for name, model in found.items()},
+    learned = {
+        name: LearnedInverseDynamics(robot, model) for name, model in {**found, **before}.items()
     }
+    return {alone: None, **learned}
 
 
 def _rows(

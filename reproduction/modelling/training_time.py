@@ -1,8 +1,7 @@
-"""Training time of chapter 7's networks, and how it is distributed.
+"""Measure the training time of chapter 7's networks, in total and by part.
 
-A run has the paper's length: all samples, 100 epochs, on one core. The distribution comes from
-torch's profiler over an epoch of 10,000 samples, in a run of its own, since profiling slows it
-down.
+A run has the paper's length: all samples, 100 epochs, on one core. The parts come from torch's
+profiler over an epoch of 10,000 samples, in a separate run because profiling slows training down.
 """
 
 from __future__ import annotations
@@ -10,17 +9,20 @@ from __future__ import annotations
 import argparse
 import time
 from collections import defaultdict
-from typing import Any, Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_choices, add_count, measure_and_render
-from reproduction.modelling.grid_cells import (
-    PAPER_EPOCHS,
-    SAMPLES_A_SIZE,
-    FloatArray,
-    Precision,
-    Task,
-)
-from reproduction.page_parts import Column, rows_table
+from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.modelling.grid_cells import PAPER_EPOCHS, SAMPLES_A_SIZE
+from reproduction.modelling.model_arguments import ROBOTS, add_precision
+from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.reporting.tables import Column, rows_table
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
+    from saver_envs.modelling.chain import FloatArray
+    from saver_envs.modelling.models import InverseModel
+    from saver_envs.modelling.networks import Precision
 
 EXAMPLES: Final = """\
 examples:
@@ -37,33 +39,25 @@ PARTS: Final = {
 """Torch's operators by purpose. Time in none of them counts as *other operators*, and time outside
 any operator as *Python*."""
 
-_SAMPLES: Final = 60_000
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.model_arguments import ROBOTS, add_precision
-    from saver_advisors.cli.arguments import add_page
-
     parser.add_argument("--robot", choices=ROBOTS, default="mico", help="arm (default: mico)")
     add_choices(parser, "--tasks", TASKS, "tasks", ["ik"])
     add_choices(parser, "--models", NETWORKS, "networks", ["mlp", "cgan"])
-    add_count(parser, "--samples", _SAMPLES, "samples of the data set", least=100)
+    add_count(parser, "--samples", 60_000, "samples of the data set", least=100)
     add_count(parser, "--epochs", PAPER_EPOCHS, "epochs of training")
     add_precision(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    with one_thread_of_algebra():
-        return measure_and_render(args, "modelling-time", lambda: measure(args), render)
+    return measure_and_render(args, "modelling-time", lambda: measure(args), render)
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
@@ -106,27 +100,24 @@ def _row(args: argparse.Namespace, task: Task, name: str) -> dict[str, Any]:
         "wall_minutes": wall / 60,
         "cpu_minutes": cpu / 60,
         "load_average": loads[0] if loads else None,
-        "shares": _shares(args.robot, task, name, args.precision, samples),
+        "shares": _shares(lambda: new_model(name, args.robot, task), samples, args.precision),
     }
 
 
 def _shares(
-    robot: str,
-    task: Task,
-    name: str,
-    precision: Precision,
+    fresh: Callable[[], InverseModel],
     samples: tuple[FloatArray, FloatArray],
+    precision: Precision,
 ) -> dict[str, float]:
     """Compute each part's share of the process's time, over an epoch of few samples."""
     from torch.profiler import ProfilerActivity, profile
 
-    from saver_envs.modelling.models import Training, new_model
+    from saver_envs.modelling.models import Training
 
     inputs, outputs = (one[:SAMPLES_A_SIZE] for one in samples)
-    model = new_model(name, robot, task)
     training = Training(epochs=1, precision=precision)
-    model.fit(inputs, outputs, training)  # warm-up: the first run includes one-time setup
-    model = new_model(name, robot, task)
+    fresh().fit(inputs, outputs, training)  # warm-up: the first run includes one-time setup
+    model = fresh()
     began = time.perf_counter()
     with profile(activities=[ProfilerActivity.CPU]) as profiler:
         model.fit(inputs, outputs, training)

@@ -1,4 +1,4 @@
-"""Weight files of models that are measured besides those trained by the command."""
+"""Read weight files of further models to measure."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from reproduction.modelling.grid_cells import Task
-
 if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
     from saver_envs.modelling.models import InverseModel
 
 
@@ -50,7 +49,7 @@ def trained_before(
             model = load_model(path, task=task)
         if model.robot not in found:
             raise UsageError(
-                f"argument --weights: {path} is of the arm {model.robot!r}, and --robots asks for "
+                f"argument --weights: {path} is a model of {model.robot!r}, but --robots selects "
                 f"{', '.join(robots)}"
             )
         if path.stem in taken or path.stem in found[model.robot]:

@@ -1,1 +1,1 @@
-"""The documentation that comes from the code and from `docs/results`: its text and its pictures."""
+"""Generate the documentation that comes from the code and from `docs/results`."""

@@ -1,4 +1,4 @@
-"""The text of a page an environment, and of the one that lists them all."""
+"""Render the page of each environment, and the page that lists them all."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from saver_envs.tasks.layout import Layout, Part
 
 
 def environments_table(entries: list[Entry], folder: str) -> str:
-    """The table of environments with links to their pages.
+    """Render the table of environments with links to their pages.
 
-    :param entries: its rows
-    :param folder: where the pages are, from the reader's page
-    :return: Markdown
+    :param entries: the rows.
+    :param folder: folder of the pages, relative to the page that shows the table.
+    :return: Markdown.
     """
     rows = [[f"[`{one.env_id}`]({folder}{one.env_id}.md)", *one.cells[1:]] for one in entries]
     return markdown(COLUMNS, rows)
 
 
 def environments_page(entries: list[Entry]) -> str:
-    """The page that lists the environments.
+    """Render the page that lists the environments.
 
-    :param entries: its rows
-    :return: Markdown
+    :param entries: the rows of its table.
+    :return: Markdown.
     """
     lines = ["# Environments", "", environments_table(entries, "")]
     twin = dense_twin(entries[0].env_id)
@@ -41,11 +41,11 @@ def environments_page(entries: list[Entry]) -> str:
 
 
 def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
-    """The page of an id and its dense twin.
+    """Render the page of an id and its twin with a dense reward.
 
-    :param one: the sparse id's entry
-    :param results: as ``read_result_files`` returns them
-    :return: Markdown
+    :param one: entry of the sparse id.
+    :param results: result files, see :func:`~reproduction.pages.results.read_result_files`.
+    :return: Markdown.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -53,7 +53,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         loader=PackageLoader("reproduction.pages"),
         undefined=StrictUndefined,
         keep_trailing_newline=True,
-        # Markdown, not HTML: nothing is to be escaped, and all of it comes from our own code.
+        # Markdown needs no HTML escapes, and all of it comes from our own code.
         autoescape=False,
     )
     episodes = make_episodes(one.env_id)
@@ -61,7 +61,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
     page = task.page(episodes.scene)
     return templates.get_template("environment.md.j2").render(
         entry=one,
-        summary=_summary(task),
+        summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one.env_id),
         facts=_facts(one, episodes),
         spaces=_spaces(one),
@@ -76,11 +76,6 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         keywords=_keywords(one.env_id, task),
         results=results_of(one.env_id, results),
     )
-
-
-def _summary(task: Task) -> str:
-    """What the task's module says about it."""
-    return _one_line(inspect.getdoc(inspect.getmodule(type(task))) or "")
 
 
 def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
@@ -107,7 +102,7 @@ def _spaces(one: Entry) -> str:
 def _layout_table(
     layout: Layout, unit: Callable[[Part], str], meanings: Mapping[str, str] | None = None
 ) -> str:
-    """A row a part: where it lies, what it is, and its unit."""
+    """Render one row per part: its indices, meaning and unit."""
     rows, own, common = [], 0, layout.block * layout.n_arms
     for part in layout.parts:
         if part.shared:
@@ -138,7 +133,7 @@ def _action(episodes: Episodes) -> str:
 
 
 def _indices(first: int, size: int, block: int, arms: int) -> str:
-    """``3 to 5``, or ``28k + 3 to 28k + 5`` where each arm has a block of its own."""
+    """Return ``3 to 5``, or ``28k + 3 to 28k + 5`` if each arm has its own block."""
     ends = [first] if size == 1 else [first, first + size - 1]
     offset = f"{block}k + " if arms > 1 else ""
     return " to ".join(f"{offset}{end}" for end in ends)
@@ -153,7 +148,7 @@ def _costs(one: Entry, meanings: Mapping[str, str]) -> str:
 
 
 def _keywords(env_id: str, task: Task) -> str:
-    """The keyword arguments of an id, from the classes that read them."""
+    """Render the keyword arguments of an id, as its task and control document them."""
     meanings: dict[str, str] = {}
     for kind in (*reversed(type(task).__mro__), ControlOptions):
         meanings |= parameters(inspect.getdoc(kind) or "")
@@ -165,10 +160,10 @@ def _keywords(env_id: str, task: Task) -> str:
 
 
 def parameters(docstring: str) -> dict[str, str]:
-    """What a docstring says about parameters.
+    """Extract the descriptions of parameters from a docstring.
 
-    :param docstring: with ``:param name: text`` entries, which may go on over several lines
-    :return: the texts by name
+    :param docstring: with ``:param name: text`` entries, each on one or more lines.
+    :return: the descriptions by name.
     """
     entries = re.findall(r":param (\w+): (.*?)(?=\n:|\n\n|\Z)", docstring, flags=re.DOTALL)
     return {name: _one_line(text) for name, text in entries}

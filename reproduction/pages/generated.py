@@ -1,6 +1,6 @@
-"""The text of the generated documentation, page by page.
+"""Render the text of the generated documentation.
 
-Nothing here draws or simulates, so that a test can compare the pages with the code at once.
+Nothing here draws or simulates, so that a test can quickly compare the pages with the code.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ GENERATED: Final = "Generated from the code by `python -m reproduction pages`.\n
 
 
 def all_pages(output: Path) -> dict[str, str]:
-    """Every generated page.
+    """Render all generated pages.
 
-    :param output: the documentation's folder; its ``results/*.json`` are read
-    :return: text by path in that folder
+    :param output: folder of the documentation; its ``results/*.json`` are read.
+    :return: text by path within that folder.
     """
     results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
@@ -41,12 +41,12 @@ def all_pages(output: Path) -> dict[str, str]:
 
 
 def with_tables(readme: str, output: Path) -> str:
-    """The README with its tables, of environments and of success, between their markers.
+    """Insert the tables of environments and of success rates between the README's markers.
 
-    :param readme: its text
-    :param output: the documentation's folder, beside the README; its ``results/*.json`` are read
-    :return: the new text
-    :raises ValueError: where a marker is missing
+    :param readme: text of the README.
+    :param output: folder of the documentation, next to the README; its ``results/*.json`` are read.
+    :return: the new text.
+    :raises ValueError: if a marker is missing.
     """
     entries = [entry(name) for name in sparse_ids()]
     folder = f"{output.name}/environments/"
@@ -60,7 +60,7 @@ def with_tables(readme: str, output: Path) -> str:
 
 
 def weights_page() -> str:
-    """The cards of the shipped policies."""
+    """Render the cards of the shipped policies."""
     from saver_advisors.policies import WEIGHTS_DIR, shipped_policies
     from saver_advisors.policies.files import read_networks
 
@@ -81,10 +81,10 @@ def weights_page() -> str:
     columns = ("name", "environment", "algorithm", "steps", "minutes", "success, episodes")
     lines = ["# Weights", "", markdown(columns, rows)]
     lines += [
-        "Each has a card of its own beside it, with its command, seed, commit and settings:",
+        "Each file has a card with its command, seed, commit and settings:",
         '`saver_advisors.pretrained.load_policy("' + (next(iter(cards), "NAME")) + '").card`.',
-        "The success in a card is measured on seeds from 0, in episodes that had no part in",
-        "choosing the checkpoint.",
+        "The success rate of a card is measured on seeds from 0, in episodes that were not used to",
+        "choose the checkpoint.",
         "",
     ]
     for name, card in cards.items():

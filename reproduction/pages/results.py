@@ -1,4 +1,4 @@
-"""The page of results, rendered from the JSON files of ``docs/results``."""
+"""Render the page of results from the JSON files in ``docs/results``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAGES: Final = {
     "tracking": "modelling-tracking.md",
     "transfer": "transfer.md",
 }
-"""Of results by their kind, where they are told in full."""
+"""Pages of results, by the kind of the result file."""
 
 PAGES_OF_FILES: Final = {
     "fetch-id": "modelling-fetch-id.md",
@@ -33,14 +33,14 @@ PAGES_OF_FILES: Final = {
     "mico-ik": "modelling-mico-ik.md",
     "mico-ik-little-data": "modelling-little-data.md",
 }
-"""The same by the file's name, where several files are of a kind."""
+"""Pages by file name, for kinds with several files."""
 
 
 def read_result_files(folder: Path) -> list[dict[str, Any]]:
-    """The results that programs left.
+    """Read result files.
 
-    :param folder: of JSON files
-    :return: their contents, with ``file``, in the order of their names
+    :param folder: folder of the JSON files.
+    :return: their contents with the name as ``file``, sorted by name.
     """
     return [
         {"file": path.name, **json.loads(path.read_text(encoding="utf-8"))}
@@ -53,11 +53,11 @@ def _evaluations(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
-    """The evaluations of one environment.
+    """Render the evaluations on one environment.
 
-    :param env_id: its id
-    :param results: as ``read_result_files`` returns them
-    :return: a table in Markdown, nothing where there are none
+    :param env_id: id of the environment.
+    :param results: see :func:`read_result_files`.
+    :return: a Markdown table; empty without evaluations.
     """
     found = [one for one in _evaluations(results) if one["env"] == env_id]
     return _evaluation_table(found) if found else ""
@@ -65,9 +65,7 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
 
 def _evaluation_table(found: list[dict[str, Any]]) -> str:
     columns = (*evaluation_table.EVALUATION_COLUMNS, "collisions per episode")
-    rows = []
-    for one in found:
-        rows.append([*evaluation_table.evaluation_cells(one), _collisions(one)])
+    rows = [[*evaluation_table.evaluation_cells(one), _collisions(one)] for one in found]
     return markdown(columns, rows)
 
 
@@ -77,11 +75,11 @@ def _collisions(one: dict[str, Any]) -> str:
 
 
 def success_overview(results: list[dict[str, Any]], folder: str) -> str:
-    """The best shipped policy of each environment, beside what needs no training there.
+    """Compare the best shipped policy of each environment with teachers and scripted expert.
 
-    :param results: as ``read_result_files`` returns them
-    :param folder: of the environments' pages, as the reader sees it
-    :return: a table in Markdown, of the environments that a policy ships for
+    :param results: see :func:`read_result_files`.
+    :param folder: folder of the environments' pages, relative to the page that shows the table.
+    :return: a Markdown table of the environments with a shipped policy.
     """
     from saver_advisors.pretrained import shipped_policies
 
@@ -104,7 +102,7 @@ def success_overview(results: list[dict[str, Any]], folder: str) -> str:
 
 
 def _success(found: list[dict[str, Any]]) -> str:
-    """A success rate with its 95% interval and its episodes."""
+    """Return a success rate with its 95% interval and number of episodes."""
     if not found:
         return "-"
     low, high = found[0]["ci95"]
@@ -113,10 +111,10 @@ def _success(found: list[dict[str, Any]]) -> str:
 
 
 def results_page(results: list[dict[str, Any]]) -> str:
-    """Every result as a table.
+    """Render all results as tables.
 
-    :param results: as ``read_result_files`` returns them
-    :return: Markdown
+    :param results: see :func:`read_result_files`.
+    :return: Markdown.
     """
     lines = ["# Results", ""]
     if evaluations := _evaluations(results):
@@ -132,7 +130,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
                 markdown(runs.CURVE_COLUMNS, [runs.curve_cells(run) for run in one["runs"]])
             )
         elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
-            lines += [f"On [a page of its own]({page}).", ""]
+            lines += [f"See [the separate page]({page}).", ""]
         elif one.get("kind") == "modelling-search":
             lines.append(_plain_table(_trials(one["trials"])))
         elif isinstance(one.get("rows"), list):
@@ -142,7 +140,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
 
 
 def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The trials of a search for settings, flat, the best first."""
+    """Return the trials of a search as flat rows, the best first."""
     measured = ("epochs", "validation_rmse")
     return [
         {**trial["settings"], **{name: trial[name] for name in measured if name in trial}}
@@ -151,7 +149,7 @@ def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _plain_table(rows: list[dict[str, Any]]) -> str:
-    """A table of whatever a program measured: a column a key."""
+    """Render rows of a result file with one column per key."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     cells = [[_cell(row.get(name)) for name in columns] for row in rows]
     return markdown([name.replace("_", " ") for name in columns], cells)
@@ -166,7 +164,7 @@ def _cell(value: Any) -> str:
 
 
 def _origin(one: dict[str, Any]) -> str:
-    """Where a result comes from, as far as it says so."""
+    """Describe the origin of a result: command, commit and machine, if recorded."""
     source = one.get("provenance", one)
     parts = [f"`{source['command']}`"] if source.get("command") else []
     if source.get("commit"):

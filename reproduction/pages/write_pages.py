@@ -1,6 +1,6 @@
-"""Write the documentation pages that come from the code: environments, weights, results.
+"""Write the generated documentation: pages of environments, weights and results.
 
-The README's tables, between their markers, are written as well.
+The tables in the README are updated between their markers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from saver_advisors.reporting.errors import UsageError, unknown
 EXAMPLES = """\
 examples:
   python -m reproduction pages                  all pages, pictures and clips (minutes)
-  python -m reproduction pages --no-pictures    the text alone
+  python -m reproduction pages --no-pictures    text only
   python -m reproduction pages --check          fails if a page differs; writes nothing"""
 
 
@@ -26,23 +26,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=Path("docs"),
         metavar="DIR",
-        help="the documentation's folder (default: docs)",
+        help="folder of the documentation (default: docs)",
     )
     parser.add_argument(
         "--readme",
         type=Path,
         metavar="FILE",
-        help="whose tables are written as well (default: README.md beside the folder)",
+        help="README whose tables are updated (default: README.md next to the folder)",
     )
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
-    parser.add_argument(
-        "--only", nargs="+", default=None, metavar="ID", help="draw these environments alone"
-    )
+    parser.add_argument("--only", nargs="+", metavar="ID", help="draw only these environments")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare or write."""
+    """Compare the pages with the code, or write them.
+
+    :param args: see :func:`add_arguments`.
+    :return: exit status: 1 if a compared page is out of date, else 0.
+    :raises UsageError: for an unknown environment, or a README without markers.
+    """
     texts = _texts(args)
     stale = [path for path, text in texts.items() if not _holds(path, text)]
     if args.check:
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _texts(args: argparse.Namespace) -> dict[Path, str]:
-    """What every page should read."""
+    """Render all pages, by path."""
     from reproduction.pages.generated import all_pages, with_tables
 
     output = args.output
@@ -79,10 +82,11 @@ def _holds(path: Path, text: str) -> bool:
 
 
 def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
-    """Draw a picture and a clip of every environment.
+    """Draw a picture and record a clip of every environment.
 
-    :param output: the documentation's folder
-    :param only: these environments alone; all of them where None
+    :param output: folder of the documentation.
+    :param only: ids of the environments; all of them if None.
+    :raises UsageError: for an unknown environment.
     """
     from saver_advisors.cli.catalogue import sparse_ids
 
@@ -91,7 +95,8 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
             raise UsageError(f"argument --only: {unknown('environment', name, sparse_ids())}")
     from tqdm import tqdm
 
-    from saver_advisors.cli.pictures import CLIP_EVERY, clip_frames, save_jpeg, start_picture
+    from reproduction.pages.clips import CLIP_EVERY, clip_frames, save_jpeg
+    from saver_advisors.cli.pictures import start_picture
     from saver_advisors.reporting.video import write_clip
 
     folder = output / "images" / "environments"

@@ -1,1 +1,1 @@
-"""Policies of the Jaco, unchanged, on other arms, beside Table 5.4."""
+"""Run Jaco policies unchanged on other arms and compare them with Table 5.4."""

@@ -1,4 +1,4 @@
-"""A policy under a condition: its trials, and why they fail."""
+"""Play the trials of a policy under a condition, and find the causes of their failures."""
 
 from __future__ import annotations
 

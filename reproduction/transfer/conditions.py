@@ -1,4 +1,4 @@
-"""The differences between the conditions of a trial and those of training, with the reasons."""
+"""Define the conditions of the trials, and how they differ from those of training."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Condition:
     :param robot: name of the arm.
     :param options: keyword arguments of the environment.
     :param noise: sensor noise, or None.
-    :param translated: whether finger readings are translated to the hand of the training.
-    :param expert: whether the scripted expert, which is slow, is tried too.
+    :param translated: whether finger readings are translated to those of the trained hand.
+    :param expert: whether to try the scripted expert, which is slow, as well.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The cause of a failed trial, derived from measurable events of its trajectory.
+"""Find the cause of a failed trial from measurable events of its trajectory.
 
 Every failure has one cause: the earliest of the events below that happened to an arm whose cube is
 not at its target at the end. An event has a step; events that are known only at the end come last.
@@ -25,7 +25,7 @@ object firmly"):
   it, and the cube was never lifted. The step is the one at which the hand had risen.
 - ``collided``, ``inaccurate``, ``timed_out``: as in pushing.
 
-``diverged`` means that the simulation broke down, whatever else happened before.
+``diverged`` means that the simulation diverged; it takes precedence over all other causes.
 """
 
 from __future__ import annotations
@@ -62,22 +62,11 @@ SLIP: Final = 0.02
 CAME_UP: Final = 0.04
 """Metres that the hand rises: twice what lifts a cube in a firm grasp."""
 
-PUSH_CAUSES: Final = ("slid_away", "collided", "inaccurate", "timed_out", "diverged")
-PICK_CAUSES: Final = (
-    "grasp_lost",
-    "weak_grasp",
-    "collided",
-    "inaccurate",
-    "timed_out",
-    "diverged",
-)
+_COMMON_CAUSES: Final = ("collided", "inaccurate", "timed_out", "diverged")
+PUSH_CAUSES: Final = ("slid_away", *_COMMON_CAUSES)
+PICK_CAUSES: Final = ("grasp_lost", "weak_grasp", *_COMMON_CAUSES)
 WORDS: Final = {
-    "slid_away": "slid away",
-    "grasp_lost": "grasp lost",
-    "weak_grasp": "weak grasp",
-    "collided": "collided",
-    "inaccurate": "inaccurate",
-    "timed_out": "timed out",
+    **{cause: cause.replace("_", " ") for cause in (*PUSH_CAUSES, *PICK_CAUSES)},
     "diverged": "simulation broke down",
 }
 """Names in tables."""

@@ -1,4 +1,4 @@
-"""Trials recorded step by step: the true state, without the noise that the policy observes."""
+"""Record the true state of trials step by step, without the noise that the policy observes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Policies of the Jaco on two MICOs, with other objects and sensors, beside Table 5.4.
+"""Run Jaco policies on two MICOs with other objects and sensors, and compare with Table 5.4.
 
 Each policy runs unchanged on the dual MICO scenes: first on the plain scenes, then with one
 difference at a time, then with all of them. A failed trial has one cause, derived from its
@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_count, measure_and_render
+from reproduction.command_parts import measure_and_render
 from reproduction.transfer.attempts import (
     EXPERT,
     STUDENTS,
@@ -23,9 +23,9 @@ from reproduction.transfer.attempts import (
     Attempt,
     Entrant,
 )
+from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.figures import link
-from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from reproduction.transfer.conditions import Condition
@@ -46,8 +46,6 @@ policies:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_page
-
     for task, title in TITLES.items():
         parser.add_argument(
             f"--{task}",
@@ -68,9 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_page(parser)
 
 
-@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
@@ -110,7 +107,7 @@ def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:
         found.append(Entrant(label, policy) if equals else Entrant(word, word))
     labels = [one.label for one in found]
     if len(set(labels)) < len(labels):
-        raise UsageError(f"argument --{task}: {labels} must have a label of its own each")
+        raise UsageError(f"argument --{task}: {labels} must have different labels")
     return found
 
 
@@ -151,17 +148,16 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: ``outcomes``, ``conditions``, ``trials`` and, if asked for, ``videos``.
     """
-    from saver_advisors.benchmark.machine import progress
+    from tqdm import tqdm
+
     from saver_advisors.cli.policies import resolve
 
     found, todo = [], attempts(args)
     for attempt in todo:  # Report policies that do not fit before the first trial.
         resolve(attempt.entrant.policy, attempt.env_id, attempt.condition.options)
-    with progress("transfer", len(todo)) as advance:
-        for attempt in todo:
-            trials = attempt.play(args.trials, args.seed)
-            found.append((attempt, trials, [attempt.failure(one) for one in trials]))
-            advance()
+    for attempt in tqdm(todo, "transfer", unit="attempt", dynamic_ncols=True):
+        trials = attempt.play(args.trials, args.seed)
+        found.append((attempt, trials, [attempt.failure(one) for one in trials]))
     figures: dict[str, Any] = {
         "title": "Transfer",
         "kind": "transfer",

@@ -1,17 +1,17 @@
-"""The transfer study as a page of Markdown, beside the dissertation's figures."""
+"""Render the transfer study as a page, next to the dissertation's figures."""
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.page_parts import Column, join_parts, rows_table
+from reproduction.page_parts import measured_at
 from reproduction.transfer import failures
 from reproduction.transfer.attempts import TITLES
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table
 
 PAPER: Final = Path(__file__).with_name("paper.json")
 CAUSES: Final = {"push": failures.PUSH_CAUSES, "pick": failures.PICK_CAUSES}
@@ -48,7 +48,7 @@ def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
     :param clips: folder of the videos relative to the page; no videos if None.
     :return: Markdown.
     """
-    parts = ["# Transfer", INTRODUCTION, "## Beside Table 5.4", _headline(figures)]
+    parts = ["# Transfer", INTRODUCTION, "## Comparison with Table 5.4", _headline(figures)]
     parts += [HAND, CAUSE_WORDS]
     for task, title in TITLES.items():
         rows = [one for one in figures["outcomes"] if one["task"] == task]
@@ -74,7 +74,7 @@ def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
 
 
 def _headline(figures: Mapping[str, Any]) -> str:
-    """Render the condition with all differences beside the paper's rows."""
+    """Render the condition with all differences next to the paper's rows."""
     paper = paper_rows()
     columns = ["task", "policy", "success here", "95% interval", "failures here"]
     columns += ["paper, on real arms", "failures there"]
@@ -121,16 +121,13 @@ def _table(task: str, rows: Sequence[Mapping[str, Any]]) -> str:
         "success": SUCCESS,
         "95% interval": INTERVAL,
     }
+    rows = [{**row, "causes": Counter(row["causes"])} for row in rows]  # 0 for other causes
     for cause in CAUSES[task]:
-        if any(cause in row["causes"] for row in rows):
-            columns[failures.WORDS[cause]] = partial(_count, cause)
+        if any(row["causes"][cause] for row in rows):
+            columns[failures.WORDS[cause]] = f"{{causes[{cause}]}}"
     columns["touched"] = "{touched}"
     columns["final distance (cm)"] = lambda row: f"{100 * row['final_distance_mean']:.1f}"
     return rows_table(rows, columns)
-
-
-def _count(cause: str, row: Mapping[str, Any]) -> str:
-    return str(row["causes"].get(cause, 0))
 
 
 def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
@@ -156,12 +153,8 @@ def _sensors(figures: Mapping[str, Any]) -> str:
 
 
 def _origin(figures: Mapping[str, Any]) -> str:
-    text = f"Trials start from seeds {figures['seed']} and up, the same for every policy."
-    origin = figures.get("provenance")
-    if not origin:
-        return text
     return (
-        f"{text} Measured at commit `{origin['commit']}` with `{origin['command']}`, MuJoCo "
-        f"{origin['versions']['mujoco']}. Contact is chaotic: trials differ on another machine, "
+        f"Trials start from seeds {figures['seed']} and up, the same for every policy. "
+        f"{measured_at(figures)} Contact is chaotic: single trials differ between machines, but "
         "rates stay within their intervals."
     )

@@ -1,4 +1,4 @@
-"""Videos of the transfer trials: a success, and each kind of failure that occurred."""
+"""Record videos of the transfer trials: a success, and each kind of failure that occurred."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def record_each_kind(
 ) -> list[dict[str, Any]]:
     """Replay attempts, and record a trial of each kind.
 
-    All trials of an attempt are replayed, not the recorded one alone: a policy rounds differently
-    in a batch of another size, and contact amplifies the difference.
+    All trials of an attempt are replayed, not only the recorded one, because rounding depends on
+    the batch size and contact amplifies the difference.
 
     :param folder: folder of the videos, created if missing.
     :param found: attempts with their trials and failures.
@@ -42,22 +42,21 @@ def record_each_kind(
     :param seed: seed of trial 0.
     :return: JSON-able: ``file`` without its suffix, and what it shows.
     """
+    from tqdm import tqdm
+
     from reproduction.transfer.attempts import by_kind
-    from saver_advisors.benchmark.machine import progress
 
     folder.mkdir(parents=True, exist_ok=True)
     wanted: dict[int, list[tuple[str, int]]] = {}
     for kind, place, number in by_kind(found):
         wanted.setdefault(place, []).append((kind, number))
     shown = []
-    with progress("videos", len(wanted)) as advance:
-        for place, kinds in wanted.items():
-            attempt = found[place][0]
-            frames = _draw(attempt, [number for _, number in kinds], trials, seed)
-            for kind, number in kinds:
-                recording = EpisodeVideo(seed + number, frames[number], kind == "success")
-                shown.append(_write(folder, attempt, kind, recording))
-            advance()
+    for place, kinds in tqdm(wanted.items(), "videos", unit="attempt", dynamic_ncols=True):
+        attempt = found[place][0]
+        frames = _draw(attempt, [number for _, number in kinds], trials, seed)
+        for kind, number in kinds:
+            recording = EpisodeVideo(seed + number, frames[number], kind == "success")
+            shown.append(_write(folder, attempt, kind, recording))
     return sorted(shown, key=lambda one: str(one["file"]))
 
 

@@ -1,1 +1,1 @@
-"""The whole robot over many trials, beside chapter 8."""
+"""Evaluate the whole robot over many trials and compare it with chapter 8."""

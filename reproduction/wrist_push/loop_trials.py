@@ -1,8 +1,7 @@
-"""Trials and injections of ``python -m reproduction wrist-push``, distributed over processes."""
+"""Play the trials and injections of ``python -m reproduction wrist-push`` on several processes."""
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from saver_advisors.integration.assembly import ControlLoop
@@ -23,7 +23,7 @@ _CHUNK: Final = 5
 #: Largest number of durations that a job keeps of each stage.
 _KEPT: Final = 400
 
-Job = tuple[str, Mapping[str, Any], tuple[int, ...], str]
+Job = tuple[Mapping[str, Any], Sequence[int], str | None]
 Share = Callable[[str, Sequence[Job]], list[dict[str, Any]]]
 
 
@@ -34,31 +34,19 @@ def shares(processes: int) -> Iterator[Share]:
     :param processes: number of processes.
     :return: a context manager; the function takes a title and the jobs.
     """
-    from saver_advisors.benchmark.machine import progress
+    from tqdm import tqdm
 
     with ExitStack() as stack:
         each: Callable[..., Iterable[dict[str, Any]]] = map
         if processes > 1:
             # Spawn, since graphics contexts and threads do not survive a fork.
-            pool = stack.enter_context(get_context("spawn").Pool(processes, _one_thread))
-            each = pool.imap
+            each = stack.enter_context(get_context("spawn").Pool(processes)).imap
 
         def share(title: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
-            results = []
-            with progress(title, len(jobs)) as advance:
-                for result in each(work, jobs):
-                    results.append(result)
-                    advance()
-            return results
+            results = each(work, jobs)
+            return list(tqdm(results, title, total=len(jobs), unit="job", dynamic_ncols=True))
 
         yield share
-
-
-def _one_thread() -> None:
-    import torch
-
-    os.environ["OMP_NUM_THREADS"] = "1"
-    torch.set_num_threads(1)
 
 
 @cache
@@ -69,20 +57,21 @@ def _own_bench() -> Any:
     return WristBench()
 
 
+@one_thread_of_algebra()
 def work(job: Job) -> dict[str, Any]:
     """Play trials, or inject a fault into them.
 
-    :param job: ``play`` or ``inject``, the loop's settings, the seeds, and the name of the fault.
+    :param job: the loop's settings, the seeds, and the name of the fault or None.
     :return: JSON-able outcomes, and the durations of stages.
     """
     from saver_advisors.integration.assembly import LoopSettings, build_loop
     from saver_advisors.integration.injections import inject
 
-    what, mapping, seeds, fault = job
+    mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
-    if what == "inject":
-        return {"injections": [asdict(inject(settings, bench, fault, s)) for s in seeds]}
-    return _play(build_loop(settings, bench), seeds)
+    if fault is None:
+        return _play(build_loop(settings, bench), seeds)
+    return {"injections": [asdict(inject(settings, bench, fault, one)) for one in seeds]}
 
 
 def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
@@ -129,9 +118,9 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     seeds = range(seed, seed + trials)
     name = f"{'network' if settings.seeing else 'true state'}, "
     name += "learned kinematics" if settings.learned_kinematics else "exact kinematics"
-    chunks = [tuple(seeds[i : i + _CHUNK]) for i in range(0, trials, _CHUNK)]
+    chunks = [seeds[first : first + _CHUNK] for first in range(0, trials, _CHUNK)]
     began = time.perf_counter()
-    results = share(name, [("play", settings.to_mapping(), chunk, "") for chunk in chunks])
+    results = share(name, [(settings.to_mapping(), chunk, None) for chunk in chunks])
     elapsed = time.perf_counter() - began
     played = [one for result in results for one in result["trials"]]
     simulated = sum(one["seconds"] for one in played)
@@ -199,9 +188,7 @@ def fault_row(
     from saver_advisors.integration.faults import FAULTS
     from saver_advisors.integration.injections import ALLOWED
 
-    jobs = [
-        ("inject", settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)
-    ]
+    jobs = [(settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)]
     found = [one for result in share(fault, jobs) for one in result["injections"]]
 
     def times(key: str) -> list[float]:

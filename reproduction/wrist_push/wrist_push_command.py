@@ -1,22 +1,22 @@
-"""The whole robot over many trials, part by part, and with faults, beside chapter 8's table.
+"""Evaluate the whole robot over many trials, with and without faults, as in chapter 8.
 
-Four loops play the same trials: with the true state or with camera and pose network, and with exact
-or learned inverse kinematics. Then every fault is injected into the loop with everything learned.
+Four control loops play the same trials: with the true state or with camera and pose network, each
+with exact or learned inverse kinematics. Then every fault is injected into the loop in which
+everything is learned.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_count
-from saver_advisors.cli.measured import hand_over, read_measurement
+from reproduction.command_parts import add_choices
+from saver_advisors.cli.arguments import add_count, add_json, add_table
+from saver_advisors.cli.measured import hand_over, measured_or_read, read_measurement
 from saver_advisors.training.threads import one_thread_of_algebra
-
-if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import LoopSettings
 
 EXAMPLES = """\
 examples:
@@ -36,7 +36,6 @@ ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_json, add_table
     from saver_advisors.cli.run import add_loop_arguments
 
     add_count(parser, "--trials", 200, "trials of each row")
@@ -59,18 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the page, and write the files that were asked for.
+    """Measure, print the page, and write the requested files.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
     :raises UsageError: for files that cannot be read or do not belong together.
     """
     from reproduction.wrist_push.wrist_push_page import render
-    from saver_advisors.reporting.provenance import provenance
 
     if args.from_json is None:
-        origin = provenance()
-        figures = {**measure(args), "provenance": origin}
+        figures = measured_or_read(args, "wrist-push", lambda: measure(args))
     else:
         figures = joined([read_measurement(path, "wrist-push") for path in args.from_json])
     hand_over(render(figures), figures, args.json, args.table)
@@ -83,8 +80,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: ``rows``, ``faults``, and the settings.
     """
-    from dataclasses import replace
-
     from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
     from saver_advisors.cli.run import settings_of
     from saver_advisors.integration.faults import FAULTS
@@ -103,10 +98,9 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     with shares(args.processes) as share:
         for name in args.rows:
             seeing, learned = ROWS[name]
-            settings: LoopSettings = replace(base, seeing=seeing, learned_kinematics=learned)
-            figures["rows"].append(
-                {"row": name, **play_row(share, settings, args.trials, args.seed)}
-            )
+            settings = replace(base, seeing=seeing, learned_kinematics=learned)
+            row = play_row(share, settings, args.trials, args.seed)
+            figures["rows"].append({"row": name, **row})
         for fault in FAULTS if args.injections else ():
             figures["faults"].append(fault_row(share, base, fault, args.injections, args.seed))
     return figures
@@ -117,7 +111,7 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
     :param measured: the measurements, whose settings may differ in the policy only.
     :return: rows and faults of all; a row whose policy is not the first measurement's names it.
-    :raises UsageError: for different settings or first seeds, or for a row that is there twice.
+    :raises UsageError: for different settings or first seeds, or for a row that occurs twice.
     """
     from saver_advisors.reporting.errors import UsageError
 
@@ -129,19 +123,16 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
         policy = one["settings"]["policy"]
         for name in ("limits", "filter", "latencies"):
             if one["settings"][name] != first["settings"][name]:
-                raise UsageError(f"argument --from: measured with other {name}: no one table")
+                raise UsageError(f"argument --from: the files differ in {name}")
         if one["seed"] != first["seed"]:
-            raise UsageError(
-                f"argument --from: trials from seed {one['seed']} and from {first['seed']}: no one "
-                "table"
-            )
+            raise UsageError("argument --from: the files differ in seed")
         told = {} if policy == first["settings"]["policy"] else {"policy": policy}
         rows += [{**row, **told} for row in one["rows"]]
         faults += one["faults"]
     names = [(row["row"], row.get("policy")) for row in rows]
     for name, policy in names:
         if names.count((name, policy)) > 1:
-            raise UsageError(f"argument --from: row {name!r} is there twice: no one table")
+            raise UsageError(f"argument --from: row {name!r} occurs twice")
     origins = [one["provenance"] for one in measured]
     rows.sort(key=lambda row: ("policy" in row, list(ROWS).index(row["row"])))
     return {**first, "rows": rows, "faults": faults, "sources": origins}

@@ -1,4 +1,4 @@
-"""The trials of the whole robot as a page of Markdown, beside the paper's figures."""
+"""Render the trials of the whole robot as a page, next to the paper's figures."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.page_parts import Column, join_parts, row_cells, rows_table
 from saver_advisors.reporting.provenance import machine_in_words
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import Column, join_parts, markdown, row_cells, rows_table
 
 PAPER: Final = Path(__file__).with_name("paper.json")
 WORDS: Final = {

@@ -20,7 +20,6 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
 from sb3_contrib import TQC
@@ -35,6 +34,7 @@ from saver_advisors.advising.advisor import Advice, Advisor
 from saver_advisors.advising.context import Mask
 from saver_advisors.advising.factory import make_advisor
 from saver_advisors.advising.warm_start import warm_start_from_teachers
+from saver_advisors.learner.imitation import candidate_values
 
 
 class AdvisedMixin(OffPolicyAlgorithm):
@@ -52,18 +52,15 @@ class AdvisedMixin(OffPolicyAlgorithm):
     """
 
     advisor: Advisor | Mapping[str, Any] | None
-    advice_state: dict[str, Any] | None
-    _advice_mask: Mask | None
-    _episode_steps: NDArray[np.int64] | None
+    advice_state: dict[str, Any] | None = None
+    _advice_mask: Mask | None = None
+    _episode_steps: NDArray[np.int64] | None = None
 
     def __init__(
         self, *args: Any, advisor: Advisor | Mapping[str, Any] | None = None, **kwargs: Any
     ) -> None:
-        # Before super(), which calls _setup_model, which checks the advisor.
+        # Set first: SB3's constructor calls _setup_model, which checks the advisor.
         self.advisor = advisor
-        self.advice_state = None
-        self._advice_mask = None
-        self._episode_steps = None
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
@@ -87,9 +84,9 @@ class AdvisedMixin(OffPolicyAlgorithm):
             spent = self.advice_state["budget"]["spent"]
             if advisor.spent < spent:
                 warnings.warn(
-                    f"this model was saved after {spent} advised steps, its advisor starts at "
-                    f"{advisor.spent}: call "
-                    "advisor.load_state_dict(model.advice_state) to go on with the same budget",
+                    f"this model was saved after {spent} advised steps, but its advisor starts at "
+                    f"{advisor.spent}: call advisor.load_state_dict(model.advice_state) to "
+                    "continue with the same budget",
                     stacklevel=3,
                 )
         return super()._setup_learn(*args, **kwargs)
@@ -117,12 +114,15 @@ class AdvisedMixin(OffPolicyAlgorithm):
         if not isinstance(advisor, Advisor):
             self._advice_mask = None
             return action, buffer_action
-        compared = self._noise_free_action() if advisor.needs_noise_free else None
+        compared = None
+        if advisor.needs_noise_free:
+            assert self._last_obs is not None, "learn() resets the environments first"
+            compared, _ = self.predict(self._last_obs, deterministic=True)
         advice = advisor.advise(
             self._raw_observation(),
             action,
             compared,
-            episode_steps=self._count_episode_steps(n_envs),
+            episode_steps=self._count_episode_steps(),
             student_values=partial(student_values, self),
         )
         return self._follow(advice, action, buffer_action)
@@ -142,7 +142,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         assert self.env is not None and self._last_obs is not None, "reset the environments first"
         nothing = np.zeros((self.n_envs, *(self.action_space.shape or ())), np.float32)
         for _ in range(-(-steps // self.n_envs)):
-            self._count_episode_steps(self.n_envs)
+            self._count_episode_steps()
             advice = advisor.demonstrate(self._raw_observation())
             executed, stored = self._follow(advice, nothing, nothing)
             new_obs, rewards, dones, infos = self.env.step(executed)
@@ -157,19 +157,17 @@ class AdvisedMixin(OffPolicyAlgorithm):
         assert isinstance(observation, dict), "check_spaces lets only Dict observations through"
         return observation
 
-    def _count_episode_steps(self, n_envs: int) -> NDArray[np.int64]:
+    def _count_episode_steps(self) -> NDArray[np.int64]:
         """Return the steps since the start of each environment's episode, (n_envs,).
 
         SB3 marks the first observations after a reset in `_last_episode_starts`, but its off-policy
         algorithms do not update it afterwards; `_store_transition` does. If advice begins in the
         middle of an episode, that episode counts from there.
         """
-        starts = self._last_episode_starts
-        before = self._episode_steps
-        if before is None or starts is None or len(before) != n_envs:
-            self._episode_steps = np.zeros(n_envs, dtype=np.int64)
+        if self._episode_steps is None or self._last_episode_starts is None:
+            self._episode_steps = np.zeros(self.n_envs, dtype=np.int64)
         else:
-            self._episode_steps = np.where(starts, 0, before + 1)
+            self._episode_steps = np.where(self._last_episode_starts, 0, self._episode_steps + 1)
         return self._episode_steps
 
     def _follow(
@@ -191,11 +189,6 @@ class AdvisedMixin(OffPolicyAlgorithm):
         return executed.astype(action.dtype, copy=False), stored.astype(
             buffer_action.dtype, copy=False
         )
-
-    def _noise_free_action(self) -> NDArray[Any]:
-        assert self._last_obs is not None, "learn() resets the environments first"
-        action, _ = self.predict(self._last_obs, deterministic=True)
-        return action
 
     def _store_transition(
         self,
@@ -239,28 +232,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         return [*super()._excluded_save_params(), *own]
 
 
-class AdvisedDDPG(AdvisedMixin, DDPG):
-    """DDPG with an advisor; constructor as DDPG's, plus `advisor`."""
-
-
-class AdvisedTD3(AdvisedMixin, TD3):
-    """TD3 with an advisor; constructor as TD3's, plus `advisor`."""
-
-
-class AdvisedSAC(AdvisedMixin, SAC):
-    """SAC with an advisor; constructor as SAC's, plus `advisor`."""
-
-
-class AdvisedTQC(AdvisedMixin, TQC):
-    """TQC with an advisor; constructor as TQC's, plus `advisor`."""
-
-
-_BUILT: Final[dict[type[OffPolicyAlgorithm], type[AdvisedMixin]]] = {
-    DDPG: AdvisedDDPG,
-    TD3: AdvisedTD3,
-    SAC: AdvisedSAC,
-    TQC: AdvisedTQC,
-}
+_BUILT: Final[dict[type[OffPolicyAlgorithm], type[AdvisedMixin]]] = {}
 
 
 def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
@@ -280,10 +252,17 @@ def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
     if issubclass(algorithm_class, AdvisedMixin):
         return algorithm_class
     if algorithm_class not in _BUILT:
-        name = f"Advised{algorithm_class.__name__}"
-        body = {"__module__": __name__, "__doc__": f"{algorithm_class.__name__} with an advisor."}
-        _BUILT[algorithm_class] = type(name, (AdvisedMixin, algorithm_class), body)
+        name = algorithm_class.__name__
+        doc = f"{name} with an advisor; constructor as {name}'s, plus `advisor`."
+        body = {"__module__": __name__, "__doc__": doc}
+        _BUILT[algorithm_class] = type(f"Advised{name}", (AdvisedMixin, algorithm_class), body)
     return _BUILT[algorithm_class]
+
+
+AdvisedDDPG = build_advised(DDPG)
+AdvisedTD3 = build_advised(TD3)
+AdvisedSAC = build_advised(SAC)
+AdvisedTQC = build_advised(TQC)
 
 
 def student_values(model: OffPolicyAlgorithm, actions: NDArray[Any]) -> NDArray[np.float32]:
@@ -301,37 +280,23 @@ def student_values(model: OffPolicyAlgorithm, actions: NDArray[Any]) -> NDArray[
         )
     box = model.action_space
     assert isinstance(box, spaces.Box)
-    candidates, n_envs, size = actions.shape
-    flat = np.clip(actions.reshape(-1, size), box.low, box.high)
-    scaled = th.as_tensor(np.asarray(policy.scale_action(flat), np.float32), device=model.device)
     assert model._last_obs is not None, "learn() resets the environments first"
     tensors, _ = policy.obs_to_tensor(model._last_obs)
-    repeated = {key: value.repeat(candidates, 1) for key, value in tensors.items()}
-    with th.no_grad():
-        values = policy.critic(repeated, scaled)
-    # TQC returns (batch, critics, quantiles); the others one (batch, values) per critic.
-    least = th.stack(values).amin(dim=0) if isinstance(values, tuple) else values.mean(dim=(1, 2))
-    return np.asarray(least.cpu().numpy().reshape(candidates, n_envs, -1), np.float32)
-
-
-def _hook(model: Any, advisor: Advisor) -> None:
-    """Make a stock model an instance of its advised subclass; an advised model keeps its class."""
-    if not isinstance(model, AdvisedMixin):
-        model._plain_class = type(model)
-        model.__class__ = build_advised(type(model))
-        model.advice_state = getattr(model, "advice_state", None)
-    model.advisor = advisor
-    model._advice_mask = None
-    model._episode_steps = None
+    scaled = policy.scale_action(np.clip(actions, box.low, box.high))
+    return candidate_values(policy.critic, tensors, scaled)
 
 
 def _unhook(model: Any) -> bool:
-    """Undo `_hook` except for `advice_state`; return whether a stock model was restored."""
+    """Give a stock model its own class back and keep `advice_state`.
+
+    :return: whether it was a stock model that an `AdvisingCallback` had changed.
+    """
     if "_plain_class" not in vars(model):
         return False
     model.advice_state = model.advisor.state_dict()
     model.__class__ = model._plain_class
-    del model.advisor, model._advice_mask, model._episode_steps, model._plain_class
+    for name in ("advisor", "_advice_mask", "_episode_steps", "_plain_class"):
+        vars(model).pop(name, None)
     return True
 
 
@@ -360,14 +325,19 @@ class AdvisingCallback(BaseCallback):
         self.advisor.check_spaces(self.model.observation_space, self.model.action_space)
 
     def _on_training_start(self) -> None:
-        _hook(self.model, self.advisor)
+        model: Any = self.model
+        if not isinstance(model, AdvisedMixin):
+            model._plain_class = type(model)
+            model.__class__ = build_advised(type(model))
+        model.advisor = self.advisor
+        model._advice_mask = model._episode_steps = None
 
     def _on_step(self) -> bool:
         return True
 
     def _on_training_end(self) -> None:
         model: Any = self.model
-        # RL Zoo calls this twice: at the second call a stock model has no advisor any more.
+        # RL Zoo calls this twice; at the second call a stock model no longer has an advisor.
         if not _unhook(model) and isinstance(model, AdvisedMixin):
             model.advice_state = self.advisor.state_dict()
             model.advisor = None

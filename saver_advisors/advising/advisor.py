@@ -1,4 +1,4 @@
-"""The advisor: asks teacher and strategy, spends the budget, replaces actions, and counts."""
+"""The advisor: queries teachers and strategy, spends the budget and replaces actions."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ class Advice(NamedTuple):
 class Advisor:
     """Advise a student of n arms with single-arm teachers.
 
-    ``enabled`` is False in the stages of a run that have no teacher.
+    Attributes: ``enabled``, False in the stages of a run that have no teacher; ``advisable``,
+    (n_arms,) which arms may be advised; ``advised_per_arm``, (n_arms,) transitions in which each
+    arm was advised.
 
     :param strategy: decides when an arm is advised.
     :param teachers: one teacher for every arm, or one per arm.
@@ -58,7 +60,7 @@ class Advisor:
     :param compare: the student action that correcting strategies compare.
     :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
     :param arms: indices of the arms that may be advised; every arm if None.
-    :param run: what is known of the run that begins.
+    :param run: settings of the run, for strategies that depend on them.
     :raises ValueError: if teacher, strategy and mapping do not match; the message names the sizes.
     """
 
@@ -82,23 +84,20 @@ class Advisor:
         self.budget = budget
         self.compare: Compare = compare
         self.twin_minimum = twin_minimum
-        self._advisable = _arm_mask(arms, mapping.n_arms)
+        self.advisable = _arm_mask(arms, mapping.n_arms)
         self.enabled = True
         self._check_teachers()
         if isinstance(strategy, PlansAhead):
             strategy.begin(run or RunPlan(), budget)
-        self._advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
+        self.advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
         self._transitions = 0
         self.start_window()
 
     def _check_teachers(self) -> None:
         mapping = self.mapping
         for teacher in self.teachers.teachers:
-            for key, size, wanted in (
-                ("observation", teacher.observation_size, mapping.observation_size),
-                ("goal", teacher.goal_size, mapping.goal_size),
-                ("action", teacher.action_size, mapping.action_size),
-            ):
+            for key in ("observation", "goal", "action"):
+                size, wanted = (getattr(one, f"{key}_size") for one in (teacher, mapping))
                 if size != wanted:
                     raise ValueError(
                         f"teacher {teacher.name!r} has {key} size {size}, but one arm of the "
@@ -122,19 +121,9 @@ class Advisor:
         return self.enabled and self.budget.remaining > 0 and self.strategy.name != "none"
 
     @property
-    def advisable(self) -> Mask:
-        """(n_arms,) which arms may be advised."""
-        return self._advisable.copy()
-
-    @property
     def needs_noise_free(self) -> bool:
         """Whether the next call of `advise` needs the student's deterministic actions."""
         return self.active and self.compare == "noise-free"
-
-    @property
-    def advised_per_arm(self) -> NDArray[np.int64]:
-        """(n_arms,) transitions in which each arm was advised."""
-        return self._advised_per_arm.copy()
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
@@ -167,7 +156,7 @@ class Advisor:
             not normalised.
         :param student_actions: (n_envs, n_arms * action_size), in the environment's units; not
             modified.
-        :param compared_actions: the same shape, what a correcting strategy compares with
+        :param compared_actions: the same shape; the student's deterministic actions, with
             compare="noise-free".
         :param episode_steps: (n_envs,) steps since the start of each environment's episode, for
             strategies that read them.
@@ -209,7 +198,7 @@ class Advisor:
                 f"strategy {self.strategy.name!r} decided {wanted.dtype} {wanted.shape}: it must "
                 f"return truth values of shape (n_envs, n_arms) = {context.shape}"
             )
-        return wanted & self._advisable
+        return wanted & self.advisable
 
     def _context(
         self, observation: Observation, student_actions: NDArray[Any], **known: Any
@@ -224,7 +213,7 @@ class Advisor:
             student_actions=self.mapping.split_action(student_actions),
             budget=self.budget,
             twin_minimum=self.twin_minimum,
-            arms=self._advisable,
+            advisable=self.advisable,
             steps=self._transitions,
             **known,
         )
@@ -259,10 +248,10 @@ class Advisor:
                 f"budget={self.budget.total}: {self.budget.remaining} steps remain, and a "
                 f"demonstration in {n_envs} environments takes {n_envs}"
             )
-        if not self._advisable.all():
+        if not self.advisable.all():
             raise ValueError(
-                f"arms={np.flatnonzero(self._advisable).tolist()}: in a demonstration a teacher "
-                f"drives each of the {self.mapping.n_arms} arms; leave arms out"
+                f"arms={np.flatnonzero(self.advisable).tolist()}: a demonstration needs a teacher "
+                f"for each of the {self.mapping.n_arms} arms; omit arms"
             )
         mask = np.ones((n_envs, self.mapping.n_arms), dtype=bool)
         self.budget.spend(np.ones(n_envs, dtype=bool))
@@ -279,7 +268,7 @@ class Advisor:
 
     def _count(self, mask: Mask) -> None:
         advised = mask.sum(axis=0)
-        self._advised_per_arm += advised
+        self.advised_per_arm = self.advised_per_arm + advised
         self._window_per_arm += advised
         self._transitions += len(mask)
         self._window["transitions"] += len(mask)
@@ -287,7 +276,7 @@ class Advisor:
 
     def _log_comparison(self, context: AdviceContext) -> None:
         compared = {"disagreement": context.disagreement}
-        # The gap is a cached property: read it only where the strategy has computed it.
+        # Reading this cached property would compute it; do so only if the strategy has.
         if "q_gap" in vars(context):
             compared["q_gap"] = context.q_gap
         for name, values in compared.items():
@@ -321,7 +310,7 @@ class Advisor:
         self._window_per_arm = np.zeros(self.mapping.n_arms, dtype=np.int64)
 
     def state_dict(self) -> dict[str, Any]:
-        """:return: JSON-able state: the advice so far, its strategy and its teachers."""
+        """Return the JSON-able state: the advice so far, its strategy and its teachers."""
         return {
             "strategy": self.strategy.name,
             "settings": dict(self.strategy.settings),
@@ -329,9 +318,9 @@ class Advisor:
             "compare": self.compare,
             "twin_minimum": self.twin_minimum,
             "budget": self.budget.state_dict(),
-            "advised_per_arm": self._advised_per_arm.tolist(),
+            "advised_per_arm": self.advised_per_arm.tolist(),
             "transitions": self._transitions,
-            "arms": np.flatnonzero(self._advisable).tolist(),
+            "arms": np.flatnonzero(self.advisable).tolist(),
             "strategy_state": dict(self.strategy.state_dict())
             if isinstance(self.strategy, Remembers)
             else None,
@@ -356,7 +345,7 @@ class Advisor:
                 f"{self.mapping.n_arms}"
             )
         self.budget.load_state_dict(state["budget"])
-        self._advised_per_arm = np.asarray(state["advised_per_arm"], dtype=np.int64)
+        self.advised_per_arm = np.asarray(state["advised_per_arm"], dtype=np.int64)
         self._transitions = int(state["transitions"])
         if isinstance(self.strategy, Remembers):
             if not state.get("strategy_state"):

@@ -1,4 +1,4 @@
-"""What a strategy sees, what it has to provide, and the advice budget.
+"""The interface of strategies: what they read, what they provide, and the advice budget.
 
 A strategy reads an `AdviceContext` and returns a mask; the advisor applies the budget afterwards.
 Every strategy has the four members of `AdvisingStrategy`. A strategy that needs the run's length, a
@@ -24,8 +24,8 @@ Mask = NDArray[np.bool_]
 
 StudentValues = Callable[[NDArray[Any]], NDArray[np.float32]]
 """The student's own critics in the current states: actions of all arms, (k, n_envs, n_arms *
-action_size) in the environment's units -> (k, n_envs, values), one joint value or one for each part
-of the goal."""
+action_size) in the environment's units -> (k, n_envs, values), one joint value or one per part of
+the goal."""
 
 
 class AdviceBudget:
@@ -60,7 +60,7 @@ class AdviceBudget:
         return granted
 
     def state_dict(self) -> dict[str, int]:
-        """:return: JSON-able total and spent."""
+        """Return the JSON-able total and spent steps."""
         return {"total": self.total, "spent": self.spent}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -96,7 +96,7 @@ def _count(name: str, value: Any) -> int:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What is known of a run before it begins; None where it is unknown.
+    """Settings of a run, known before it begins; None if unknown.
 
     :param total_steps: environment steps, summed over all environments.
     :param horizon: steps of an episode.
@@ -118,10 +118,10 @@ class AdviceContext:
     :param achieved_goals: (n_envs, n_arms, goal_size).
     :param teacher_actions: (n_envs, n_arms, action_size) a_i_tr, in the environment's units.
     :param student_actions: (n_envs, n_arms, action_size) a_i_st = h_i(pi_st(s)).
-    :param budget: what is left; strategies read it and do not spend it.
+    :param budget: the remaining budget; the advisor spends it, strategies only read it.
+    :param advisable: (n_arms,) which arms may be advised; the advisor enforces it whatever the
+        strategy returns.
     :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
-    :param arms: (n_arms,) which arms may be advised, None for all; the advisor enforces it whatever
-        the strategy returns.
     :param episode_steps: (n_envs,) steps since the start of each environment's episode, from 0;
         None if the caller does not count them.
     :param student_values: the student's own critics, None if the caller has none.
@@ -135,8 +135,8 @@ class AdviceContext:
     teacher_actions: FloatArray
     student_actions: NDArray[Any]
     budget: AdviceBudget
+    advisable: Mask
     twin_minimum: bool = True
-    arms: Mask | None = None
     episode_steps: NDArray[np.int64] | None = None
     student_values: StudentValues | None = None
     steps: int = 0
@@ -145,11 +145,6 @@ class AdviceContext:
     def shape(self) -> tuple[int, int]:
         """(n_envs, n_arms)."""
         return self.teacher_actions.shape[0], self.teacher_actions.shape[1]
-
-    @property
-    def advisable(self) -> Mask:
-        """(n_arms,) which arms may be advised."""
-        return np.ones(self.shape[1], dtype=bool) if self.arms is None else self.arms
 
     @cached_property
     def q_gap(self) -> FloatArray:
@@ -189,7 +184,7 @@ class AdvisingStrategy(Protocol):
         """JSON-able parameters."""
 
     def decide(self, context: AdviceContext) -> Mask:
-        """:return: (n_envs, n_arms) which arms should be advised, regardless of the budget."""
+        """Return which arms should be advised, regardless of the budget, (n_envs, n_arms)."""
 
 
 @runtime_checkable
@@ -199,7 +194,7 @@ class PlansAhead(Protocol):
     def begin(self, run: RunPlan, budget: AdviceBudget) -> None:
         """Prepare for a run; the advisor's constructor calls this once.
 
-        :param run: what is known of the run.
+        :param run: settings of the run.
         :param budget: of the run.
         :raises ValueError: if the strategy needs a value that is unknown; the message names it.
         """
@@ -210,10 +205,10 @@ class Remembers(Protocol):
     """A strategy with a state, such as a random generator, that a resumed run restores."""
 
     def state_dict(self) -> Mapping[str, Any]:
-        """:return: JSON-able state."""
+        """Return the JSON-able state."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """:param state: the result of `state_dict`, possibly read back from JSON."""
+        """Restore the result of `state_dict`, which may come from JSON."""
 
 
 @runtime_checkable

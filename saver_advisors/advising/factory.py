@@ -12,7 +12,7 @@ from saver_advisors.advising.advisor import Advisor, Compare
 from saver_advisors.advising.context import AdviceBudget, AdvisingStrategy, RunPlan
 from saver_advisors.advising.strategies import make_strategy
 from saver_advisors.policies.files import load_teacher
-from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.policies.mapping import ArmMapping, flat_size
 from saver_advisors.policies.scripted import PREFIX, scripted_teachers
 from saver_advisors.policies.teacher import Teacher
 
@@ -105,9 +105,7 @@ def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
 
 
 def _count_arms(teacher: Teacher, action_space: spaces.Space[Any]) -> int:
-    if not isinstance(action_space, spaces.Box) or len(action_space.shape) != 1:
-        raise TypeError(f"advice needs a flat Box action space, not {action_space}")
-    size = int(action_space.shape[0])
+    size = flat_size("action", action_space)
     n_arms, rest = divmod(size, teacher.action_size)
     if rest or n_arms == 0:
         raise ValueError(

@@ -193,7 +193,7 @@ class RandomAdvising(_BuiltIn):
         """Take the run's length and seed.
 
         :param run: its `total_steps` is required unless there is a `probability`.
-        :param budget: unused, since each step reads what is left.
+        :param budget: unused; each step reads the remaining budget.
         :raises ValueError: if neither is known.
         """
         if self.probability is None and run.total_steps is None:
@@ -216,23 +216,23 @@ class RandomAdvising(_BuiltIn):
         return np.repeat(chosen[:, np.newaxis], n_arms, axis=1)
 
     def _spread(self, drawn: Any, context: AdviceContext) -> Mask:
-        """Decide one environment after the other: each choice changes what is left for the next."""
+        """Decide for one environment after the other, since each choice changes the rest."""
         assert self._total_steps is not None, "`begin` comes first"
         to_give, to_do = context.budget.remaining, self._total_steps - context.steps
         chosen = np.zeros(len(drawn), dtype=bool)
         for index, number in enumerate(drawn):
-            # The last block may exceed the run's total; the rest of the budget is given then.
+            # The last block may exceed the run's total, and then spends the rest of the budget.
             chosen[index] = number * max(to_do, 1) < to_give
             to_give -= int(chosen[index])
             to_do -= 1
         return chosen
 
     def state_dict(self) -> Mapping[str, Any]:
-        """:return: JSON-able state of the generator."""
+        """Return the JSON-able state of the generator."""
         return {"random": self._random.bit_generator.state}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """:param state: the result of `state_dict`."""
+        """Restore the result of `state_dict`."""
         self._random.bit_generator.state = state["random"]
 
 
@@ -273,7 +273,7 @@ class JumpStart(_BuiltIn):
         """Take the length of an episode.
 
         :param run: its `horizon` is required unless the strategy has one.
-        :param budget: unused, since each step reads what is left.
+        :param budget: unused; each step reads the remaining budget.
         :raises ValueError: if neither is known.
         """
         self._horizon = run.horizon if self.horizon is None else self.horizon
@@ -305,29 +305,29 @@ class JumpStart(_BuiltIn):
         return np.repeat(chosen[:, np.newaxis], context.shape[1], axis=1)
 
     def student_evaluated(self, success_rate: float) -> None:
-        """:param success_rate: of the student alone."""
+        """Enter the stage that belongs to a success rate of the student alone."""
         if self.success is not None:
             # Rounded: 0.3 / 0.9 * 3 is slightly below 1 in floating point.
             stage = math.floor(round(self.stages * success_rate / self.success, 9))
             self._reached = max(self._reached, min(self.stages, stage))
 
     def state_dict(self) -> Mapping[str, Any]:
-        """:return: JSON-able stage."""
+        """Return the JSON-able stage."""
         return {"reached": self._reached}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """:param state: the result of `state_dict`."""
+        """Restore the result of `state_dict`."""
         self._reached = int(state["reached"])
 
 
 @dataclass(frozen=True)
 class BetterOfBoth(_BuiltIn):
-    """IBRL: an arm receives the teacher's action where the student's own critics prefer it (Hu et
+    """IBRL: an arm receives the teacher's action if the student's own critics prefer it (Hu et
     al., Imitation Bootstrapped Reinforcement Learning, arXiv 2311.02198).
 
     A joint critic rates every combination of teacher's and student's actions, 2^n for n arms. With
-    per-arm critics each arm asks its own, while the other arms keep the student's actions. Ties go
-    to the student. The learner's target makes the same choice with `TeacherProposals`.
+    per-arm critics each arm queries its own, while the other arms keep the student's actions. Ties
+    go to the student. The learner's target makes the same choice with `TeacherProposals`.
     """
 
     name: ClassVar[str] = "ibrl"
@@ -335,7 +335,7 @@ class BetterOfBoth(_BuiltIn):
     def decide(self, context: AdviceContext) -> Mask:
         if context.student_values is None:
             raise ValueError(
-                "strategy 'ibrl' asks the student's critics: advise through AdvisedMixin or "
+                "strategy 'ibrl' reads the student's critics: advise through AdvisedMixin or "
                 "AdvisingCallback, or pass student_values to Advisor.advise"
             )
         return better_by_arm(
@@ -404,36 +404,26 @@ def make_strategy(
     strategy = _find(name)
     parameters = inspect.signature(strategy).parameters
     arguments = dict(settings or {})
-    unknown = sorted(set(arguments) - set(parameters))
     if correcting is not None and name != "early-mc":
         raise ValueError(f"correcting={correcting!r} belongs to 'early-mc' only, not to {name!r}")
     if name == "early-mc":
-        arguments["correcting"] = _correcting(
-            "mc-q" if correcting is None else correcting, threshold
-        )
+        known = {one.name: one for one in _CORRECTING}
+        second = known.get("mc-q" if correcting is None else correcting)
+        if second is None:
+            raise ValueError(f"correcting={correcting!r} is unknown: use one of {', '.join(known)}")
+        arguments["correcting"] = second(DEFAULT_THRESHOLD if threshold is None else threshold)
     elif threshold is not None:
-        if "threshold" not in parameters:
-            raise ValueError(
-                f"strategy {name!r} takes no threshold, but threshold={threshold!r} was given"
-            )
         arguments["threshold"] = threshold
+    unknown = [f"{one}={arguments[one]!r}" for one in sorted(set(arguments) - set(parameters))]
     any_name = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values())
     if unknown and not any_name:
         raise ValueError(
-            f"strategy {name!r} has no setting {', '.join(unknown)}; it takes "
+            f"strategy {name!r} takes no {', '.join(unknown)}; its settings are "
             f"{', '.join(parameters) or 'none'}"
         )
     made = strategy(**arguments)
     _require_members(made, _MEMBERS)
     return made
-
-
-def _correcting(name: str, threshold: float | None) -> AdvisingStrategy:
-    """The second half of early-mc."""
-    known = {one.name: one for one in _CORRECTING}
-    if name not in known:
-        raise ValueError(f"correcting={name!r} is unknown: use one of {', '.join(known)}")
-    return known[name](DEFAULT_THRESHOLD if threshold is None else threshold)
 
 
 def _find(name: str) -> type[AdvisingStrategy]:
@@ -456,7 +446,7 @@ def _find(name: str) -> type[AdvisingStrategy]:
 
 def _require_class(found: Any) -> None:
     if not isinstance(found, type):
-        raise TypeError(f"{found!r} is no class: a strategy is one with {', '.join(_MEMBERS)}")
+        raise TypeError(f"{found!r} must be a class with the members {', '.join(_MEMBERS)}")
     # The constructor may set the other members.
     _require_members(found, ("name", "decide"))
 

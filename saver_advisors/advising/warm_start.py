@@ -23,6 +23,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
+from saver_advisors.policies.freezing import actor_layers
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.scripted import ScriptedTeacher
 from saver_advisors.policies.teacher import Teacher, TeacherGroup
@@ -60,22 +61,16 @@ def warm_start_from_teachers(
     columns = [
         _feature_columns(features, teacher, arm) for arm, teacher in enumerate(teachers.teachers)
     ]
-    actor = _actor_layers(policy.actor)
+    actor = _linears(*actor_layers(policy.actor))
     blocks = [_linears(teacher.networks.actor) for teacher in teachers.teachers]
     _check_hidden("actor", actor, blocks)
     _start_normaliser(features, teachers, columns)
-    _place(actor, blocks, columns, _consecutive([mapping.action_size] * mapping.n_arms))
+    _place(actor, blocks, columns, mapping.action_size)
     critics = _start_critics(policy.critic, features, teachers, mapping, columns)
     for name in ("actor", "critic"):
         if getattr(policy, f"{name}_target", None) is not None:
             getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
     return critics
-
-
-def _actor_layers(actor: Any) -> list[nn.Linear]:
-    """SAC's actor has its hidden layers in `latent_pi`, TD3's has all layers in `mu`."""
-    hidden = [actor.latent_pi] if hasattr(actor, "latent_pi") else []
-    return _linears(*hidden, actor.mu)
 
 
 def _check_teacher(
@@ -201,13 +196,13 @@ def _start_critics(
         ]
         linears, blocks = _linears(network), [_linears(source) for source in sources]
         _check_hidden("critic", linears, blocks)
-        _place(linears, blocks, inputs, _consecutive([1] * mapping.n_arms))
-        _place_norms(_norms(network), [_norms(source) for source in sources])
+        _place(linears, blocks, inputs, 1)
+        norms = zip(*(_norms(source) for source in sources), strict=True)
+        for norm, own in zip(_norms(network), norms, strict=True):
+            for name in ("weight", "bias"):
+                placed = th.cat([getattr(one, name) for one in own])
+                getattr(norm, name).data[: len(placed)] = placed
     return "approximate" if layer_norm and mapping.n_arms > 1 else "exact"
-
-
-def _consecutive(sizes: Sequence[int]) -> list[th.Tensor]:
-    return list(th.arange(sum(sizes)).split(list(sizes)))
 
 
 @th.no_grad()
@@ -215,34 +210,24 @@ def _place(
     student: Sequence[nn.Linear],
     blocks: Sequence[Sequence[nn.Linear]],
     inputs: Sequence[th.Tensor],
-    outputs: Sequence[th.Tensor],
+    outputs: int,
 ) -> None:
     """Write the teachers' layers into the student's, block by block.
 
     :param student: its layers.
     :param blocks: each teacher's layers.
     :param inputs: for each teacher, its input columns in the student.
-    :param outputs: for each teacher, its output rows in the student.
+    :param outputs: number of outputs per teacher.
     """
-    columns = list(inputs)
+    columns = inputs
     for depth, layer in enumerate(student):
         own = [block[depth] for block in blocks]
         last = depth == len(student) - 1
-        rows = list(outputs) if last else _consecutive([one.out_features for one in own])
+        sizes = [outputs if last else one.out_features for one in own]
+        rows = th.arange(sum(sizes)).split(sizes)
         for source, row, column in zip(own, rows, columns, strict=True):
             # A teacher's units read the inputs of their own arm alone.
             layer.weight[row] = 0.0
             layer.weight[row[:, None], column[None, :]] = source.weight
             layer.bias[row] = source.bias
         columns = rows
-
-
-@th.no_grad()
-def _place_norms(student: Sequence[nn.LayerNorm], blocks: Sequence[Sequence[nn.LayerNorm]]) -> None:
-    """Write the gains and offsets of the teachers' units."""
-    for depth, norm in enumerate(student):
-        own = [block[depth] for block in blocks]
-        rows = _consecutive([one.weight.shape[0] for one in own])
-        for source, row in zip(own, rows, strict=True):
-            norm.weight[row] = source.weight
-            norm.bias[row] = source.bias

@@ -1,1 +1,1 @@
-"""Measurements that users repeat: speed, pose, and their own algorithms by the protocol."""
+"""The measurements of `saver benchmark`: speed, pose, and algorithms by the protocol."""

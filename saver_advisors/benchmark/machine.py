@@ -1,4 +1,4 @@
-"""What every measurement needs: cores, clock, load, progress."""
+"""Helpers of measurements: clock, cores, ratios, progress bars."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from statistics import median
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Do some work once and return its duration (s)."""
+    """Return the duration (s) of one call."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
 
 
 def median_ratio(numerators: list[float], denominators: list[float]) -> float:
-    """Median of the rounds' ratios: a round's disturbance weighs on both parts alike."""
+    """Return the median of the rounds' ratios: a disturbance of a round affects both parts."""
     return median(a / b for a, b in zip(numerators, denominators, strict=True))
 
 
 @contextmanager
 def cores(count: int) -> Iterator[None]:
-    """Keep this thread, and what it starts, on the first ``count`` of the cores it may use."""
+    """Restrict this thread, and those that it starts, to the first ``count`` available cores."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
@@ -37,12 +37,8 @@ def cores(count: int) -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar; yields what moves it on by one."""
+    """Show a progress bar; yields a function that advances it by one."""
     from tqdm import tqdm
 
     with tqdm(total=total, desc=what, unit="round", dynamic_ncols=True) as bar:
-
-        def advance() -> None:
-            bar.update()
-
-        yield advance
+        yield bar.update

@@ -1,7 +1,7 @@
-"""Record of a third-party training run: its evaluations, its best weights and its final result.
+"""Record a third-party training run: its evaluations, its best weights and its final result.
 
-The file is written anew after every evaluation, as a whole, so that a run that is interrupted at
-any moment leaves what it had shown by then.
+The file is rewritten atomically after every evaluation, so an interrupted run leaves all results up
+to then.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
 
 
 class Weights(Protocol):
-    """What a checkpoint is taken of, as torch's modules have it."""
+    """An object with weights, such as a torch module."""
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Tensors by name."""
+        """Return tensors by name."""
 
     def load_state_dict(self, state_dict: Mapping[str, Any]) -> Any:
-        """Take tensors over."""
+        """Load tensors."""
 
 
 @dataclass(frozen=True)
 class BenchmarkPlan:
-    """What a run shall do.
+    """The settings of a run.
 
     :param name: of the run and its files
-    :param row: of the table that it is a seed of
+    :param row: its row in tables; runs of a row differ in their seed
     :param env_id: its environment
-    :param env_kwargs: keyword arguments of that
+    :param env_kwargs: keyword arguments of the environment
     :param algorithm: as given, ``MODULE:CLASS``
     :param algo_kwargs: keyword arguments of the algorithm, as given
-    :param source_sha256: of the algorithm's file, None where it has none
-    :param n_envs: environments that it trains in
-    :param total_steps: environment steps, all environments together
-    :param seed: of everything random
+    :param source_sha256: of the algorithm's file, None without a file
+    :param n_envs: number of training environments
+    :param total_steps: environment steps, summed over environments
+    :param seed: of the run
     :param eval_every: environment steps between evaluations
-    :param eval_episodes: of each of them
-    :param report_episodes: of the evaluation that is reported
-    :param teacher_steps: environment steps that trained its teachers, as its author tells
-    :param demonstration_steps: environment steps of its demonstrations, likewise
+    :param eval_episodes: episodes per evaluation
+    :param report_episodes: episodes of the reported evaluation
+    :param teacher_steps: environment steps that trained its teachers, as stated by its author
+    :param demonstration_steps: environment steps of its demonstrations, as stated by its author
     """
 
     name: str
@@ -72,7 +72,7 @@ class BenchmarkPlan:
     demonstration_steps: int = 0
 
     def config(self) -> dict[str, Any]:
-        """Return the settings that determine the outcome, as the result file stores them."""
+        """Return the settings that determine the outcome, as the result file contains them."""
         labels = ("name", "row", "teacher_steps", "demonstration_steps")
         settings = {name: value for name, value in asdict(self).items() if name not in labels}
         return {**settings, "eval_seed": SELECTION_SEED, "report_seed": REPORT_SEED}
@@ -80,11 +80,11 @@ class BenchmarkPlan:
 
 @dataclass
 class Recorder:
-    """Counts a run's steps, evaluates it when it is due, and writes its file.
+    """Count a run's steps, evaluate it on schedule, and write its file.
 
     :param plan: of the run
     :param folder: of its file and its weights
-    :param progress: called after each evaluation with its line of the curve
+    :param progress: called after each evaluation with its entry of the curve
     """
 
     plan: BenchmarkPlan
@@ -101,12 +101,12 @@ class Recorder:
 
     @property
     def path(self) -> Path:
-        """Of the record."""
+        """The path of the record."""
         return self.folder / f"{self.plan.name}.json"
 
     @property
     def weights_path(self) -> Path:
-        """Of the weights with the highest success rate so far."""
+        """The path of the weights with the highest success rate so far."""
         return self.folder / f"{self.plan.name}.safetensors"
 
     @property
@@ -117,17 +117,17 @@ class Recorder:
     def begin(self, predict: Predict, weights: Weights | None) -> None:
         """Start the clock.
 
-        :param predict: the policy as it is at the time of a call, deterministic
-        :param weights: what a checkpoint is taken of; None where only the last policy is known
+        :param predict: the current policy, deterministic
+        :param weights: the object whose weights are saved; None if checkpoints are not possible
         """
         self._predict, self._weights = predict, weights
         self._write(finished=False)
         self._since = time.perf_counter()
 
     def advance(self, steps: int) -> None:
-        """Count steps; evaluate where that is due.
+        """Count steps, and evaluate if an evaluation is due.
 
-        :param steps: environment steps that were done since
+        :param steps: environment steps since the last call
         """
         before, every = self.steps, self.plan.eval_every
         self.steps += steps
@@ -136,12 +136,12 @@ class Recorder:
             self._measure()
 
     def finish(self) -> dict[str, Any]:
-        """Evaluate the last policy and the chosen one on the report seeds, and close the file.
+        """Evaluate the last policy and the best checkpoint on the report seeds, and close the file.
 
-        The last is what tables compare: choosing after the fact would flatter. The chosen one had
-        the highest success on the selection seeds.
+        Tables compare last policies, which no selection biases. The best checkpoint had the highest
+        success rate on the selection seeds.
 
-        :return: the record; ``chosen`` is None where no weights were kept to go back to
+        :return: the record; its entry ``chosen`` is None without checkpoints
         """
         if not self.curve or self.curve[-1]["steps"] < self.steps:
             self._measure()
@@ -160,7 +160,7 @@ class Recorder:
         return self._write(finished=True, final=final, chosen=chosen)
 
     def _measure(self) -> None:
-        """A line of the curve; the weights, where they are the best so far."""
+        """Add an evaluation to the curve, and save the weights if they are the best so far."""
         self._pause()
         outcomes = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
         summary = outcomes.summary()
@@ -172,11 +172,11 @@ class Recorder:
             **dict(sorted(summary["cost_means"].items())),
             **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
             "advice_spent": 0,
-            # What the seconds are worth: more than the cores means that others had a share.
+            # Above the number of cores, other processes slowed down the training.
             "load_average": None if (averages := load_averages()) is None else averages[0],
         }
         self.curve.append(line)
-        # Of equals the later: longer trained, it does better on other episodes.
+        # In a tie the later one, which has trained longer, generalizes better.
         if self._weights is not None and line["success_rate"] >= self._best:
             from saver_advisors.training.checkpoint import save_policy
 
@@ -187,7 +187,7 @@ class Recorder:
         self._since = time.perf_counter()
 
     def _pause(self) -> None:
-        """Stop the clock: evaluations are no training."""
+        """Stop the clock, which excludes evaluations."""
         if self._since is not None:
             self._seconds += time.perf_counter() - self._since
             self._since = None
@@ -226,7 +226,7 @@ class Recorder:
 
 @contextmanager
 def _untouched_random() -> Iterator[None]:
-    """Hand the global generators back as they were: being watched must not change a run."""
+    """Restore the global random generators, so that evaluations do not change a run."""
     import torch
 
     numbers, tensors = np.random.get_state(), torch.get_rng_state()  # noqa: NPY002  (third-party code)

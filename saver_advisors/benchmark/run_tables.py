@@ -1,4 +1,4 @@
-"""Tables of rows and runs in Markdown, for every page that compares training runs."""
+"""Tables of rows and runs in Markdown, for the pages that compare training runs."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from statistics import median
 from typing import Any, Final
 
 from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
-from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
 from saver_advisors.experiments.summary import MINUTE, Censored, MethodRow
 from saver_advisors.experiments.training_runs import Skipped, TrainingRun
-from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
+from saver_advisors.reporting.tables import markdown, records_table
 
 NOTHING: Final = "-"
 
@@ -41,7 +40,7 @@ the other.
 
 
 def measured(row: MethodRow) -> list[str]:
-    """Seeds and the four figures of the paper's table.
+    """Format the number of seeds and the four metrics of the paper's table.
 
     :param row: of a task
     :return: the cells n, IE, RT, MSR, ELR
@@ -56,7 +55,7 @@ def measured(row: MethodRow) -> list[str]:
 
 
 def metrics_table(rows: Sequence[MethodRow]) -> str:
-    """Seeds and the four figures of the paper's table, a row each.
+    """Tabulate the number of seeds and the four metrics of the paper's table.
 
     :param rows: of a task
     :return: Markdown
@@ -67,95 +66,72 @@ def metrics_table(rows: Sequence[MethodRow]) -> str:
 
 
 def beyond(rows: Sequence[MethodRow]) -> str:
-    """What the paper's table does not have: costs, censored times, final success.
+    """Tabulate what the paper's table lacks: costs, censored times, final success.
 
-    :param rows: of a task
+    :param rows: of a task, at least one
     :return: Markdown
     """
-    columns = (
-        "row",
-        "n",
-        "steps to 0.9",
-        "minutes to 0.9",
-        "all steps to 0.9",
-        "final success",
-        "mean success",
-        "advice used",
-        "advice over by",
-        "steps before the run",
-        "minutes in all",
-        "collisions per episode",
-    )
-    cells = [
-        [
-            row.name,
-            str(row.n),
-            _text(row.steps_to_solved),
-            _text(row.seconds_to_solved, 1, 1 / MINUTE),
-            _text(row.all_steps_to_solved),
-            _text(row.final_success, 3),
-            _text(row.area, 3),
-            _value(row.advice_spent, 0),
-            _text(row.advice_over, 0),
-            " or ".join(f"{steps:,}" for steps in row.steps_before) or "unknown",
-            _value(row.wall_clock_s, 1, 1 / MINUTE),
-            _text(row.collisions, 2),
-        ]
+    return records_table(
+        {
+            "row": row.name,
+            "n": str(row.n),
+            "steps to 0.9": _text(row.steps_to_solved),
+            "minutes to 0.9": _text(row.seconds_to_solved, 1, 1 / MINUTE),
+            "all steps to 0.9": _text(row.all_steps_to_solved),
+            "final success": _text(row.final_success, 3),
+            "mean success": _text(row.area, 3),
+            "advice used": _value(row.advice_spent, 0),
+            "advice over by": _text(row.advice_over, 0),
+            "steps before the run": " or ".join(f"{one:,}" for one in row.steps_before)
+            or "unknown",
+            "minutes in all": _value(row.wall_clock_s, 1, 1 / MINUTE),
+            "collisions per episode": _text(row.collisions, 2),
+        }
         for row in rows
-    ]
-    return markdown(columns, cells)
+    )
 
 
 def beside(pairs: Sequence[tuple[MethodRow, MethodRow]]) -> str:
-    """Rows against others: how many times as soon, and how likely better.
+    """Tabulate how much sooner rows reach 0.9 than others, and how likely they are better.
 
-    :param pairs: a row, and the one that it is compared with, of the same task
+    :param pairs: a row, and the one that it is compared with, of the same task; at least one
     :return: Markdown
     """
-    columns = (
-        "row",
-        "beside",
-        "n",
-        "times as few steps to 0.9",
-        "times as few minutes to 0.9",
-        "probability of a higher mean success",
-    )
-    cells = [
-        [
-            row.name,
-            other.name,
-            f"{row.n} and {other.n}",
-            speed_up(row.steps_to_solved, other.steps_to_solved),
-            speed_up(row.seconds_to_solved, other.seconds_to_solved),
-            likely_better(row, other),
-        ]
+    return records_table(
+        {
+            "row": row.name,
+            "beside": other.name,
+            "n": f"{row.n} and {other.n}",
+            "times as few steps to 0.9": speed_up(row.steps_to_solved, other.steps_to_solved),
+            "times as few minutes to 0.9": speed_up(row.seconds_to_solved, other.seconds_to_solved),
+            "probability of a higher mean success": likely_better(row, other),
+        }
         for row, other in pairs
-    ]
-    return markdown(columns, cells)
+    )
 
 
 def likely_better(row: MethodRow, reference: MethodRow) -> str:
-    """How likely a run's mean success is higher than that of a run of another row.
+    """Format the probability that a run's mean success is higher than that of another row's run.
 
     :param row: of a task
     :param reference: of the same task
-    :return: with its interval; nothing where either is a single run, which says 0 or 1
+    :return: with its interval; a dash if either has a single run
     """
     found = probability_of_improvement(areas(row), areas(reference))
     return NOTHING if found.interval is None else found.text()
 
 
 def areas(row: MethodRow) -> list[float]:
-    """Each seed's mean success over the task's common steps."""
+    """Return each seed's mean success over the common steps of the task."""
     return [area_under_curve(run.curve, row.budget) for run in row.runs]
 
 
 def speed_up(row: Censored | None, reference: Censored | None) -> str:
-    """How many times as soon one reached what the other did.
+    """Format how many times sooner one row reached a level than another.
 
-    :param row: when the one did
-    :param reference: when the other did
-    :return: the ratio; a bound where either never did in some seed, nothing where both did not
+    :param row: time of the row
+    :param reference: time of the other row
+    :return: the ratio; a bound if one of them never reached it in some seed, a dash if both
     """
     if row is None or reference is None or (row.never and reference.never):
         return NOTHING
@@ -165,59 +141,42 @@ def speed_up(row: Censored | None, reference: Censored | None) -> str:
     return f"{'<' if row.never else '>'} {found.value:.2f}"
 
 
-RUN_COLUMNS: Final = (
-    "row",
-    "seed",
-    "steps",
-    "MSR",
-    "last success",
-    "steps to 0.9",
-    "final success, interval over episodes",
-    "chosen checkpoint",
-    "advice used",
-    "minutes",
-    "load",
-)
-
-
 def run_table(runs: Sequence[TrainingRun]) -> str:
-    """Every run with its own figures, failed ones too.
+    """Tabulate every run with its own figures, including failed ones.
 
-    :param runs: in the order of the table
+    :param runs: in the order of the table, at least one
     :return: Markdown
     """
-    cells = []
-    for run in runs:
-        solved = run.metrics.solved
-        cells.append(
-            [
-                run.row,
-                str(run.seed),
-                f"{run.curve.steps[-1]:,.0f}",
-                f"{run.metrics.maximum_success_rate:.3f}",
-                f"{run.curve.success[-1]:.3f}",
-                "never" if solved.steps is None else f"{solved.steps:,.0f}",
-                outcome_cell(run.final),
-                outcome_cell(run.chosen),
-                f"{run.advice_spent:,}",
-                NOTHING if solved.observed_s is None else f"{solved.observed_s / MINUTE:.1f}",
-                _load(run),
-            ]
-        )
-    return markdown(RUN_COLUMNS, cells)
+    return records_table(map(_run_cells, runs))
+
+
+def _run_cells(run: TrainingRun) -> dict[str, str]:
+    solved = run.metrics.solved
+    return {
+        "row": run.row,
+        "seed": str(run.seed),
+        "steps": f"{run.curve.steps[-1]:,.0f}",
+        "MSR": f"{run.metrics.maximum_success_rate:.3f}",
+        "last success": f"{run.curve.success[-1]:.3f}",
+        "steps to 0.9": "never" if solved.steps is None else f"{solved.steps:,.0f}",
+        "final success, interval over episodes": outcome_cell(run.final),
+        "chosen checkpoint": outcome_cell(run.chosen),
+        "advice used": f"{run.advice_spent:,}",
+        "minutes": NOTHING if solved.observed_s is None else f"{solved.observed_s / MINUTE:.1f}",
+        "load": _load(run),
+    }
 
 
 def _load(run: TrainingRun) -> str:
-    """The median of the load averages at its evaluations, where it tells them."""
+    """Format the median of the load averages at its evaluations."""
     told = [value for point in run.points if (value := point.get("load_average")) is not None]
     return f"{median(told):.1f}" if told else NOTHING
 
 
 def outcome_cell(outcome: Mapping[str, Any] | None) -> str:
-    """Success on report seeds with its interval over episodes, and how many they were.
+    """Format a success rate with its interval over episodes and their number.
 
-    :param outcome: of an evaluation, None where there was none
-    :return: the cell
+    :param outcome: of an evaluation, or None
     """
     if outcome is None or outcome.get("success_rate") is None:
         return NOTHING
@@ -230,7 +189,7 @@ def outcome_cell(outcome: Mapping[str, Any] | None) -> str:
 
 
 def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
-    """Policies that were not trained in these runs, such as two teachers side by side.
+    """Tabulate policies that were not trained in these runs, such as two teachers side by side.
 
     :param references: evaluations
     :return: Markdown
@@ -238,22 +197,13 @@ def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
     cells = []
     for one in references:
         collisions = (one.get("cost_means") or {}).get("cost_collision")
-        low, high = one["ci95"]
-        cells.append(
-            [
-                environment_text(str(one["env"]), one.get("env_kwargs") or {}),
-                str(one["policy"]),
-                str(one["episodes"]),
-                f"{one['success_rate']:.3f}",
-                f"{low:.3f} to {high:.3f}",
-                NOTHING if collisions is None else f"{collisions:.2f}",
-            ]
-        )
+        told = NOTHING if collisions is None else f"{collisions:.2f}"
+        cells.append([*evaluation_cells(one)[:5], told])
     return markdown((*EVALUATION_COLUMNS[:5], "collisions per episode"), cells)
 
 
 def under_way_list(rows: Sequence[MethodRow]) -> str:
-    """The runs that are not finished, which no figure counts; nothing where there is none."""
+    """List the unfinished runs, which no figure counts; empty without any."""
     told = [
         f"{row.name} seed {run.seed} ({run.curve.steps[-1]:,.0f} steps, success "
         f"{run.curve.success[-1]:.2f})"
@@ -264,15 +214,15 @@ def under_way_list(rows: Sequence[MethodRow]) -> str:
 
 
 def skipped_list(skipped: Sequence[Skipped]) -> str:
-    """The files that were left out, and why; nothing where there is none."""
+    """List the omitted files and the reasons; empty without any."""
     if not skipped:
         return ""
-    lines = [f"- `{one.file}` {one.reason}" for one in skipped]
-    return "\n".join(["## Left out", "", *lines]) + "\n"
+    lines = [f"- `{one.file}` {one.reason}\n" for one in skipped]
+    return "".join(["## Left out\n\n", *lines])
 
 
 def origin(runs: Sequence[TrainingRun]) -> str:
-    """Commits and machines of the runs, each once."""
+    """List the distinct commits and machines of the runs."""
     commits = {str(run.provenance.get("commit") or "")[:12] for run in runs} - {""}
     machines = {
         f"{machine['cpu']}, {machine['cores']} cores"
@@ -292,15 +242,15 @@ def _text(figure: Estimate | Censored | None, digits: int = 0, scale: float = 1.
 
 
 def _value(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
-    """Without its interval, which of a cost that is set beforehand says nothing."""
+    """Format without the interval, which is meaningless for a cost that is set beforehand."""
     return NOTHING if figure is None else f"{scale * figure.value:,.{digits}f}"
 
 
 def flat(row: MethodRow) -> dict[str, Any]:
-    """A row's figures without their intervals.
+    """Return a row's figures without their intervals.
 
     :param row: of a task
-    :return: one number each, None where there is none
+    :return: one number per figure, None if it is missing
     """
     short = {
         "IE": row.inspired_epoch,

@@ -1,8 +1,8 @@
-"""Algorithms that are not ours: found by name, given an environment, held to their budget.
+"""Train third-party algorithms by the protocol: load by name, count steps, enforce the budget.
 
-Two kinds are taken. A class of Stable-Baselines3's (or one with its interface and base class) is
-built with ``MultiInputPolicy`` and a vector environment, and watched through a callback. Anything
-else has the three methods of ``Algorithm``.
+An algorithm is either a subclass of Stable-Baselines3's ``BaseAlgorithm``, which is built with
+``MultiInputPolicy`` and a vector environment and observed through a callback, or a class with the
+three methods of :class:`Algorithm`.
 """
 
 from __future__ import annotations
@@ -26,53 +26,56 @@ from saver_advisors.benchmark.recorder import Predict, Recorder, Weights
 from saver_advisors.evaluation.protocol import training_seed
 
 IMPORTED: Final = "import:"
-"""What a keyword argument begins with that names a class or a function."""
+"""Prefix of keyword arguments that name a class or a function."""
 
 NOISE: Final = "noise_std"
-"""Of SB3's algorithms, as RL Zoo calls it: their action noise is an object, and no text."""
+"""Keyword argument for the standard deviation of SB3's action noise, as in RL Zoo."""
 
 Observation = dict[str, NDArray[Any]]
 
 
 class Algorithm(Protocol):
-    """What an algorithm outside of Stable-Baselines3 has.
+    """The interface of an algorithm that does not derive from Stable-Baselines3's.
 
-    Optional: ``state_dict()`` and ``load_state_dict(state)``, as torch's modules have them, of all
-    that ``predict`` depends on. With them the best checkpoint is reported, without them the last.
+    Optional: ``state_dict()`` and ``load_state_dict(state)``, as in torch modules, of everything
+    that ``predict`` depends on. With them the best checkpoint is reported as well.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], *, seed: int, **kwargs: Any) -> None:
-        """
-        :param env: n episodes with Dict observations, behind Gymnasium's vector API; its
+        """Build the algorithm.
+
+        :param env: n environments with Dict observations, with Gymnasium's vector API; its
             ``unwrapped.compute_reward(achieved, desired, info)`` takes arrays (..., goal_size)
-        :param seed: of everything random
-        :param kwargs: what ``--algo-kwargs`` says
+        :param seed: of the run
+        :param kwargs: from ``--algo-kwargs``
         """
 
     def learn(self, steps: int) -> None:
-        """Train in the environment for so many environment steps, all episodes' together. A step
-        beyond them is refused with ``BudgetSpent``, which may be let through.
+        """Train for a number of environment steps, summed over all environments.
+
+        A step beyond them raises ``BudgetSpent``, which the method need not catch.
         """
 
     def predict(self, observation: Observation) -> NDArray[Any]:
-        """Actions (n, action_size) for observations with entries (n, size), deterministic and
-        without a lasting effect: it is called in the midst of training.
+        """Return deterministic actions (n, action_size) for observations with entries (n, size).
+
+        It is called during training, so it must not change the state of the algorithm.
         """
 
 
 class BudgetSpent(Exception):
-    """All environment steps of the run are done."""
+    """Signal that all environment steps of the run are done."""
 
 
 class AlgorithmError(Exception):
-    """The algorithm cannot be built, or lacks what the protocol needs."""
+    """Report an algorithm that cannot be built, or lacks a required method."""
 
 
 class CountedVectorEnv(VectorWrapper):
-    """A vector environment that counts its steps, and keeps training off the evaluations' seeds.
+    """Count steps, enforce the budget, and map seeds to those of training.
 
-    :param env: with automatic reset at the next step, or in the same one, or none
-    :param recorder: counts, evaluates, and knows the budget
+    :param env: with automatic reset at the next step, in the same step, or without
+    :param recorder: of the run
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], recorder: Recorder) -> None:
@@ -86,11 +89,11 @@ class CountedVectorEnv(VectorWrapper):
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """As the environment's, from a training seed for the seed that is given; the first reset
-        takes the run's seed where none is.
+        """Reset the environment with training seeds.
 
-        :param seed: a number, one an episode, or None
-        :param options: as the environment's
+        :param seed: a number, one per environment, or None; None means the run's seed at the first
+            reset
+        :param options: of the environment
         """
         if seed is None and not self._begun:
             seed = self._recorder.plan.seed
@@ -103,9 +106,9 @@ class CountedVectorEnv(VectorWrapper):
         return self.env.reset(seed=seed, options=options)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """As the environment's; steps that only reset an episode do not count.
+        """Step the environment; steps that only reset an episode do not count.
 
-        :raises BudgetSpent: where all steps of the run are done
+        :raises BudgetSpent: if all steps of the run are done
         """
         if self._recorder.spent:
             raise BudgetSpent(f"all {self._recorder.plan.total_steps} environment steps are done")
@@ -120,28 +123,27 @@ class CountedVectorEnv(VectorWrapper):
 
 
 def load_class(word: str) -> type[Any]:
-    """The class that ``MODULE:CLASS`` or ``FILE.py:CLASS`` names.
+    """Load the class with the name ``MODULE:CLASS`` or ``FILE.py:CLASS``.
 
-    :param word: as given; modules in the current folder are found
-    :return: the class, or whatever builds an algorithm when it is called
-    :raises ValueError: where it is not of that form, or names nothing that can be called
+    :param word: the name; modules in the current folder are found
+    :return: the class, or another callable that returns an algorithm
+    :raises ValueError: for another form, or a name of nothing callable
     """
     found = load_object(word)
     if not callable(found):
-        raise ValueError(f"{word!r} is no class: it cannot be called")
+        raise ValueError(f"{word!r} is not a class: it cannot be called")
     return cast("type[Any]", found)
 
 
 def load_object(word: str) -> Any:
-    """What ``MODULE:NAME`` or ``FILE.py:NAME`` names.
+    """Load the object with the name ``MODULE:NAME`` or ``FILE.py:NAME``.
 
-    :param word: as given
-    :return: the object
-    :raises ValueError: where it names nothing
+    :param word: the name
+    :raises ValueError: for another form, or an unknown name
     """
     module_name, colon, name = word.rpartition(":")
     if not colon or not module_name or not name:
-        raise ValueError(f"{word!r} must read MODULE:CLASS or FILE.py:CLASS")
+        raise ValueError(f"{word!r} must have the form MODULE:CLASS or FILE.py:CLASS")
     try:
         module = _module_of(module_name)
     except ImportError as error:
@@ -153,10 +155,10 @@ def load_object(word: str) -> Any:
 
 
 def _module_of(name: str) -> Any:
-    """An importable module, or a file."""
+    """Import a module by its name or its file."""
     if not name.endswith(".py"):
         if (here := os.getcwd()) not in sys.path:
-            sys.path.insert(0, here)  # as `python -m` does, and a console script does not
+            sys.path.insert(0, here)  # like `python -m`, unlike a console script
         return importlib.import_module(name)
     path = Path(name)
     if not path.is_file():
@@ -170,7 +172,7 @@ def _module_of(name: str) -> Any:
 
 
 def source_sha256(algorithm: Any) -> str | None:
-    """The digest of the file that an algorithm is in, None where it has none."""
+    """Return the digest of the algorithm's file, None without a file."""
     try:
         return hashlib.sha256(Path(inspect.getfile(algorithm)).read_bytes()).hexdigest()
     except (TypeError, OSError):
@@ -178,11 +180,11 @@ def source_sha256(algorithm: Any) -> str | None:
 
 
 def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Keyword arguments with what they name in place of its name.
+    """Replace names of objects in keyword arguments by the objects.
 
-    :param kwargs: values; one such as ``import:stable_baselines3:HerReplayBuffer`` names a class
-    :return: the same, those imported
-    :raises ValueError: where one names nothing
+    :param kwargs: values; ``import:stable_baselines3:HerReplayBuffer``, for example, names a class
+    :return: the same keyword arguments with the imported objects
+    :raises ValueError: for an unknown name
     """
     return {
         name: load_object(value.removeprefix(IMPORTED))
@@ -195,24 +197,21 @@ def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
 def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     """Train an algorithm by the protocol.
 
-    :param algorithm: a class of either kind
+    :param algorithm: a class of Stable-Baselines3, or one like :class:`Algorithm`
     :param recorder: of the run
-    :return: its record
-    :raises AlgorithmError: where it lacks a method, or refuses an argument or the environment
+    :return: the record
+    :raises AlgorithmError: for a missing method, an invalid argument, or another environment than
+        the algorithm supports
     """
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
     kwargs = resolved(recorder.plan.algo_kwargs)
-    if _is_sb3(algorithm):
+    if inspect.isclass(algorithm) and issubclass(algorithm, BaseAlgorithm):
         return _train_sb3(algorithm, kwargs, recorder)
     for name in ("learn", "predict"):
         if inspect.isclass(algorithm) and not hasattr(algorithm, name):
             raise AlgorithmError(f"{recorder.plan.algorithm} has no method {name!r}")
     return _train_plain(algorithm, kwargs, recorder)
-
-
-def _is_sb3(algorithm: Any) -> bool:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-
-    return inspect.isclass(algorithm) and issubclass(algorithm, BaseAlgorithm)
 
 
 def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder) -> dict[str, Any]:
@@ -224,7 +223,7 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
     plan = recorder.plan
 
     class Count(BaseCallback):
-        """Tells the recorder of every step, and ends the run with its budget."""
+        """Report every step to the recorder, and stop at the end of the budget."""
 
         def _on_step(self) -> bool:
             recorder.advance(self.num_timesteps - recorder.steps)
@@ -237,7 +236,7 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
             size = int(np.prod(env.action_space.shape or ()))
             kwargs["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, deviation))
         model = _build(lambda: algorithm(policy, env, seed=plan.seed, **kwargs), recorder)
-        # The constructor seeded the environments with the run's own seed.
+        # SB3's constructor has seeded the environments with the run's seed.
         env.seed(training_seed(plan.seed))
         recorder.begin(
             lambda observation: model.predict(observation, deterministic=True)[0],
@@ -266,7 +265,7 @@ def _train_plain(
         learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
         predict: Predict = learner.predict
         recorder.begin(predict, _weights_of(learner))
-        # It has had its steps: an end like any other.
+        # The budget is a regular end of the training.
         with contextlib.suppress(BudgetSpent):
             learner.learn(plan.total_steps)
         return recorder.finish()
@@ -275,7 +274,7 @@ def _train_plain(
 
 
 def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
-    """What ``build`` returns; its complaints about arguments in one line."""
+    """Call ``build``; report its errors in one line."""
     try:
         return build()
     except (TypeError, ValueError, AssertionError) as error:
@@ -284,6 +283,6 @@ def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
 
 
 def _weights_of(owner: Any) -> Weights | None:
-    """What has weights to be kept, or None."""
+    """Return an object if it has weights, else None."""
     named = ("state_dict", "load_state_dict")
     return owner if all(callable(getattr(owner, name, None)) for name in named) else None

@@ -42,6 +42,19 @@ def teacher(text: str) -> str:
     return text
 
 
+def arm(text: str) -> str:
+    """Check the name of an arm that can be modelled, for argparse.
+
+    :param text: as given
+    :return: the same
+    """
+    from saver_envs.modelling.arms import ARMS
+
+    if text not in ARMS:
+        raise argparse.ArgumentTypeError(unknown("arm", text, ARMS))
+    return text
+
+
 def at_least(least: int) -> Any:
     """Make an argparse type for integers with a lower bound.
 
@@ -96,6 +109,18 @@ def new_file(*suffixes: str) -> Any:
     return read
 
 
+def new_folder(text: str) -> Path:
+    """Parse the path of a folder to write to, which may not be a file.
+
+    :param text: as given
+    :return: the path
+    """
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is a file, not a folder")
+    return path
+
+
 def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
     """Parse ``name=value`` words; values are YAML, and 1e-3 is a number.
 
@@ -115,7 +140,7 @@ def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
             value = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise UsageError(
-                f"argument {argument}: {pair!r} has a value that is no YAML"
+                f"argument {argument}: {pair!r} has a value that is not YAML"
             ) from error
         if isinstance(value, str):
             with contextlib.suppress(ValueError):

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import default_cache
+from saver_advisors.benchmark.peers.suites import add_peer_cache
 
 EXAMPLES: Final = """\
 examples:
@@ -51,13 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also BlazePose (lite, full, heavy), in a virtual environment created at first use",
     )
-    parser.add_argument(
-        "--peer-cache",
-        type=Path,
-        default=default_cache(),
-        metavar="DIR",
-        help="folder of BlazePose (default: %(default)s)",
-    )
+    add_peer_cache(parser)
     add_cache(parser)
     add_json(parser)
 

@@ -1,8 +1,8 @@
-"""Train an algorithm of yours by the benchmark's protocol, and write its result file.
+"""Train your own algorithm by the benchmark protocol, and write a result file.
 
-Seeds from 10,000 make the curve and choose a checkpoint, seeds from 0 report the last policy and
-the chosen one; the policy acts alone, without noise. Interrupted, it leaves the file with what it
-had shown; run again, it starts from the beginning.
+Evaluations with seeds from 10,000 make the curve and select a checkpoint; seeds from 0 report the
+last policy and the selected one. The policy acts without advice and without noise. An interrupted
+run leaves a result file with the curve so far; the same command then starts from the beginning.
 """
 
 from __future__ import annotations
@@ -33,62 +33,52 @@ examples:
       --steps 400000 --seed 0 --output results
   saver benchmark compare results/*.json --baselines docs/results/teachers.json
 
-The class is one of Stable-Baselines3's, or has `learn` and `predict`:
-see docs/benchmark-protocol.md."""
+The class is from Stable-Baselines3, or has `learn` and `predict`
+(see docs/benchmark-protocol.md)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_env_kwargs, at_least, env_id
+    from saver_advisors.cli.arguments import add_count, add_env_kwargs, at_least, env_id, new_folder
 
     parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
     parser.add_argument(
-        "--algo", required=True, metavar="MODULE:CLASS", help="or FILE.py:CLASS; what trains"
+        "--algo", required=True, metavar="MODULE:CLASS", help="the algorithm; or FILE.py:CLASS"
     )
     parser.add_argument(
         "--algo-kwargs",
         nargs="+",
         action="extend",
         metavar="NAME=VALUE",
-        help="its keyword arguments, read as YAML; import:MODULE:NAME names a class",
+        help="its keyword arguments as YAML; import:MODULE:NAME refers to a class",
     )
-    parser.add_argument("--name", help="what tables call it (default: the class's name)")
-    count = at_least(1)
+    parser.add_argument("--name", help="its name in tables (default: the class's name)")
     parser.add_argument(
         "--steps",
-        type=count,
+        type=at_least(1),
         metavar="N",
-        help="environment steps in all (default: the environment's, as in `saver train`)",
+        help="total environment steps (default: the environment's, as in `saver train`)",
     )
     parser.add_argument(
-        "--seed", type=at_least(0), required=True, metavar="S", help="of everything random"
+        "--seed", type=at_least(0), required=True, metavar="S", help="seed of all random numbers"
     )
     parser.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder of the result file"
+        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the result file"
     )
-    add_count(parser, "--n-envs", 16, "stepped together")
+    add_count(parser, "--n-envs", 16, "environments stepped in parallel")
     add_env_kwargs(parser)
-    told = parser.add_argument_group(
-        "what went before", "steps that no table may leave out, as far as there were any"
-    )
-    for name, what in (("teacher", "trained its teachers"), ("demonstration", "demonstrated")):
-        told.add_argument(
-            f"--{name}-steps", type=at_least(0), default=0, metavar="N", help=f"that {what}"
-        )
+    earlier = parser.add_argument_group("earlier steps", "tables add them to the run's own steps")
+    add_count(earlier, "--teacher-steps", 0, "steps that trained its teachers", least=0)
+    add_count(earlier, "--demonstration-steps", 0, "steps of demonstrations", least=0)
     rules = parser.add_argument_group("evaluations", "their seeds are fixed")
-    for argument, default, what in (
-        ("--eval-every", EVALUATE_EVERY, "environment steps between evaluations"),
-        ("--eval-episodes", SELECTION_EPISODES, "episodes of each"),
-        ("--report-episodes", REPORT_EPISODES, "episodes of the one that is reported"),
-    ):
-        rules.add_argument(
-            argument, type=count, default=default, metavar="N", help=f"{what} (default: {default})"
-        )
+    add_count(rules, "--eval-every", EVALUATE_EVERY, "environment steps between evaluations")
+    add_count(rules, "--eval-episodes", SELECTION_EPISODES, "episodes per evaluation")
+    add_count(rules, "--report-episodes", REPORT_EPISODES, "episodes of the reported evaluation")
 
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Train, evaluate, write.
+    """Train, evaluate, and write the result file.
 
     :param args: see :func:`add_arguments`
     :return: exit status
@@ -109,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         resolved(plan.algo_kwargs)
     recorder = Recorder(plan, args.output, progress=_tell)
     if _is_finished(recorder.path, plan):
-        print(f"{recorder.path} is finished: nothing to do")
+        print(f"{recorder.path} is already finished")
         return 0
     args.output.mkdir(parents=True, exist_ok=True)
     try:
@@ -122,23 +112,20 @@ def run(args: argparse.Namespace) -> int:
 
 
 def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> BenchmarkPlan:
-    """What the command line asks for.
+    """Make the plan of the run from the command line.
 
     :param args: the command line
-    :param algorithm: the class that it names
-    :return: the plan
+    :param algorithm: the class that ``--algo`` names
     """
     from saver_advisors.benchmark.recorder import BenchmarkPlan
     from saver_advisors.benchmark.third_party import source_sha256
     from saver_advisors.cli.arguments import checked_env_kwargs, settings
     from saver_advisors.evaluation.protocol import training_seed
-    from saver_advisors.reporting.errors import UsageError, user_mistakes
+    from saver_advisors.reporting.errors import user_mistakes
     from saver_advisors.training.defaults import default_settings
 
     with user_mistakes("argument --seed"):
         training_seed(args.seed)
-    if args.output.exists() and not args.output.is_dir():
-        raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
     row = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{row}-seed{args.seed}")
     return BenchmarkPlan(
@@ -161,9 +148,9 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> BenchmarkPlan:
 
 
 def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
-    """Whether the file holds this very run, finished; one that is not, or is damaged, is redone.
+    """Return whether the file holds this run, finished; unfinished and damaged files are redone.
 
-    :raises UsageError: where it holds a finished run of other settings
+    :raises UsageError: if the file holds a finished run with other settings
     """
     from saver_advisors.reporting.errors import UsageError
 
@@ -178,13 +165,13 @@ def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
     if not finished:
         print(f"{path} was interrupted: the run starts again")
         return False
-    # By way of JSON, so that tuples equal the lists they became.
+    # Through JSON, so that tuples compare equal to lists.
     wanted = json.loads(json.dumps(plan.config()))
     other = sorted(name for name in wanted if wanted[name] != config.get(name))
     if other:
         raise UsageError(
-            f"argument --output: {path} holds a run of other settings ({', '.join(other)}): choose "
-            "another folder or --name"
+            f"argument --output: {path} holds a run with other settings ({', '.join(other)}): "
+            "choose another folder or --name"
         )
     return True
 

@@ -1,7 +1,7 @@
-"""Environment steps per second: beside the bare simulator, over n_envs and threads, beside peers.
+"""Measure environment steps per second over n_envs and threads, and against bare MuJoCo and peers.
 
-Everything compared is measured in turn, round by round, and medians over the rounds are told, so
-that a machine's other work and its changing clock weigh on all alike.
+Compared rows are measured alternately, round by round, and results are medians over the rounds, so
+that other load on the machine and changes of its clock affect all rows alike.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ EXAMPLES: Final = """\
 examples:
   saver benchmark speed                                  every row, a few minutes
   saver benchmark speed --envs JacoPush-v0 --n-envs 64   one row
-  saver benchmark speed --peers --json speed.json        beside FetchPush and TwoArmLift as well"""
+  saver benchmark speed --peers --json speed.json        also FetchPush and TwoArmLift"""
 
 N_ENVS: Final = (1, 4, 16, 64, 256, 1024)
 THREADS: Final = (1, 2)
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=list(N_ENVS),
         metavar="N",
-        help="environments stepped together (default: 1 4 16 64 256 1024)",
+        help="environments stepped in parallel (default: 1 4 16 64 256 1024)",
     )
     parser.add_argument(
         "--threads",
@@ -54,9 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=list(THREADS),
         metavar="N",
-        help="native threads, each on a core of its own (default: 1 2)",
+        help="native threads, each on its own core (default: 1 2)",
     )
-    add_count(parser, "--rounds", 5, "medians are over these")
+    add_count(parser, "--rounds", 5, "rounds of each median")
     parser.add_argument(
         "--seconds",
         type=positive_seconds,
@@ -68,14 +68,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--peers",
         action="store_true",
         help=f"also time {' and '.join(peer.env for peer in PEERS)}, each in a virtual environment "
-        "that is made at the first use",
+        "created at first use",
     )
     add_peer_cache(parser)
     add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, show, and write where asked for.
+    """Measure, print the tables, and write the given files.
 
     :param args: see :func:`add_arguments`
     :return: exit status
@@ -93,10 +93,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:
-    """Take every measurement that was asked for.
+    """Take all measurements.
 
     :param args: see :func:`add_arguments`
-    :return: JSON-able: ``rows``, ``resets``, ``replay``, ``advice`` and, where asked for, ``peers``
+    :return: ``rows``, ``resets``, ``replay``, ``advice`` and, with ``--peers``, ``peers``
     """
     from saver_advisors.benchmark.speed.learner_parts import ADVICE, advice_row, replay_row
     from saver_advisors.benchmark.speed.steps import memory_per_env, reset_row, step_rows

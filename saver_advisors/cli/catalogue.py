@@ -1,4 +1,4 @@
-"""What is said about an environment, read from its code: the table and the pages both use it."""
+"""Describe environments from their code, for the table and the generated pages."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ COLUMNS = (
 class Entry:
     """A row of the table of environments.
 
-    :param env_id: its id
+    :param env_id: id of the environment
     :param task: name of the task
     :param robot: name of the robot
     :param arms: number of arms
-    :param observation_size: numbers in ``observation``
-    :param action_size: numbers in an action
-    :param goal_size: numbers in a goal
-    :param horizon: actions in an episode
+    :param observation_size: length of ``observation``
+    :param action_size: length of an action
+    :param goal_size: length of a goal
+    :param horizon: number of actions in an episode
     :param reward: ``sparse`` or ``dense``
-    :param succeeds: when an episode succeeds, in words
-    :param costs: every cost that ``info`` reports
-    :param summed_costs: those that ``info["cost"]`` adds up
+    :param succeeds: condition for success, in words
+    :param costs: all costs that ``info`` reports
+    :param summed_costs: costs that are summed in ``info["cost"]``
     """
 
     env_id: str
@@ -53,7 +53,7 @@ class Entry:
 
     @property
     def cells(self) -> list[str]:
-        """The row of the table, in the order of ``COLUMNS``."""
+        """Cells of the row, in the order of ``COLUMNS``."""
         sizes = (self.observation_size, self.action_size, self.goal_size, self.horizon)
         return [
             self.env_id,
@@ -67,11 +67,7 @@ class Entry:
 
 
 def entry(env_id: str) -> Entry:
-    """The entry of an id.
-
-    :param env_id: a registered id
-    :return: what its code says
-    """
+    """Return the row of a registered id."""
     row = ENVIRONMENTS[env_id]
     episodes = make_episodes(env_id)
     return Entry(
@@ -91,22 +87,18 @@ def entry(env_id: str) -> Entry:
 
 
 def sparse_ids() -> list[str]:
-    """The ids with a sparse reward; each has a dense twin."""
+    """Return the ids with a sparse reward; each has a twin with a dense reward."""
     return [name for name, row in ENVIRONMENTS.items() if row.reward_type == "sparse"]
 
 
 def dense_twin(env_id: str) -> str:
-    """The id of the same task with a dense reward.
-
-    :param env_id: a sparse id
-    :return: its twin's
-    """
+    """Return the id of the same environment with a dense reward."""
     name, _, version = env_id.rpartition("-")
     return f"{name}{DENSE}-{version}"
 
 
 def pixel_ids() -> list[str]:
-    """A sentence for each id that gives the camera's picture alone."""
+    """Return a sentence about each environment with pictures as observations."""
     return [
         f"`{name}` is `{behind}` with the picture of its RGB-D camera as the only observation."
         for name, behind in PIXELS.items()

@@ -1,6 +1,6 @@
-"""Play the whole robot and the shipped policies, learn for two minutes, write a page about it.
+"""Run the whole robot and the shipped policies, train for two minutes, and write a report page.
 
-Beside the page lie the videos and the figures as JSON.
+The videos and the results as JSON are written to the same folder.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from saver_advisors.cli.arguments import add_count, add_json, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_json, new_folder, positive_seconds
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
 from saver_advisors.evaluation.protocol import environment_text
-from saver_advisors.reporting.errors import UsageError
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -23,7 +22,7 @@ examples:
   saver demo                                       about six minutes on two cores
   saver demo --output /tmp/demo --train-seconds 30 --episodes 16"""
 
-#: Of the whole robot; ten seconds each, and a minute to compute.
+#: Trials of the whole robot: ten simulated seconds each, about a minute of computation.
 ROBOT_TRIALS: Final = 1
 VIDEO_SIZE: Final = (480, 360)
 
@@ -32,44 +31,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
         "--output",
-        type=Path,
+        type=new_folder,
         default=Path("demo_output"),
         metavar="DIR",
-        help="where the page goes (default: demo_output)",
+        help="folder of the page (default: demo_output)",
     )
-    add_count(parser, "--episodes", 50, "of each evaluation")
-    add_count(parser, "--video-episodes", 3, "of each video")
+    add_count(parser, "--episodes", 50, "episodes per evaluation")
+    add_count(parser, "--video-episodes", 3, "episodes per video")
     parser.add_argument(
         "--train-seconds",
         type=positive_seconds,
         default=120.0,
         metavar="SECONDS",
-        help="time to learn (default: 120)",
+        help="training time (default: 120)",
     )
-    add_count(parser, "--seed", 0, "of everything", least=0, metavar="S")
+    add_count(parser, "--seed", 0, "seed of all random numbers", least=0, metavar="S")
     add_json(parser)
 
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Do all of it; whoever interrupts it loses nothing but the page."""
+    """Run every part and write the page; an interruption loses only the page."""
     from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
     from saver_advisors.cli.demo_robot import whole_robot
     from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
     start = time.perf_counter()
-    if args.output.exists() and not args.output.is_dir():
-        raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
     args.output.mkdir(parents=True, exist_ok=True)
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
     robot = whole_robot(args.output, ROBOT_TRIALS, args.seed)
     print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
     evaluations = _evaluate(args)
-    print(f"[3/5] recording {args.video_episodes} episodes of the best in each environment")
+    print(f"[3/5] recording {args.video_episodes} episodes of the best policy per environment")
     videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
-    print(
-        f"[4/5] learning for {args.train_seconds:.0f} seconds: one student is taught, one is alone"
-    )
+    print(f"[4/5] training two students for {args.train_seconds:.0f} s: with and without advice")
     learning = learn(args)
     print("[5/5] writing the page")
     figures: dict[str, Any] = {
@@ -97,11 +92,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 class Player(NamedTuple):
-    """A policy, and the environment that it plays in.
+    """A policy and its environment.
 
-    :param policy: a word that ``policies.resolve`` knows
-    :param env_id: the environment's id
-    :param env_kwargs: its keyword arguments
+    :param policy: a name that :func:`saver_advisors.cli.policies.resolve` accepts
+    :param env_id: id of the environment
+    :param env_kwargs: keyword arguments of the environment
     """
 
     policy: str
@@ -110,12 +105,12 @@ class Player(NamedTuple):
 
     @property
     def environment(self) -> str:
-        """The environment with its arguments, as a text."""
+        """Id and keyword arguments of the environment, for tables."""
         return environment_text(self.env_id, self.env_kwargs)
 
 
 def players() -> list[Player]:
-    """The shipped policies in their environments, then what they are to be compared with."""
+    """Return the shipped policies, each in its environment, followed by the baselines."""
     from saver_advisors.pretrained import load_policy, shipped_policies
 
     cards = {name: load_policy(name).card for name in shipped_policies()}
@@ -124,7 +119,7 @@ def players() -> list[Player]:
 
 
 def _baselines(shipped: list[Player]) -> list[Player]:
-    """The single-arm teacher on every arm, where a policy of several arms plays; random actions."""
+    """Return side-by-side teachers for the multi-arm environments, and random actions."""
     from saver_envs.registration import row_of
 
     single = {
@@ -142,7 +137,7 @@ def _baselines(shipped: list[Player]) -> list[Player]:
 
 
 def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Every player's figures."""
+    """Evaluate every player."""
     from saver_advisors.cli.evaluate import measure, show
     from saver_advisors.cli.policies import resolve
 
@@ -157,11 +152,11 @@ def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
 def best_shipped(
     evaluations: Sequence[Mapping[str, Any]], left_out: str
 ) -> list[Mapping[str, Any]]:
-    """Of the shipped policies the best in each environment, of equals the first.
+    """Return the evaluation of the best shipped policy in each environment; ties go to the first.
 
     :param evaluations: as ``saver evaluate`` writes them
-    :param left_out: id of an environment that is passed over
-    :return: one evaluation an environment
+    :param left_out: id of an environment to leave out
+    :return: one evaluation per environment
     """
     from saver_advisors.pretrained import shipped_policies
 
@@ -178,7 +173,7 @@ def best_shipped(
 def _record(
     args: argparse.Namespace, evaluations: list[dict[str, Any]], robot_env: str
 ) -> list[dict[str, Any]]:
-    """A video from each environment, but for the whole robot's, which has one of its own."""
+    """Record a video per environment, except that of the whole robot, which has its own."""
     from saver_advisors.cli.policies import resolve
     from saver_advisors.reporting.video import GREY, captioned, record, write_mp4
 
@@ -211,7 +206,7 @@ def _record(
 
 
 def _scenes() -> list[dict[str, str]]:
-    """A picture of each of a few environments."""
+    """Render a picture of a few environments."""
     from saver_advisors.cli.pictures import start_picture
     from saver_envs.registration import SHOWN_IDS
 

@@ -1,4 +1,4 @@
-"""The demo's lesson: two students beside each other until the time is over."""
+"""The demo's training: two students in parallel until the time is up."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any, Final
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import ONE_ARM_ID
 
-#: From whom it is learned.
+#: Teacher of the advised student.
 TEACHER: Final = "jaco-push"
-#: Small nets and frequent looks: there are two minutes (docs/decisions.md).
+#: Small networks and frequent evaluations, for a run of two minutes (docs/decisions.md).
 LESSON_SETTINGS: Final = (
     "net_arch=[128,128,128]",
     "gradient_steps=120",
     "eval_every=1600",
     "eval_episodes=32",
 )
-#: A name and further words of the command line for each student. The one that is taught gets the
-#: teacher's advice all the time and imitates it; the other has hindsight to learn from.
+#: Name and further arguments of `saver train` for each student. One is advised in every step and
+#: imitates the teacher; the other learns from hindsight relabelling.
 STUDENTS: Final = {
     "taught": (
         *("imitation_weight=50", "imitation_filter_start=1000000000"),
@@ -32,24 +32,24 @@ STUDENTS: Final = {
     ),
     "alone": ("--advice", "none"),
 }
-#: Far more than fit into the time: the clock ends it.
+#: More steps than fit into the time limit, which ends the run.
 LESSON_STEPS: Final = 10_000_000
-#: A process that was asked to stop finishes its block and its checkpoint within this (s).
+#: Time in which a stopped process must write its checkpoint (s).
 PATIENCE: Final = 60.0
 
 
 def learn(args: argparse.Namespace) -> dict[str, Any]:
-    """Students beside each other until the time is over.
+    """Train the students in parallel until the time is up.
 
-    :param args: of ``saver demo``
-    :return: their curves, summed up, as far as there are any
-    :raises UsageError: where one of them failed
+    :param args: arguments of ``saver demo``
+    :return: a summary of each student's curve; students without an evaluation are left out
+    :raises UsageError: if a student's process fails
     """
     from saver_advisors.cli.runs import read_run
     from saver_advisors.pretrained import shipped_policies
 
     students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
-    # A new folder each time: a run never overwrites another.
+    # A new folder each time, so that no run is overwritten.
     stamp = time.strftime("%Y%m%d-%H%M%S")
     folders = [args.output / "learning" / stamp / name for name in students]
     processes = [
@@ -66,13 +66,13 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
             _wait(process)
     failed = [process.returncode for process in processes if process.returncode != 0]
     if failed:
-        raise UsageError(f"learning ended early, with exit status {failed}; see above")
+        raise UsageError(f"training failed with exit status {failed}; see above")
     runs = []
     for folder in folders:
         try:
             runs.append(read_run(folder, folder.name).summary())
         except UsageError:
-            continue  # no evaluation within so short a time
+            continue  # stopped before the first evaluation
     return {"seconds": args.train_seconds, "students": students, "runs": runs}
 
 
@@ -86,7 +86,7 @@ def _train_command(args: argparse.Namespace, folder: Path) -> list[str]:
 
 
 def _watch(processes: list[subprocess.Popen[bytes]], folders: list[Path], seconds: float) -> None:
-    """Show the time and the newest success rates until every process has ended."""
+    """Show the elapsed time and the latest success rates until every process has ended."""
     from tqdm import tqdm
 
     start = time.monotonic()

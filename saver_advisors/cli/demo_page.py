@@ -1,4 +1,4 @@
-"""The demo's page: a single file, pictures, videos and figures inside."""
+"""Render the demo's page: one HTML file with all pictures and videos embedded."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ PICTURE_WIDTH: Final = 480
 
 
 def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> str:
-    """The page.
+    """Render the page.
 
-    :param args: of ``saver demo``
-    :param figures: what ``demo.json`` holds
-    :param parts: what else the template wants
+    :param args: arguments of ``saver demo``
+    :param figures: content of ``demo.json``
+    :param parts: further variables of the template
     :return: HTML
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -57,11 +57,11 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
 
 
 def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
-    """What is shown for comparison, in words."""
+    """Describe the baselines in words."""
     names = {one["policy"].partition(":")[0] for one in evaluations}
     words = []
     if "side-by-side" in names:
-        words.append("the teacher of one arm driving all, each arm blind to the others")
+        words.append("the single-arm teacher on every arm, each ignoring the others")
     if "random" in names:
         words.append("random actions")
     return ", and ".join(words)
@@ -77,7 +77,7 @@ def _learning_figure(summaries: list[dict[str, Any]]) -> str:
 
 
 def _bars(evaluations: list[dict[str, Any]]) -> Any:
-    """Success with its interval, a bar a policy."""
+    """Draw success rates with confidence intervals, one bar per policy."""
     from matplotlib.figure import Figure
 
     from saver_advisors.evaluation.protocol import environment_text
@@ -115,7 +115,7 @@ def _figure_uri(figure: Any) -> str:
 
 
 def jpeg_uri(picture: Any) -> str:
-    """A picture as text, small enough for a page.
+    """Encode a picture as a data URI, scaled down for the page.
 
     :param picture: (height, width, 3), uint8
     :return: a data URI
@@ -132,7 +132,7 @@ def jpeg_uri(picture: Any) -> str:
 
 
 def video_uri(path: Path) -> str:
-    """A video as text.
+    """Encode a video as a data URI.
 
     :param path: an MP4 file
     :return: a data URI

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
+from saver_advisors.cli.runs import read_config
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -42,12 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
-    """Choose, measure, write."""
+    """Choose the policy, measure it, and write weights and card."""
     from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
     from saver_advisors.reporting.tables import show
     from saver_advisors.training.release import release_run
 
-    env, env_kwargs = run_environment(args.run_dir)
+    config = read_config(args.run_dir)
+    env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
     if not any((args.run_dir / which).exists() for which in ("best", "latest")):
         raise UsageError(f"argument RUN_DIR: {args.run_dir} has no policy yet")
     path = args.path or shipped_path(args.name)
@@ -63,27 +65,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def run_environment(folder: Path) -> tuple[str, dict[str, Any]]:
-    """The environment of a run.
-
-    :param folder: of the run
-    :return: its id and its keyword arguments
-    """
-    import json
-
-    record = folder / "run.json"
-    if not record.is_file():
-        raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run: it has no run.json")
-    with user_mistakes(f"argument RUN_DIR: {record}"):
-        config = json.loads(record.read_text(encoding="utf-8"))["config"]
-        return config["env_id"], config.get("env_kwargs", {})
-
-
 def shipped_path(name: str) -> Path:
-    """Where a shipped policy's weights are kept.
+    """Return the path of a shipped policy's weights.
 
-    :param name: of the policy
-    :return: the file
+    :param name: name of the policy
     :raises UsageError: outside a clone of the repository, or for an invalid name
     """
     from saver_advisors.policies import WEIGHTS_DIR
@@ -92,7 +77,7 @@ def shipped_path(name: str) -> Path:
     if not (REPOSITORY / "pyproject.toml").is_file():
         raise UsageError("argument --name: only for a clone of the repository; use --path")
     if not name or not all(letter.isalnum() or letter in "-_" for letter in name):
-        raise UsageError(f"argument --name: {name!r} may have letters, digits, - and _ only")
+        raise UsageError(f"argument --name: {name!r} may only contain letters, digits, - and _")
     return WEIGHTS_DIR / f"{name}.safetensors"
 
 

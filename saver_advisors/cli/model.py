@@ -1,6 +1,6 @@
-"""Model an arm (chapter 7): make its data set, train an inverse model, search hyper-parameters.
+"""Record an arm's data set, train an inverse model, or search hyper-parameters (chapter 7).
 
-Data sets of the simulated twins are made at the first use and kept in the user's cache folder.
+Data sets of the simulated twins are recorded at first use and kept in the user's cache folder.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from saver_advisors.cli.arguments import (
     add_count,
     add_figure,
     add_json,
+    arm,
     new_file,
     settings,
     write_json,
@@ -21,54 +22,43 @@ from saver_advisors.cli.arguments import (
 
 EXAMPLES = """\
 examples:
-  saver model data --robot mico --figure mico.png           the twin's data set, and a look at it
+  saver model data --robot mico --figure mico.png           the twin's data set, and a plot
   saver model train --robot mico --model mlp --data workspace --output mico-ik.safetensors
   saver model train --robot mico --task id --model cgan --set sigma=0.2 --output id.safetensors
   saver model search --robot mico --trials 50 --json search.json    the paper's Table 7.3"""
-
-_TWINS = ("mico", "fetch")
-_ARMS = ("mico", "fetch", "jaco")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     steps = parser.add_subparsers(dest="step", metavar="WHAT", required=True)
-    data = steps.add_parser("data", help="make an arm's data set, and draw a part of it")
-    data.add_argument("--robot", choices=_TWINS, required=True, help="which arm")
+    data = steps.add_parser("data", help="record an arm's data set, and plot the first samples")
     add_count(data, "--seed", 0, "", least=0)
-    add_figure(data, "--figure", "draw it there")
+    add_figure(data, "--figure", "plot the samples in this file")
     data.set_defaults(work=_data)
 
     train = steps.add_parser("train", help="train an inverse model and write its weights")
-    train.add_argument("--robot", choices=_ARMS, required=True, help="which arm")
-    _add_task(train)
-    train.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
+    _add_model_arguments(train)
     train.add_argument(
         "--data",
         default="twin",
         metavar="WHERE",
-        help="twin (chapter 7's), workspace (tool targets over the workspace of the environments, "
-        "inverse kinematics alone), or a data file (default: twin)",
+        help="twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
+        "inverse kinematics only), or a data file (default: twin)",
     )
-    add_count(train, "--samples", 60_000, "", least=100)
     add_count(train, "--data-seed", 0, "", least=0)
-    _add_settings(train)
     train.add_argument(
         "--output",
         type=new_file(".safetensors"),
         required=True,
         metavar="FILE",
-        help="where the weights go",
+        help="file of the weights",
     )
     train.set_defaults(work=_train)
 
     search = steps.add_parser(
-        "search", help="search Table 7.3 for an architecture, or a loop's weight, with Optuna"
+        "search", help="search the architectures of Table 7.3, or the loop weight, with Optuna"
     )
-    search.add_argument("--robot", choices=_TWINS, required=True, help="which arm")
-    _add_task(search)
-    search.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
-    add_count(search, "--samples", 60_000, "", least=100)
+    _add_model_arguments(search)
     add_count(search, "--trials", 50, "")
     search.add_argument(
         "--loop-weights",
@@ -76,24 +66,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=[],
         metavar="W",
-        help="of bigan and dualgan: try each of these in place of architectures, with as many "
-        "seeds as the trials allow",
+        help="bigan and dualgan: compare these loop weights instead of architectures, each with "
+        "as many seeds as the trials allow",
     )
-    _add_settings(search)
     add_json(search)
     search.set_defaults(work=_search)
+    for step in (data, train, search):
+        step.add_argument("--robot", type=arm, required=True, help="name of the arm")
 
 
-def _add_task(parser: argparse.ArgumentParser) -> None:
+def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the model and its training."""
+    parser.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
+    add_count(parser, "--samples", 60_000, "", least=100)
     parser.add_argument(
         "--task",
         choices=("ik", "id"),
         default="ik",
         help="inverse kinematics or inverse dynamics (default: ik)",
     )
-
-
-def _add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set",
         nargs="+",
@@ -105,7 +96,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do the step that was asked for.
+    """Run the chosen step.
 
     :param args: see :func:`add_arguments`
     :return: exit status
@@ -123,7 +114,7 @@ def _data(args: argparse.Namespace) -> int:
 
     prepare_data(args.robot, args.seed)
     data = twin_data_set(args.robot, args.seed)
-    print(f"{args.robot}: {len(data.train):,} samples to train on, {len(data.test):,} to test on")
+    print(f"{args.robot}: {len(data.train):,} training samples, {len(data.test):,} test samples")
     if args.figure is not None:
         draw_recording(data.test, args.robot).savefig(args.figure)
         print(f"wrote {args.figure}")
@@ -131,7 +122,7 @@ def _data(args: argparse.Namespace) -> int:
 
 
 def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Settings of the training, and of the architecture."""
+    """Return the settings of the training and of the architecture."""
     from dataclasses import fields
 
     from saver_advisors.reporting.errors import UsageError, unknown
@@ -166,7 +157,7 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
 
 
 def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
-    """Inputs and outputs to train on."""
+    """Return inputs and outputs of the training samples."""
     from saver_advisors.cli.model_data import prepare_data
     from saver_advisors.reporting.errors import UsageError, user_mistakes
     from saver_envs.modelling.datasets import load_recordings, samples_of, twin_data_set
@@ -175,13 +166,12 @@ def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
 
     if args.data == "workspace":
         if args.task != "ik":
-            raise UsageError("argument --data: workspace holds inverse kinematics alone")
+            raise UsageError("argument --data: workspace is for --task ik only")
         found = workspace_samples(args.robot, args.samples, args.data_seed)
         return found.targets, found.joints
     with user_mistakes("argument --data"):
         if args.data == "twin":
-            if args.robot in _TWINS:
-                prepare_data(args.robot, args.data_seed)
+            prepare_data(args.robot, args.data_seed)
             recording = twin_data_set(args.robot, args.data_seed).train
         else:
             recording = Recording.joined(load_recordings(Path(args.data), args.robot))
@@ -238,7 +228,7 @@ def _train(args: argparse.Namespace) -> int:
 
 
 def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
-    """Root mean square error of a model's torques on the twin's unseen trajectory, N m."""
+    """Return the RMSE of a model's torques on the twin's held-out trajectory, N m."""
     import numpy as np
 
     from saver_envs.modelling.datasets import samples_of, twin_data_set
@@ -248,7 +238,7 @@ def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
 
 
 def _write_card(path: Path, card: dict[str, Any]) -> None:
-    """The card of a weight file as Markdown, beside it."""
+    """Write a weight file's card, as Markdown next to it."""
     from saver_advisors.reporting.tables import markdown
 
     names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")

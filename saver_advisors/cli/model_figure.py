@@ -1,4 +1,4 @@
-"""Pictures of a recording, like the paper's Figures 7.8 and 7.10."""
+"""Plot a recording of an arm, like Figures 7.8 and 7.10 of the dissertation."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _QUANTITIES: Final = (
     ("torque", "torque (N m)"),
 )
 _SHOWN: Final = 1200
-"""Samples that are drawn: more would be a smear."""
+"""Number of plotted samples; more would hide the curves' shapes."""
 
 
 def draw_recording(recording: Recording, robot: str) -> Figure:
-    """Draw the first samples of a recording, a column a joint.
+    """Plot the first samples of a recording, one column per joint.
 
     :param recording: the samples
     :param robot: the arm's name
@@ -28,7 +28,10 @@ def draw_recording(recording: Recording, robot: str) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    joints = recording.position.shape[1]
+    from saver_envs.modelling.arms import arm_named
+
+    slides = arm_named(robot).chain.prismatic
+    joints = len(slides)
     figure = Figure(figsize=(2.6 * joints, 8.0), layout="constrained")
     axes = figure.subplots(len(_QUANTITIES), joints, sharex=True, squeeze=False)
     for row, (name, label) in enumerate(_QUANTITIES):
@@ -39,8 +42,8 @@ def draw_recording(recording: Recording, robot: str) -> Figure:
             axis.tick_params(labelsize=7)
             axis.grid(alpha=0.3)
             if row == 0:
-                lift = robot == "fetch" and joint == 0
-                title = "lift (m, N)" if lift else f"joint {joint + (robot != 'fetch')}"
+                hinges = joint + 1 - sum(slides[: joint + 1])
+                title = "lift (m, N)" if slides[joint] else f"joint {hinges}"
                 axis.set_title(title, fontsize=9)
             if joint == 0:
                 axis.set_ylabel(label, fontsize=9)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
+from saver_advisors.cli.arguments import add_count, add_json, new_file, new_folder, write_json
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import ControlLoop, LoopSettings
+    from saver_advisors.integration.assembly import LoopSettings
     from saver_advisors.integration.trial import TrialRecord
     from saver_advisors.integration.wrist_bench import WristBench
 
@@ -46,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shown.add_argument("--view", action="store_true", help="show the scene in a window")
     shown.add_argument(
-        "--report", type=Path, metavar="DIR", help="write a page about the trials in this folder"
+        "--report",
+        type=new_folder,
+        metavar="DIR",
+        help="write a page about the trials in this folder",
     )
     parser.add_argument(
         "--apart", action="store_true", help="run the stages in three processes, in real time"
@@ -122,6 +124,7 @@ def run(args: argparse.Namespace) -> int:
 def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
     from saver_advisors.integration.assembly import build_loop
     from saver_advisors.integration.recording import VideoRecorder
+    from saver_advisors.integration.run_page import write_report
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
 
@@ -140,7 +143,7 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
             if recorder is not None:
                 recorder.end(records[-1])
         if args.report is not None:
-            _report(args, loop, records)
+            print(f"wrote {write_report(args.report, loop, records)}")
     return records
 
 
@@ -155,14 +158,6 @@ def _window(bench: WristBench) -> Callable[[float], None]:
         pictures.draw()
 
     return look
-
-
-def _report(args: argparse.Namespace, loop: ControlLoop, records: list[TrialRecord]) -> None:
-    from saver_advisors.integration.run_page import write_report
-
-    if args.report.exists() and not args.report.is_dir():
-        raise UsageError(f"argument --report: {str(args.report)!r} is a file, not a folder")
-    print(f"wrote {write_report(args.report, loop, records)}")
 
 
 def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:

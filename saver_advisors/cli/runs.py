@@ -1,4 +1,4 @@
-"""Learning curves of training runs: read, summed up, drawn."""
+"""Read, summarize and plot the learning curves of training runs."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ PANELS: Final = (
 class RunCurve:
     """A run's curve.
 
-    :param name: what the legend calls it
-    :param config: its settings
-    :param points: one mapping an evaluation, as ``curve.jsonl`` has them
+    :param name: label in legends and tables
+    :param config: settings of the run
+    :param points: one mapping per evaluation, the lines of ``curve.jsonl``
     """
 
     name: str
@@ -37,11 +37,11 @@ class RunCurve:
     points: list[dict[str, Any]]
 
     def values(self, name: str) -> list[float]:
-        """A column of the curve; a figure that is missing is not a number."""
+        """Return a column of the curve, with NaN for missing values."""
         return [float("nan") if p.get(name) is None else float(p[name]) for p in self.points]
 
     def summary(self) -> dict[str, Any]:
-        """What is said about the run in a table, and all its points."""
+        """Return the run's figures for tables, and all its points."""
         solved = time_to_level(LearningCurve.from_points(self.points))
         rates = [p["success_rate"] for p in self.points]
         collisions = [p.get("cost_collision", 0.0) for p in self.points]
@@ -79,9 +79,9 @@ CURVE_COLUMNS: Final = (
 
 
 def curve_cells(summary: dict[str, Any]) -> list[str]:
-    """A row of the table of runs, in the order of ``CURVE_COLUMNS``.
+    """Format a run as a table row, in the order of ``CURVE_COLUMNS``.
 
-    :param summary: as ``RunCurve.summary`` returns it
+    :param summary: from :meth:`RunCurve.summary`
     :return: the cells
     """
     steps, seconds = summary["steps_to_solved"], summary["wall_clock_to_solved_s"]
@@ -102,9 +102,9 @@ def curve_cells(summary: dict[str, Any]) -> list[str]:
 def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
     """Read the curves of several runs.
 
-    :param folders: of the runs
-    :return: in the same order, with names that tell them apart
-    :raises UsageError: for a folder that is no run or has no evaluation yet
+    :param folders: folders of the runs
+    :return: the runs in the same order, with unique names
+    :raises UsageError: for a folder that is not a run or has no evaluation yet
     """
     paths = [folder.resolve() for folder in folders]
     short = [path.name for path in paths]
@@ -114,30 +114,41 @@ def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
 
 
 def read_run(folder: Path, name: str) -> RunCurve:
-    """Read one curve.
+    """Read the curve of a run.
 
-    :param folder: of the run
-    :param name: what to call it
-    :return: the run
+    :param folder: folder of the run
+    :param name: label of the run
+    :raises UsageError: for a folder that is not a run or has no evaluation yet
     """
-    record = folder / "run.json"
-    if not record.is_file() or not (folder / CURVE_FILE).is_file():
-        raise UsageError(f"argument RUN_DIR: {str(folder)!r} is no run of `saver train`")
-    points = read_curve(folder)
+    config = read_config(folder)
+    points = read_curve(folder) if (folder / CURVE_FILE).is_file() else []
     if not points:
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
-    try:
-        config = json.loads(record.read_text(encoding="utf-8"))["config"]
-    except (json.JSONDecodeError, KeyError) as error:
-        raise UsageError(f"argument RUN_DIR: {record} is damaged") from error
     return RunCurve(name, config, points)
 
 
-def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
-    """Draw curves against environment steps, on the left, and against wall-clock, on the right.
+def read_config(folder: Path) -> dict[str, Any]:
+    """Read the settings of a run.
 
-    :param runs: at least one
-    :param panels: a row each: a column of the curve and what to call it
+    :param folder: folder of the run
+    :raises UsageError: for a folder that is not a run, or a damaged record
+    """
+    record = folder / "run.json"
+    try:
+        config: dict[str, Any] = json.loads(record.read_text(encoding="utf-8"))["config"]
+    except OSError as error:
+        message = f"argument RUN_DIR: {str(folder)!r} is not a run of `saver train`: no run.json"
+        raise UsageError(message) from error
+    except (json.JSONDecodeError, KeyError) as error:
+        raise UsageError(f"argument RUN_DIR: {record} is damaged") from error
+    return config
+
+
+def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
+    """Plot curves over environment steps, on the left, and over wall-clock time, on the right.
+
+    :param runs: at least one run
+    :param panels: column of the curve and its label, one pair per row
     :return: the figure
     """
     from matplotlib.figure import Figure

@@ -20,6 +20,7 @@ from saver_advisors.cli.arguments import (
     add_threads,
     at_least,
     env_id,
+    new_folder,
     positive_seconds,
     teacher,
     write_json,
@@ -45,7 +46,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="the run's folder")
+    parser.add_argument("--output", type=new_folder, metavar="DIR", help="the run's folder")
     parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
     parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
     parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
@@ -127,8 +128,6 @@ def _check_output(args: argparse.Namespace, config: Any) -> None:
     """Check the folder and the environment's id before anything is built."""
     if args.output is None:
         raise UsageError("argument --output: say which folder the run goes to")
-    if args.output.exists() and not args.output.is_dir():
-        raise UsageError(f"argument --output: {str(args.output)!r} is a file, no folder")
     if not args.resume and (args.output / "run.json").exists():
         raise UsageError(
             f"argument --output: {str(args.output)!r} holds a run already: go on with it by "

@@ -21,7 +21,7 @@ def run_zoo(args: argparse.Namespace) -> int:
 
     for name in ("algorithm", "time_limit", "json", "print_config"):
         if getattr(args, name):
-            raise UsageError(f"argument --{name.replace('_', '-')}: RL Zoo knows no such thing")
+            raise UsageError(f"argument --{name.replace('_', '-')}: not available with --zoo")
     if args.threads != 1:
         raise UsageError("argument --threads: RL Zoo has --num-threads, which goes after --")
     for name in ("env", "output"):

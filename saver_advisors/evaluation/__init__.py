@@ -1,1 +1,1 @@
-"""Evaluation: episodes with fixed seeds, what is counted in them, and what curves of them say."""
+"""Evaluation: episodes with fixed seeds, metrics of learning curves, and statistics over seeds."""

@@ -1,35 +1,34 @@
-"""What is read off a learning curve: the four figures of the dissertation's Table 5.2, steps to a
-success rate, and the area under the curve.
+"""Metrics of a learning curve: the four of the dissertation's Table 5.2, steps to a success rate,
+and the area under the curve.
 
 The dissertation defines them relative to a run's own maximum success rate, MSR: the inspired epoch
 IE is the first at 10% of it, the rise time RT lasts from there to 90% of it, and the effective
-learning rate ELR is 0.9 MSR over the epochs that it took to get there. Its table agrees with
-ELR = 0.9 MSR / (IE + RT) in every row. Between two evaluations nothing is known, so a level is
-reached at the first evaluation that shows it: nothing is interpolated, and what is said in epochs
-is no finer than the evaluations are apart.
+learning rate ELR is 0.9 MSR over the epochs until then. Its table agrees with
+ELR = 0.9 MSR / (IE + RT) in every row. A level counts as reached at the first evaluation that shows
+it: nothing is interpolated, so figures in epochs are no finer than the gaps between evaluations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 EPOCH_STEPS: Final = 2_500
-"""Environment steps of one of our epochs; the paper's cannot be counted in steps."""
+"""Environment steps per epoch; the paper does not define its epochs in steps."""
 
 INSPIRED: Final = 0.1
 RISEN: Final = 0.9
-"""Shares of a run's own maximum success rate between which it rises."""
+"""Fractions of a run's own maximum success rate between which the rise time is measured."""
 
 SOLVED: Final = 0.9
-"""Success rate, absolute, whose first appearance is reported."""
+"""Absolute success rate whose first appearance is reported."""
 
 TOLERANCE: Final = 1e-9
-"""So that 72 of 100 episodes count as 90% of 80 of 100, which floats deny."""
+"""Tolerance for floating-point error when success rates are compared."""
 
 Floats = NDArray[np.float64]
 
@@ -38,11 +37,11 @@ Floats = NDArray[np.float64]
 class LearningCurve:
     """Success rates of a run's evaluations.
 
-    :param steps: (evaluations,) environment steps done, from 0 up and rising
+    :param steps: (evaluations,) environment steps, at least 0 and increasing
     :param success: (evaluations,) success rates, in [0, 1]
-    :param wall_clock_s: (evaluations,) seconds of training, or None where unknown
-    :raises ValueError: for no evaluation, other shapes, NaN, rates outside [0, 1], or steps that do
-        not rise
+    :param wall_clock_s: (evaluations,) seconds of training, or None if unknown
+    :raises ValueError: for no evaluation, different shapes, NaN, rates outside [0, 1], or steps
+        that do not increase
     """
 
     steps: Floats
@@ -59,13 +58,13 @@ class LearningCurve:
             raise ValueError(f"success={self.success.tolist()} must lie in [0, 1]")
 
     def _checked(self, name: str, values: ArrayLike) -> Floats:
-        """A column as a float array of the curve's length."""
+        """Return a column as a float array of the curve's length."""
         array = np.asarray(values, np.float64)
         length = np.size(self.steps)
         if array.ndim != 1 or array.size == 0 or array.size != length:
             raise ValueError(
-                f"{name} has shape {array.shape}: must be one number an evaluation, {length} as "
-                "steps has, and at least one"
+                f"{name} has shape {array.shape}: must be one number per evaluation, {length} as "
+                "in steps, and at least one"
             )
         if not np.isfinite(array).all():
             raise ValueError(f"{name}={array.tolist()} must be finite numbers")
@@ -73,10 +72,10 @@ class LearningCurve:
 
     @classmethod
     def from_points(cls, points: Sequence[Mapping[str, Any]]) -> LearningCurve:
-        """The curve of a run.
+        """Build the curve of a run.
 
-        :param points: one mapping an evaluation, as ``curve.jsonl`` has them
-        :return: the curve; without wall-clock where an evaluation does not tell it
+        :param points: one mapping per evaluation, as in ``curve.jsonl``
+        :return: the curve; without wall-clock time unless every evaluation has it
         :raises ValueError: as the class, and for a point without steps or success rate
         """
         columns: dict[str, list[Any]] = {}
@@ -93,10 +92,10 @@ class LearningCurve:
         )
 
     def after(self, steps: float) -> LearningCurve:
-        """The same curve when steps that were spent before the run count as well.
+        """Count steps that were spent before the run as well.
 
         :param steps: of a teacher's training or of demonstrations, 0 or more
-        :return: the curve; its wall-clock is the run's own, since those steps' is not known
+        :return: the shifted curve, with the wall-clock time of the run alone
         :raises ValueError: for fewer than 0 steps, or NaN
         """
         if not 0 <= steps < np.inf:
@@ -106,16 +105,14 @@ class LearningCurve:
 
 @dataclass(frozen=True)
 class TimeToLevel:
-    """When a success rate first appeared; censored where it never did.
+    """When a success rate first appeared; censored if it never did.
 
-    :param level: the success rate
-    :param steps: environment steps at its first evaluation, None where it was never seen
-    :param wall_clock_s: seconds of training there, None likewise or where unknown
-    :param observed_steps: steps of the last evaluation: where ``steps`` is None it took more
-    :param observed_s: seconds of training there, None where unknown
+    :param steps: environment steps at its first evaluation, None if it was never seen
+    :param wall_clock_s: seconds of training there, None if never seen or unknown
+    :param observed_steps: steps of the last evaluation, a lower bound if ``steps`` is None
+    :param observed_s: seconds of training there, None if unknown
     """
 
-    level: float
     steps: float | None
     wall_clock_s: float | None
     observed_steps: float
@@ -127,52 +124,12 @@ class TimeToLevel:
         return self.steps is None
 
 
-def maximum_success_rate(curve: LearningCurve) -> float:
-    """MSR.
-
-    :param curve: of a run
-    :return: the highest success rate of its evaluations
-    """
-    return float(curve.success.max())
-
-
-def inspired_epoch(curve: LearningCurve) -> float | None:
-    """IE.
-
-    :param curve: of a run
-    :return: epochs at the first evaluation with 10% of MSR; None where nothing ever succeeded
-    """
-    return _epochs_at_share(curve, INSPIRED)
-
-
-def rise_time(curve: LearningCurve) -> float | None:
-    """RT.
-
-    :param curve: of a run
-    :return: epochs from the first evaluation with 10% of MSR to the first with 90% of it; None
-        where nothing ever succeeded
-    """
-    inspired, risen = _epochs_at_share(curve, INSPIRED), _epochs_at_share(curve, RISEN)
-    return None if inspired is None or risen is None else risen - inspired
-
-
-def effective_learning_rate(curve: LearningCurve) -> float | None:
-    """ELR.
-
-    :param curve: of a run
-    :return: 0.9 MSR over the epochs at the first evaluation with that rate; None where nothing ever
-        succeeded, or where the rate was there before any step
-    """
-    risen = _epochs_at_share(curve, RISEN)
-    return RISEN * maximum_success_rate(curve) / risen if risen else None
-
-
 def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
-    """When a success rate was first seen.
+    """Find the first evaluation with a success rate.
 
     :param curve: of a run
     :param level: an absolute success rate, in (0, 1]
-    :return: steps and seconds, or until when it had not been seen
+    :return: steps and seconds until then, and until the last evaluation
     :raises ValueError: for another level
     """
     if not 0 < level <= 1:
@@ -180,7 +137,6 @@ def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
     first = _first_at(curve, level)
     seconds = curve.wall_clock_s
     return TimeToLevel(
-        level=level,
         steps=None if first is None else float(curve.steps[first]),
         wall_clock_s=None if first is None or seconds is None else float(seconds[first]),
         observed_steps=float(curve.steps[-1]),
@@ -188,50 +144,44 @@ def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
     )
 
 
-def area_under_curve(
-    curve: LearningCurve, up_to: float | None = None, *, spent_before: float = 0.0
-) -> float:
-    """The mean success rate over a budget of steps.
+def area_under_curve(curve: LearningCurve, up_to: float | None = None) -> float:
+    """Compute the mean success rate over a budget of steps.
 
-    Straight lines join the evaluations; the first starts from 0 where the run does, and counted
-    steps before the run have no success.
+    Straight lines join the evaluations; the curve starts from 0 at step 0, unless the run was
+    evaluated there.
 
     :param curve: of a run
-    :param up_to: steps of the budget, ``spent_before`` among them; all that were observed where
-        None. Give runs that are compared the same one
-    :param spent_before: steps before the run that count as well, such as a teacher's
+    :param up_to: steps of the budget, the same for all compared runs; all observed steps if None
     :return: in [0, 1]
     :raises ValueError: for a budget beyond the last evaluation, or of 0 steps
     """
-    shifted = curve.after(spent_before)
-    end = float(shifted.steps[-1]) if up_to is None else float(up_to)
-    if not 0 < end <= shifted.steps[-1]:
+    steps, success = curve.steps, curve.success
+    end = float(steps[-1]) if up_to is None else float(up_to)
+    if not 0 < end <= steps[-1]:
         raise ValueError(
-            f"up_to={end:g} must be above 0 and at most the last evaluation's "
-            f"{shifted.steps[-1]:g} steps"
+            f"up_to={end:g} must be above 0 and at most the last evaluation's {steps[-1]:g} steps"
         )
-    steps, success = shifted.steps, shifted.success
-    if curve.steps[0] > 0:
-        steps, success = np.append(spent_before, steps), np.append(0.0, success)
+    if steps[0] > 0:
+        steps, success = np.append(0.0, steps), np.append(0.0, success)
     inside = steps < end
     x = np.append(steps[inside], end)
-    # Left of the run nothing had succeeded; a run evaluated before its first step may jump there.
-    y = np.append(success[inside], np.interp(end, steps, success, left=0.0))
+    y = np.append(success[inside], np.interp(end, steps, success))
     return float(np.trapezoid(y, x) / end)
 
 
 @dataclass(frozen=True)
 class LearningMetrics:
-    """Everything that a table says about one run's curve.
+    """The metrics of one run's curve, as tables report them.
 
-    :param inspired_epoch: IE, None where nothing ever succeeded
-    :param rise_time: RT, likewise
-    :param maximum_success_rate: MSR
-    :param effective_learning_rate: ELR, likewise
+    :param inspired_epoch: IE, epochs at the first evaluation with 10% of MSR; None if no episode
+        ever succeeded
+    :param rise_time: RT, epochs from there to the first evaluation with 90% of MSR; None as above
+    :param maximum_success_rate: MSR, the highest success rate of the evaluations
+    :param effective_learning_rate: ELR, 0.9 MSR over the epochs at the first evaluation with that
+        rate; None as above, or if that evaluation precedes the first step
     :param solved: when ``SOLVED`` was first seen
-    :param area: mean success rate over the run
-    :param resolution: epochs between evaluations, the longest gap; what is said in epochs is no
-        finer
+    :param resolution: longest gap between evaluations in epochs, which limits the precision of
+        figures in epochs
     """
 
     inspired_epoch: float | None
@@ -239,46 +189,37 @@ class LearningMetrics:
     maximum_success_rate: float
     effective_learning_rate: float | None
     solved: TimeToLevel
-    area: float
     resolution: float
-
-    def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON"""
-        return asdict(self)
 
 
 def learning_metrics(curve: LearningCurve, *, spent_before: float = 0.0) -> LearningMetrics:
-    """Read everything off a curve.
+    """Compute the metrics of a curve.
 
     :param curve: of a run
     :param spent_before: steps before the run that count as well, such as a teacher's
-    :return: the figures
+    :return: the metrics
     """
     counted = curve.after(spent_before)
+    best = float(curve.success.max())
+    inspired, risen = (_epochs_at(counted, share * best) for share in (INSPIRED, RISEN))
     gaps = np.diff(curve.steps, prepend=0.0)
-    # A run whose only evaluation is before its first step has no area to speak of but its rate.
-    whole = counted.steps[-1] > 0
     return LearningMetrics(
-        inspired_epoch=inspired_epoch(counted),
-        rise_time=rise_time(counted),
-        maximum_success_rate=maximum_success_rate(counted),
-        effective_learning_rate=effective_learning_rate(counted),
+        inspired_epoch=inspired,
+        rise_time=None if inspired is None or risen is None else risen - inspired,
+        maximum_success_rate=best,
+        effective_learning_rate=RISEN * best / risen if risen else None,
         solved=time_to_level(counted),
-        area=area_under_curve(curve, spent_before=spent_before)
-        if whole
-        else maximum_success_rate(counted),
         resolution=float(gaps.max()) / EPOCH_STEPS,
     )
 
 
 def _first_at(curve: LearningCurve, level: float) -> int | None:
-    """The first evaluation with a success rate of at least ``level``."""
+    """Return the index of the first evaluation with a success rate of at least ``level``."""
     reached = np.flatnonzero(curve.success >= level - TOLERANCE)
     return int(reached[0]) if reached.size else None
 
 
-def _epochs_at_share(curve: LearningCurve, share: float) -> float | None:
-    """Epochs at the first evaluation with that share of the run's own maximum."""
-    best = maximum_success_rate(curve)
-    first = _first_at(curve, share * best) if best > 0 else None
+def _epochs_at(curve: LearningCurve, level: float) -> float | None:
+    """Return the epochs at the first evaluation with a level; None if the level is 0."""
+    first = _first_at(curve, level) if level > 0 else None
     return None if first is None else float(curve.steps[first]) / EPOCH_STEPS

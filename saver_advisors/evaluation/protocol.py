@@ -1,7 +1,7 @@
-"""The rules by which training runs are compared: which seeds train, choose and report, on what.
+"""The protocol of comparisons: seeds and episodes for training, selection and reporting.
 
-Episodes are fixed by their seeds, so three ranges that do not meet keep training, the choice of a
-checkpoint and the figure that is reported apart. docs/benchmark-protocol.md says it in prose.
+A seed determines an episode, so three disjoint ranges of seeds separate training, the selection of
+checkpoints, and reported results. See docs/benchmark-protocol.md.
 """
 
 from __future__ import annotations
@@ -10,27 +10,27 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 SELECTION_SEED: Final = 10_000
-"""Checkpoints are evaluated, and chosen, on episodes from this seed up."""
+"""First seed of the episodes on which checkpoints are evaluated and selected."""
 
 SELECTION_EPISODES: Final = 100
 
 REPORT_SEED: Final = 0
-"""What is reported is measured on episodes from this seed up, which had no part in any choice."""
+"""First seed of the episodes of reported results, which no selection uses."""
 
 REPORT_EPISODES: Final = 500
 
 EVALUATE_EVERY: Final = 25_000
-"""Environment steps between evaluations: ten epochs of ours."""
+"""Environment steps between evaluations: ten epochs."""
 
 TRAINING_SEED: Final = 1_000_000
-"""Training takes no episode below this seed."""
+"""First seed of the episodes for training."""
 
 SEED_STRIDE: Final = 1_000
-"""Between the first seeds of two runs: room for so many environments side by side."""
+"""Distance between the first seeds of two runs, and so the most environments per run."""
 
 
 def environment_text(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
-    """An environment for a table: ``DualJacoPush-v0, n_arms=3``.
+    """Format an environment for a table: ``DualJacoPush-v0, n_arms=3``.
 
     :param env_id: its id
     :param env_kwargs: its keyword arguments
@@ -39,11 +39,11 @@ def environment_text(env_id: str, env_kwargs: Mapping[str, Any]) -> str:
 
 
 def training_seed(seed: int) -> int:
-    """The seed of a run's first environment; environment i has i more.
+    """Compute the seed of a run's first environment; environment i adds i.
 
-    :param seed: of the run, 0 or more
-    :return: from ``TRAINING_SEED`` up, as SB3 and Gymnasium take it
-    :raises ValueError: for a seed below 0 or too large
+    :param seed: of the run, at least 0
+    :return: at least ``TRAINING_SEED``, and in the range of SB3 and Gymnasium
+    :raises ValueError: for a negative seed, or one that is too large
     """
     most = (2**31 - TRAINING_SEED) // SEED_STRIDE - 1
     if not 0 <= seed <= most:

@@ -1,13 +1,13 @@
-"""What a handful of seeds say: interquartile means, comparisons, and how sure each is.
+"""Statistics over a few seeds: interquartile means, comparisons, and confidence intervals.
 
 The estimators are those of Agarwal et al., Deep Reinforcement Learning at the Edge of the
 Statistical Precipice (arXiv 2108.13264): the interquartile mean, the probability of improvement,
 and percentile intervals from a bootstrap that draws seeds within each stratum. A stratum is a task:
-two tasks' seeds are never exchanged for one another. Episodes of one seed belong together, since
-one policy played them all: they are averaged, and a seed is drawn with all of its episodes.
+seeds are never exchanged between tasks. Episodes of one seed are averaged, since one policy played
+them all: the bootstrap draws seeds, not episodes.
 
-One seed has no interval: an estimate then has a value and says n = 1. Two seeds' interval reaches
-from one to the other, and no further.
+A single seed has no interval: its estimate has a value and n = 1. The interval of two seeds extends
+from one to the other.
 """
 
 from __future__ import annotations
@@ -23,45 +23,38 @@ from scipy.stats import binomtest, bootstrap, trim_mean
 CONFIDENCE: Final = 0.95
 RESAMPLES: Final = 10_000
 BOOTSTRAP_SEED: Final = 0
-"""So that the same seeds' figures give the same interval, and a page does not change by itself."""
+"""Fixed, so that the same data give the same interval and generated pages do not change."""
 
 QUARTER: Final = 0.25
 
 Floats = NDArray[np.float64]
 Statistic = Callable[[Sequence[Floats]], Floats]
-"""From one array (..., seeds) a stratum to a figure (...)."""
+"""From one array (..., seeds) per stratum to a statistic (...)."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure over seeds.
+    """A statistic over seeds.
 
-    :param value: the figure
-    :param low: lower end of its 95% interval, None where there is none
-    :param high: upper end, likewise
-    :param n: seeds behind it, in all; of two groups that are compared, the smaller one's
+    :param value: the statistic
+    :param interval: its 95% interval; None unless a stratum has two seeds
+    :param n: total number of seeds; of two compared groups, that of the smaller one
     """
 
     value: float
-    low: float | None
-    high: float | None
+    interval: tuple[float, float] | None
     n: int
 
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """Both ends, or None where no stratum has two seeds."""
-        return None if self.low is None or self.high is None else (self.low, self.high)
-
     def excludes(self, value: float) -> bool:
-        """Whether there is an interval, and ``value`` lies outside it."""
+        """Return whether there is an interval that does not contain ``value``."""
         return self.interval is not None and not self.interval[0] <= value <= self.interval[1]
 
     def text(self, digits: int = 2, scale: float = 1.0) -> str:
-        """The figure in words.
+        """Format the estimate.
 
-        :param digits: after the point
-        :param scale: what it is multiplied by
-        :return: such as ``0.95 [0.93, 0.97]``; the value alone where there is no interval
+        :param digits: after the decimal point
+        :param scale: factor of all numbers
+        :return: such as ``0.95 [0.93, 0.97]``; the value alone without an interval
         """
         told = f"{scale * self.value:,.{digits}f}"
         if self.interval is None:
@@ -70,7 +63,7 @@ class Estimate:
         return f"{told} [{low}, {high}]"
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON; ``ci95`` is None where there is no interval"""
+        """Return plain values for JSON; ``ci95`` is None without an interval."""
         ends = None if self.interval is None else list(self.interval)
         return {"value": self.value, "ci95": ends, "n": self.n}
 
@@ -87,23 +80,12 @@ def success_interval(successes: int, episodes: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def interquartile_mean(values: ArrayLike) -> float:
-    """The mean of the middle half.
-
-    A quarter of the values, rounded down, is left out at each end: of three or fewer none is, and
-    it is their mean.
-
-    :param values: any number of them but none
-    :return: the mean
-    :raises ValueError: for no value, or one that is not finite
-    """
-    return float(trim_mean(_checked("values", values), QUARTER))
-
-
 def estimate(*strata: ArrayLike, resamples: int = RESAMPLES) -> Estimate:
-    """The interquartile mean over seeds with its stratified bootstrap interval.
+    """Compute the interquartile mean over seeds with its stratified bootstrap interval.
 
-    :param strata: one array a task: (seeds,), or (seeds, episodes) whose episodes are averaged
+    A quarter of the seeds, rounded down, is left out at each end: none of three or fewer.
+
+    :param strata: one array per task: (seeds,), or (seeds, episodes) whose episodes are averaged
     :param resamples: of the bootstrap
     :return: the estimate
     :raises ValueError: for no stratum, an empty one, or values that are not finite
@@ -113,25 +95,25 @@ def estimate(*strata: ArrayLike, resamples: int = RESAMPLES) -> Estimate:
 
 
 def difference(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
-    """How much larger x is than y.
+    """Compute the difference between two groups.
 
-    :param x: seeds of one group: one array, or a list of arrays, one a task
-    :param y: those of the other, of the same tasks
+    :param x: seeds of one group: one array, or a list of arrays, one per task
+    :param y: those of the other group, for the same tasks
     :param resamples: of the bootstrap
     :return: IQM(x) - IQM(y)
-    :raises ValueError: as ``estimate``, or for other tasks
+    :raises ValueError: as ``estimate``, or for different numbers of tasks
     """
     return _compare(x, y, lambda a, b: _pooled_iqm(a) - _pooled_iqm(b), resamples)
 
 
 def ratio(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
-    """How many times as large x is as y.
+    """Compute the ratio of two groups.
 
     :param x: seeds of one group, as for ``difference``
-    :param y: those of the other; above 0
+    :param y: those of the other group, above 0
     :param resamples: of the bootstrap
     :return: IQM(x) / IQM(y)
-    :raises ValueError: as ``difference``, or where y has a value of 0 or less
+    :raises ValueError: as ``difference``, or for a value of y that is not above 0
     """
     if any((sample <= 0).any() for sample in _seeds("y", _listed(y))):
         raise ValueError(f"y={y!r} must be above 0: x is divided by it")
@@ -139,10 +121,10 @@ def ratio(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
 
 
 def probability_of_improvement(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
-    """How likely a run of x ends above a run of y; ties count half.
+    """Compute the probability that a run of x is better than a run of y; ties count half.
 
     :param x: seeds of one group, as for ``difference``
-    :param y: those of the other
+    :param y: those of the other group
     :param resamples: of the bootstrap
     :return: the mean over tasks of P(x > y) + P(x = y) / 2
     :raises ValueError: as ``difference``
@@ -162,17 +144,17 @@ def _improvement(x: Sequence[Floats], y: Sequence[Floats]) -> Floats:
 
 
 def _pooled_iqm(samples: Sequence[Floats]) -> Floats:
-    """The interquartile mean over all strata's seeds, (...,)."""
+    """Compute the interquartile mean over all strata's seeds, (...,)."""
     return np.asarray(trim_mean(np.concatenate(samples, axis=-1), QUARTER, axis=-1))
 
 
 def _compare(
     x: Strata, y: Strata, of: Callable[[Sequence[Floats], Sequence[Floats]], Floats], resamples: int
 ) -> Estimate:
-    """A figure of two groups; without an interval where one of them is a single run a task."""
+    """Estimate a statistic of two groups, without an interval if one has a single run per task."""
     a, b = _seeds("x", _listed(x)), _seeds("y", _listed(y))
     if len(a) != len(b):
-        raise ValueError(f"x has {len(a)} tasks and y {len(b)}: they must be of the same ones")
+        raise ValueError(f"x has {len(a)} tasks and y {len(b)}: must be the same ones")
 
     def both(samples: Sequence[Floats]) -> Floats:
         return of(samples[: len(a)], samples[len(a) :])
@@ -183,14 +165,14 @@ def _compare(
 
 
 def _estimate(samples: Sequence[Floats], statistic: Statistic, n: int, resamples: int) -> Estimate:
-    """A figure of all samples, with the percentile interval of a bootstrap within each."""
+    """Estimate a statistic, with the percentile interval of a bootstrap within each sample."""
     value = float(statistic(samples))
     varied = [index for index, sample in enumerate(samples) if len(sample) > 1]
     if not varied or resamples == 0:
-        return Estimate(value, None, None, n)
+        return Estimate(value, None, n)
 
     def of_drawn(*drawn: Floats, axis: int = -1) -> Floats:
-        # A stratum with one seed cannot be drawn from: it stays what it is.
+        # A stratum with one seed cannot be resampled, so it is constant.
         leading = drawn[0].shape[:-1]
         full = [np.broadcast_to(sample, (*leading, len(sample))) for sample in samples]
         for index, values in zip(varied, drawn, strict=True):
@@ -206,11 +188,11 @@ def _estimate(samples: Sequence[Floats], statistic: Statistic, n: int, resamples
         method="percentile",
         rng=np.random.default_rng(BOOTSTRAP_SEED),
     ).confidence_interval
-    return Estimate(value, float(found.low), float(found.high), n)
+    return Estimate(value, (float(found.low), float(found.high)), n)
 
 
 def _listed(group: Strata) -> Sequence[ArrayLike]:
-    """A group as a list of strata, which a single array is the only one of."""
+    """Return a group as a list of strata; a single array becomes the only one."""
     if isinstance(group, np.ndarray) or np.isscalar(group):
         return [group]
     items: Sequence[Any] = group  # type: ignore[assignment]  # neither array nor scalar: a sequence
@@ -218,9 +200,9 @@ def _listed(group: Strata) -> Sequence[ArrayLike]:
 
 
 def _seeds(name: str, strata: Sequence[ArrayLike]) -> list[Floats]:
-    """Each stratum as (seeds,), its episodes averaged."""
+    """Return each stratum as (seeds,), averaging its episodes."""
     if not strata:
-        raise ValueError(f"{name} must have at least one array, one a task")
+        raise ValueError(f"{name} must have at least one array, one per task")
     arrays = [_checked(name, stratum) for stratum in strata]
     for array in arrays:
         if array.ndim > 2:

@@ -1,9 +1,8 @@
-"""Runs on a Ray cluster: the same grid, the same results.
+"""Run a grid on a Ray cluster, with the same results as on one machine.
 
-The cluster's nodes need this package at the same version. A run's folder lies on the node that
-does it, under the same path as here; on a file system that the nodes share, a run whose node was
-lost goes on from its checkpoint on another one, otherwise it starts again. Results come back over
-the cluster and are written here.
+The nodes need this package at the same version. The folder of a run is on its node, under the same
+path as here. If the nodes share a file system, a run whose node was lost resumes from its
+checkpoint on another node; otherwise it restarts. Results are sent back and written here.
 """
 
 from __future__ import annotations
@@ -20,15 +19,14 @@ from saver_advisors.reporting.provenance import command_line, write_json_atomic
 
 
 class RayCluster:
-    """Runs as tasks of a Ray cluster.
+    """Execute runs as tasks of a Ray cluster.
 
-    :param places: where runs and results lie
-    :param address: of the cluster, as ``ray.init`` takes it, such as ``auto`` or
-        ``ray://head:10001``
-    :param threads: that each run takes, a processor each
-    :param retries: how often a run is done again whose node was lost
-    :raises ImportError: where Ray is not installed
-    :raises ConnectionError: where no cluster answers there
+    :param places: folders of runs and results
+    :param address: of the cluster, as for ``ray.init``, such as ``auto`` or ``ray://head:10001``
+    :param threads: per run, one processor each
+    :param retries: how often a run is repeated after its node was lost
+    :raises ImportError: if Ray is not installed
+    :raises ConnectionError: if no cluster answers at the address
     """
 
     def __init__(self, places: Places, address: str, threads: int = 1, retries: int = 3) -> None:
@@ -43,7 +41,7 @@ class RayCluster:
         self._do = ray.remote(num_cpus=threads, max_retries=retries)(run_on_node)
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
-        """Hand all runs to the cluster; on a request to stop, cancel them."""
+        """Submit all runs to the cluster; cancel them on a request to stop."""
         output = str(self.places.output.resolve())
         pending: dict[Any, ExperimentRun] = {}
         for run in runs:
@@ -62,7 +60,7 @@ class RayCluster:
             look(progress)
 
     def _take(self, task: Any, run: ExperimentRun, progress: Progress) -> None:
-        """Write a result that came back, or take down why there is none."""
+        """Write the result of a task, or record why there is none."""
         try:
             status, words, result = self._ray.get(task)
         except (self._ray.exceptions.TaskCancelledError, KeyboardInterrupt):
@@ -76,20 +74,20 @@ class RayCluster:
         progress.end(run.name, status, words)
 
     def close(self) -> None:
-        """Leave the cluster, which goes on."""
+        """Disconnect from the cluster, which keeps running."""
         self._ray.shutdown()
 
 
 def run_on_node(
     values: dict[str, Any], output: str, command: str, threads: int = 1
 ) -> tuple[int, str, dict[str, Any] | None]:
-    """One run, in a process of its own on the node that this is called on.
+    """Execute a run in its own process on the node that this is called on.
 
     :param values: the run, as a mapping
     :param output: the folder of run folders
-    :param command: that results name as where they come from
-    :param threads: that it takes
-    :return: exit status, last line of the log, and the result where there is one
+    :param command: that results record as their origin
+    :param threads: of the run
+    :return: exit status, last line of the log, and the result or None
     """
     run = ExperimentRun.from_mapping(values)
     folder = Path(output) / run.name
@@ -99,7 +97,7 @@ def run_on_node(
     try:
         while process.poll() is None:
             time.sleep(LOOK_EVERY)
-    except KeyboardInterrupt:  # how Ray cancels a task
+    except KeyboardInterrupt:  # Ray cancels a task like this
         process.terminate()
         process.wait()
         raise

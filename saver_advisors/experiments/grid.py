@@ -1,23 +1,23 @@
-"""A grid of runs, read from a YAML file: tasks by rows by seeds.
+"""Read a grid of runs from a YAML file: groups x rows x seeds.
 
 ::
 
     title: Advising
-    final_episodes: 500         # of each student, on seeds from 0, when its run has ended
+    final_episodes: 500         # per student after its run, on seeds from 0
     groups:
-      push:                     # the runs are called push-<row>-seed<seed>
+      push:                     # names of its runs: push-<row>-seed<seed>
         env_id: DualJacoPush-v0
         settings: {total_steps: 1000000}     # fields of RunConfig
-        advice: {teacher: jaco-push}         # what the rows with advice have in common
-        budget_fraction: 0.22                # of total_steps, for rows that give no budget
+        advice: {teacher: jaco-push}         # shared by the rows with advice
+        budget_fraction: 0.22                # of total_steps, for rows without a budget
         seeds: [0]
         rows:
           none: {}
           early: {advice: {strategy: early}, seeds: [0, 1]}
 
-A row starts from what ``saver train`` starts from for that environment, its advice left out; then
-come the group's settings, then the row's. The order of the file is the order of work: every row's
-first seed, then every row's second, and so on.
+A row starts from the defaults of ``saver train`` for that environment, without advice. The group's
+settings override them, and the row's override those. Runs follow the order of the file: the first
+seed of every row, then the second seed of every row, and so on.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds")
 class ExperimentRun:
     """One run of a grid.
 
-    :param name: of its folder and of its result file; unlike every other of the grid
+    :param name: unique name, used for its folder and its result file
     :param group: the part of the grid that it belongs to
-    :param row: what tables call it; runs of one row differ in their seed alone
-    :param config: what to do
-    :param final_episodes: episodes on seeds from 0 that the student is reported on
+    :param row: its name in tables; runs of one row differ only in their seed
+    :param config: settings of the training run
+    :param final_episodes: number of episodes, on seeds from 0, of the student's final evaluation
     """
 
     name: str
@@ -54,26 +54,27 @@ class ExperimentRun:
     final_episodes: int = DEFAULT_FINAL_EPISODES
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: JSON-able values, for ``from_mapping``"""
+        """Return JSON-able values for ``from_mapping``."""
         return {**vars(self), "config": self.config.to_mapping()}
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> ExperimentRun:
-        """
+        """Restore a run.
+
         :param values: what ``to_mapping`` returned
-        :raises ValueError: where something is missing or unknown
+        :raises ValueError: for a missing or unknown entry
         """
         try:
             return cls(**{**values, "config": RunConfig.from_mapping(values["config"])})
         except (KeyError, TypeError) as error:
-            raise ValueError(f"not an experiment's run: {error}") from error
+            raise ValueError(f"not a run of a grid: {error}") from error
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Runs in the order in which they are to be done.
+    """Runs in the order in which they are executed.
 
-    :param title: of the whole
+    :param title: of the grid
     :param runs: at least one
     """
 
@@ -81,32 +82,32 @@ class Grid:
     runs: tuple[ExperimentRun, ...] = field(repr=False)
 
     def named(self, name: str) -> ExperimentRun:
-        """The run of that name."""
+        """Return the run with that name."""
         return next(run for run in self.runs if run.name == name)
 
     def only(self, words: Sequence[str]) -> Grid:
-        """The runs whose names contain any of some words.
+        """Select the runs whose names contain at least one of some words.
 
-        :param words: parts of names; all runs where there are none
-        :return: those runs, in order
-        :raises ValueError: where no name contains any of them
+        :param words: parts of names; none selects all runs
+        :return: the selected runs, in order
+        :raises ValueError: if no name contains any of them
         """
         if not words:
             return self
         chosen = tuple(run for run in self.runs if any(word in run.name for word in words))
         if not chosen:
             names = ", ".join(run.name for run in self.runs)
-            raise ValueError(f"no run is called like {' or '.join(words)}; there are {names}")
+            raise ValueError(f"no run has {' or '.join(words)} in its name; there are {names}")
         return Grid(self.title, chosen)
 
 
 def read_grid(path: str | Path) -> Grid:
-    """Read and check a whole grid before anything of it runs.
+    """Read and check a whole grid.
 
     :param path: of the YAML file
     :return: its runs
-    :raises ValueError: for whatever is wrong in it, with the place
-    :raises OSError: where it cannot be read
+    :raises ValueError: for an invalid entry, with its place in the file
+    :raises OSError: if the file cannot be read
     """
     import yaml
 
@@ -114,7 +115,7 @@ def read_grid(path: str | Path) -> Grid:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
-        raise ValueError(f"{path} is no YAML: {error}") from error
+        raise ValueError(f"{path} is not valid YAML: {error}") from error
     try:
         return _grid(_mapping(content, "the file", GRID_KEYS))
     except (TypeError, ValueError) as error:
@@ -123,10 +124,8 @@ def read_grid(path: str | Path) -> Grid:
 
 def _grid(content: Mapping[str, Any]) -> Grid:
     final_episodes = content.get("final_episodes", DEFAULT_FINAL_EPISODES)
-    if isinstance(final_episodes, bool) or not isinstance(final_episodes, int):
-        raise TypeError(f"final_episodes={final_episodes!r} must be a whole number")
-    if final_episodes < 1:
-        raise ValueError(f"final_episodes={final_episodes} must be at least 1")
+    if not _is_whole(final_episodes, 1):
+        raise ValueError(f"final_episodes={final_episodes!r} must be an integer of at least 1")
     ranked = []
     for group_name, group in _mapping(content.get("groups"), "groups").items():
         group = _mapping(group, group_name, GROUP_KEYS)
@@ -139,23 +138,21 @@ def _grid(content: Mapping[str, Any]) -> Grid:
                 except (TypeError, ValueError) as error:
                     raise ValueError(f"{place}: {error}") from error
                 name = _slug(f"{group_name}-{row_name}-seed{seed}")
-                ranked.append((rank, ExperimentRun(name, group_name, row_name, config)))
-    # Sorting keeps the order of the file among equals.
+                run = ExperimentRun(name, group_name, row_name, config, final_episodes)
+                ranked.append((rank, run))
+    # The sort is stable: within a rank, the order of the file stays.
     runs = tuple(run for _, run in sorted(ranked, key=lambda pair: pair[0]))
     if not runs:
         raise ValueError("groups: give at least one, with at least one row")
     names = [run.name for run in runs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(f"two runs would be called {', '.join(twice)}: rename a row or a seed")
-    runs = tuple(
-        ExperimentRun(run.name, run.group, run.row, run.config, final_episodes) for run in runs
-    )
+        raise ValueError(f"two runs would have the name {', '.join(twice)}: rename a row or a seed")
     return Grid(str(content.get("title", "Experiments")), runs)
 
 
 def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunConfig:
-    """The configuration of one run: the environment's defaults, the group's settings, the row's."""
+    """Merge the environment's defaults, the group's settings and the row's for one run."""
     from saver_advisors.training.defaults import default_settings
     from saver_envs.registration import row_of
 
@@ -185,24 +182,25 @@ def _budget(fraction: Any, total_steps: int) -> int:
 
 
 def _seeds(values: Any, place: str) -> list[int]:
-    numbers = isinstance(values, list) and all(
-        isinstance(v, int) and not isinstance(v, bool) and v >= 0 for v in values
-    )
-    if not numbers or not values:
-        raise ValueError(f"{place}: seeds={values!r} must be a list of whole numbers of at least 0")
-    return list(values)
+    if not isinstance(values, list) or not values or not all(_is_whole(v, 0) for v in values):
+        raise ValueError(f"{place}: seeds={values!r} must be a list of integers of at least 0")
+    return values
+
+
+def _is_whole(value: Any, least: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least
 
 
 def _mapping(content: Any, place: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
-    """A mapping with text keys, known ones where it says which."""
+    """Return a mapping with string keys, after checking it against the known ones, if given."""
     if not isinstance(content, Mapping):
-        raise TypeError(f"{place} must hold names and values, not {content!r}")
+        raise TypeError(f"{place} must be a mapping, not {content!r}")
     surplus = [key for key in content if keys is not None and key not in keys]
     if surplus:
-        raise ValueError(f"{place}: unknown {surplus}; there may be {', '.join(keys or ())}")
+        raise ValueError(f"{place}: unknown {surplus}; must be among {', '.join(keys or ())}")
     return {str(key): value for key, value in content.items()}
 
 
 def _slug(text: str) -> str:
-    """A name that every file system takes."""
+    """Return a name that is valid on every file system."""
     return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")

@@ -1,4 +1,4 @@
-"""Learning curves over seeds: thin lines for the seeds, a thick one for their mean."""
+"""Plot learning curves over seeds: thin lines for the seeds, a thick line for their mean."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHORT_LABEL: Final = 20
-"""Characters of a label, up to which two of them, and their counts, fit side by side."""
+"""Longest label (characters) of which two fit side by side, with their counts."""
 
 USUAL_LEGEND: Final = 5
-"""Lines of a legend that a panel has room for."""
+"""Lines of a legend that fit below a panel of the usual height."""
 
 LABELS: Final = {
     "success_rate": "success rate",
@@ -38,11 +38,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Panel:
-    """A part of a figure that compares rows.
+    """A panel of a figure that compares rows.
 
-    :param title: above it
-    :param rows: what it compares: labels, each with the runs of one method
-    :param grey: label of the row that the others are to be read against, drawn in grey
+    :param title: above the panel
+    :param rows: label -> the runs of one method
+    :param grey: label of the reference row, which is drawn in grey
     """
 
     title: str
@@ -51,14 +51,13 @@ class Panel:
 
 
 def mean_curve(runs: Sequence[TrainingRun], column: str) -> tuple[Floats, Floats] | None:
-    """The interquartile mean of seeds, over the steps that all of them did.
+    """Compute the interquartile mean of seeds over the steps that all of them did.
 
-    Between its evaluations a run is taken to lie on a straight line: seeds may have been evaluated
-    at different steps.
+    Curves are interpolated linearly, since seeds may have been evaluated at different steps.
 
     :param runs: seeds of one method
     :param column: of their curves, such as ``success_rate``
-    :return: steps and means; None where no run has the column, or none have steps in common
+    :return: steps and means; None if no run has the column, or their steps do not overlap
     """
     lines = [line for run in runs if (line := _line(run, column)) is not None]
     if not lines:
@@ -73,9 +72,9 @@ def mean_curve(runs: Sequence[TrainingRun], column: str) -> tuple[Floats, Floats
 
 
 def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure:
-    """Draw curves against epochs, in panels side by side.
+    """Plot curves against epochs, in two columns of panels.
 
-    :param panels: at least one; two a line
+    :param panels: at least one
     :param column: of the curves: ``success_rate`` or ``mean_q``
     :return: the figure
     """
@@ -83,7 +82,7 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
 
     lines = -(-len(panels) // 2)
     width = min(len(panels), 2)
-    # A long legend takes its room below the curves, not theirs.
+    # A long legend enlarges the figure instead of shrinking the curves.
     named = max(-(-len(panel.rows) // _legend_columns(panel)) for panel in panels)
     height = 3.9 + 0.19 * max(0, named - USUAL_LEGEND)
     figure = Figure(figsize=(5.6 * width, 0.3 + height * lines), layout="constrained", dpi=120)
@@ -101,12 +100,12 @@ def draw_panels(panels: Sequence[Panel], column: str = "success_rate") -> Figure
 
 
 def _legend_columns(panel: Panel) -> int:
-    """Two where the labels are short enough to stand side by side."""
+    """Return 2 if all labels are short enough for two columns, else 1."""
     return 2 if all(len(label) <= SHORT_LABEL for label in panel.rows) else 1
 
 
 def _pens(panel: Panel, known: Mapping[str, Pen]) -> dict[str, Pen]:
-    """A pen for each label: the one that it has in other panels, else one that is free here."""
+    """Assign a pen to each label: the one of earlier panels, else one that is free here."""
     labels = [label for label in panel.rows if label != panel.grey]
     found = {label: known[label] for label in labels if label in known}
     free = [pen for pen in PENS if pen not in found.values()]
@@ -121,7 +120,7 @@ def _draw_panel(axes: Axes, panel: Panel, column: str, pens: Mapping[str, Pen]) 
     dress(axes, column)
     axes.set_title(panel.title, loc="left", fontsize=11, pad=8)
     if panel.rows:
-        # Below the curves: inside, some run would always lie under it.
+        # Below the curves, since inside it would cover some of them.
         axes.legend(
             loc="upper left",
             bbox_to_anchor=(0.0, -0.17),
@@ -134,7 +133,7 @@ def _draw_panel(axes: Axes, panel: Panel, column: str, pens: Mapping[str, Pen]) 
 
 
 def _draw_row(axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, pen: Pen) -> None:
-    """One method: thin seeds, and their mean."""
+    """Plot a method: thin lines for its seeds, and their mean."""
     mean = mean_curve(runs, column)
     if mean is None:
         return
@@ -149,7 +148,7 @@ def _draw_row(axes: Axes, label: str, runs: Sequence[TrainingRun], column: str, 
 
 
 def _line(run: TrainingRun, column: str) -> tuple[Floats, Floats] | None:
-    """Steps and figures of the evaluations that tell the column."""
+    """Return steps and values of the evaluations that have the column."""
     pairs = [
         (point["steps"], point[column]) for point in run.points if point.get(column) is not None
     ]

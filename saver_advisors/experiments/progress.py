@@ -1,4 +1,4 @@
-"""The table of a grid's runs, on the terminal, while they are worked off or afterwards."""
+"""Show the state of a grid's runs on the terminal, during their execution or afterwards."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from saver_advisors.experiments.results import RunState, state_of
 from saver_advisors.experiments.scheduler import Places, Progress
 
 PROGRESS_COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
-#: Seconds between two drawings: reading the curves costs a little.
+#: Seconds between two updates, since every update reads the curves.
 DRAW_EVERY: Final = 2.0
 
 
 def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[list[str]]:
-    """A row of cells a run, in the order of ``PROGRESS_COLUMNS``.
+    """Return one row of cells per run, in the order of ``PROGRESS_COLUMNS``.
 
     :param grid: the runs
-    :param places: where they lie
-    :param progress: what is running or failed, where somebody is at work
+    :param places: their folders
+    :param progress: of the present execution, if any
     """
     table = []
     for run in grid.runs:
@@ -54,10 +54,10 @@ def _figures(state: RunState, total: str) -> list[str]:
 
 
 class ProgressTable:
-    """The table, redrawn in place on a terminal; elsewhere a line for each change of state.
+    """Update a table in place on a terminal; elsewhere, print a line for each change of state.
 
     :param grid: the runs
-    :param places: where they lie
+    :param places: their folders
     """
 
     def __init__(self, grid: Grid, places: Places) -> None:
@@ -80,9 +80,9 @@ class ProgressTable:
             self._live.stop()
 
     def look(self, progress: Progress) -> None:
-        """Show how things stand.
+        """Show the present state.
 
-        :param progress: of the work
+        :param progress: of the execution
         """
         now = time.monotonic()
         if self._live is None:

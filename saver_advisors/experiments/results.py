@@ -1,4 +1,4 @@
-"""What a run leaves behind: one JSON file, which tables and figures are rendered from."""
+"""The result of a run: one JSON file, the source of tables and figures."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ RESULT_KEYS: Final = ("kind", "name", "task", "row", "seed", "config", "curve", 
 
 @dataclass(frozen=True)
 class RunState:
-    """Where a run of a grid stands.
+    """The state of a run of a grid.
 
-    :param state: ``waiting``, ``started`` (a part of it is done), ``done``
-    :param steps: environment steps of the last evaluation
+    :param state: ``waiting``, ``started`` (partly done) or ``done``
+    :param steps: environment steps at the last evaluation
     :param success_rate: of the last evaluation, None before the first
-    :param best_success_rate: of the best one
+    :param best_success_rate: of the best evaluation
     :param wall_clock_s: seconds of training so far
     """
 
@@ -37,10 +37,10 @@ class RunState:
 
 
 def result_path(results: str | Path, run: ExperimentRun) -> Path:
-    """
+    """Return the path of a run's result.
+
     :param results: the folder of a grid's results
     :param run: one of its runs
-    :return: the file that holds the run's result
     """
     return Path(results) / f"{run.name}.json"
 
@@ -49,14 +49,14 @@ def read_result(path: str | Path) -> dict[str, Any]:
     """Read one result.
 
     :param path: of the file
-    :raises ValueError: where it is cut short, or no result of a run
-    :raises OSError: where it cannot be read
+    :raises ValueError: if it is truncated, or not the result of a run
+    :raises OSError: if it cannot be read
     """
     path = Path(path)
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise ValueError(f"{path} is cut short or no JSON: {error}") from error
+        raise ValueError(f"{path} is truncated or not JSON: {error}") from error
     if not isinstance(values, dict) or values.get("kind") != KIND:
         raise ValueError(f"{path} is not the result of a run (kind={KIND!r})")
     missing = [key for key in RESULT_KEYS if key not in values]
@@ -65,41 +65,23 @@ def read_result(path: str | Path) -> dict[str, Any]:
     return values
 
 
-def read_grid_results(folder: str | Path) -> tuple[list[dict[str, Any]], list[str]]:
-    """Read all results of a folder.
-
-    :param folder: with a file a run; other JSON files are passed over
-    :return: the results by name, and a line about each file that cannot be used
-    """
-    results, complaints = [], []
-    for path in sorted(Path(folder).glob("*.json")):
-        try:
-            results.append(read_result(path))
-        except ValueError as error:
-            complaints.append(str(error))
-    return results, complaints
-
-
 def is_done(results: str | Path, run: ExperimentRun) -> bool:
-    """Whether a run has a whole result of the configuration that is asked for.
+    """Whether a run has a complete result of the requested configuration.
 
     :param results: the folder of results
     :param run: of the grid
     """
     try:
         values = read_result(result_path(results, run))
-    except (OSError, ValueError):
-        return False
-    try:
-        # By way of the class: a setting that is younger than the file has its default there.
+        # Through the class: a setting that is newer than the file gets its default.
         config = RunConfig.from_mapping(values["config"])
-    except (TypeError, ValueError):
+    except (OSError, TypeError, ValueError):
         return False
     return bool(values["finished"]) and _as_json(config) == _as_json(run.config)
 
 
 def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> RunState:
-    """Where a run stands, from what is on disk.
+    """Determine the state of a run from its files.
 
     :param run: of the grid
     :param folder: the run's own
@@ -122,14 +104,16 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
 def write_result(
     run: ExperimentRun, folder: str | Path, path: str | Path, threads: int = 1
 ) -> dict[str, Any]:
-    """Sum a run up: its curve, and its student alone on the seeds that are reported.
+    """Write the result of a run: its curve and, if it is finished, the final evaluation.
+
+    The student acts without a teacher in the final evaluation, on the report seeds.
 
     :param run: of the grid
-    :param folder: the run's own; it may have stopped before its end
+    :param folder: the run's own; the run may have stopped early
     :param path: of the result
     :param threads: of the simulation
-    :return: what was written
-    :raises OSError: where it cannot be written; an earlier file is then intact
+    :return: the content of the file
+    :raises OSError: if it cannot be written; an earlier file is then intact
     """
     from saver_advisors.training.release import evaluate_trained
 
@@ -139,7 +123,7 @@ def write_result(
     finished = bool(curve) and curve[-1]["steps"] >= run.config.total_steps
     final = None
     if finished:
-        # The last policy, not the best: choosing after the fact would flatter.
+        # The last policy, since choosing the best one would bias the result.
         outcomes = evaluate_trained(
             folder, "latest", episodes=run.final_episodes, seed=REPORT_SEED, threads=threads
         )
@@ -164,7 +148,7 @@ def write_result(
 
 
 def teacher_steps(run: ExperimentRun) -> int:
-    """Environment steps that a run's teachers were trained for, each teacher once.
+    """Sum the environment steps that a run's teachers were trained for, each teacher once.
 
     :param run: of the grid
     """
@@ -179,5 +163,5 @@ def teacher_steps(run: ExperimentRun) -> int:
 
 
 def _as_json(config: RunConfig) -> Any:
-    """The settings as they are after a way through JSON: tuples as lists."""
+    """Return the settings as JSON restores them: tuples become lists."""
     return json.loads(json.dumps(config.to_mapping()))

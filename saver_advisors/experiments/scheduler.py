@@ -1,4 +1,4 @@
-"""Working a grid off: which run is next, on this machine's processes or on a cluster's."""
+"""Execute a grid's runs in order, in processes of this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun, Grid
 from saver_advisors.experiments.results import is_done, result_path
 
-#: Seconds between two looks at the running processes.
+#: Seconds between two polls of the running processes.
 LOOK_EVERY: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where a grid's runs and results lie.
+    """The folders of a grid's runs and results.
 
-    :param output: a folder for each run, with its checkpoints
-    :param results: a JSON file for each run
+    :param output: contains a folder per run, with its checkpoints
+    :param results: contains a JSON file per run
     """
 
     output: Path
     results: Path
 
     def folder(self, run: ExperimentRun) -> Path:
-        """The folder of a run."""
+        """Return the folder of a run."""
         return self.output / run.name
 
     def result(self, run: ExperimentRun) -> Path:
-        """The file of a run's result."""
+        """Return the path of a run's result."""
         return result_path(self.results, run)
 
 
 @dataclass
 class Progress:
-    """What became of the runs so far, by name.
+    """The names of the runs by their present state.
 
-    :param running: now at work
-    :param done: with a whole result, those that had one before included
+    :param running: in execution
+    :param done: with a complete result, including earlier ones
     :param stopped: before their end, with a checkpoint
-    :param busy: left to another process that has them
-    :param failed: with the last line of their log
+    :param busy: executed by another process
+    :param failed: name -> last line of the log
     """
 
     running: set[str] = field(default_factory=set)
@@ -58,7 +58,7 @@ class Progress:
     failed: dict[str, str] = field(default_factory=dict)
 
     def end(self, name: str, status: int, words: str) -> None:
-        """Take down how a run's process ended.
+        """Record how a run's process ended.
 
         :param name: of the run
         :param status: its exit status
@@ -76,16 +76,16 @@ Look = Callable[[Progress], None]
 
 
 class Backend(Protocol):
-    """Where runs are done."""
+    """Executes runs."""
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
-        """Do runs until there are no more or it is asked to stop; then let those running end."""
+        """Execute runs until all are done or ``stop`` is set; wait for the running ones to end."""
 
 
 class Stop:
-    """Whether to stop: asked for by Ctrl-C or SIGTERM, or when a time is over.
+    """A request to stop, by Ctrl-C, SIGTERM or a time limit; true once it is made.
 
-    :param seconds: the time; no limit where None
+    :param seconds: the time limit, or None
     """
 
     def __init__(self, seconds: float | None = None) -> None:
@@ -97,12 +97,12 @@ class Stop:
         return late or self._event.is_set()
 
     def ask(self) -> None:
-        """Ask to stop."""
+        """Request to stop."""
         self._event.set()
 
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Ctrl-C and SIGTERM ask to stop; a second Ctrl-C ends this program at once."""
+        """Treat Ctrl-C and SIGTERM as requests; a second Ctrl-C ends the program at once."""
 
         def request(number: int, frame: object) -> None:
             if self._event.is_set() and number == signal.SIGINT:
@@ -119,14 +119,14 @@ class Stop:
 
 
 def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Look) -> Progress:
-    """Do all runs of a grid that have no whole result yet.
+    """Execute all runs of a grid that have no complete result yet.
 
-    :param grid: what to do, in its order
-    :param places: where runs and results lie, made if need be
-    :param backend: where the runs are done
+    :param grid: the runs, in order
+    :param places: folders of runs and results, created if missing
+    :param backend: executes the runs
     :param stop: when to stop
-    :param look: called with the progress whenever something may have changed
-    :return: what became of the runs
+    :param look: called with the progress whenever it may have changed
+    :return: the final state of the runs
     """
     places.output.mkdir(parents=True, exist_ok=True)
     places.results.mkdir(parents=True, exist_ok=True)
@@ -139,11 +139,12 @@ def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Loo
 
 
 class LocalProcesses:
-    """Runs in processes of this machine.
+    """Execute runs in processes of this machine.
 
-    :param places: where runs and results lie
-    :param processes: how many at a time
-    :param threads: that each takes, a core each
+    :param places: folders of runs and results
+    :param processes: number of simultaneous processes
+    :param threads: per process, one core each
+    :raises ValueError: for fewer than one process
     """
 
     def __init__(self, places: Places, processes: int, threads: int = 1) -> None:
@@ -154,7 +155,7 @@ class LocalProcesses:
         self.threads = threads
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
-        """Keep so many processes at work; pass SIGTERM on to them when asked to stop."""
+        """Keep all processes busy; send them SIGTERM on a request to stop."""
         waiting = list(runs)
         running: dict[str, tuple[ExperimentRun, subprocess.Popen[bytes]]] = {}
         try:
@@ -175,7 +176,7 @@ class LocalProcesses:
                         del running[name]
                 look(progress)
         finally:
-            # On a second Ctrl-C; the processes write their checkpoints without us.
+            # After a second Ctrl-C the processes still write their checkpoints.
             _ask_to_stop(running)
 
 

@@ -1,7 +1,7 @@
-"""One row of a table: the seeds of one method in one task, summed up.
+"""Summarize the seeds of one method in one task as a row of a table.
 
-Only finished runs count: a run that is under way has not shown its maximum yet, to which the
-figures of the dissertation's table are relative.
+Only finished runs count: the metrics of the dissertation's table are relative to a run's maximum,
+which an unfinished run may not have reached.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from saver_advisors.experiments.training_runs import TrainingRun
 
 MINUTE: Final = 60.0
 Z95: Final = 1.959964
-"""Of the normal distribution: 95% lie within so many standard deviations."""
+"""Half-width of the central 95% of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Censored:
-    """A time over seeds of which some may have ended before it came.
+    """The time of an event over seeds, some of which may have ended before it.
 
-    :param values: a time a seed: when it came, or until when it had not
-    :param never: seeds in which it did not come
+    :param values: one time per seed: of the event, or of the run's end without it
+    :param never: number of seeds without the event
     """
 
     values: Sequence[float]
@@ -34,18 +34,18 @@ class Censored:
 
     @cached_property
     def estimate(self) -> Estimate:
-        """Over all seeds; where ``never`` is above 0 the true figure is larger."""
+        """The estimate over all seeds; a lower bound if ``never`` is above 0."""
         return estimate(self.values)
 
     def text(self, digits: int = 0, scale: float = 1.0) -> str:
-        """The figure in words, such as ``> 1,600,000 (1 of 2 never)``."""
+        """Format the estimate, such as ``> 1,600,000 (1 of 2 never)``."""
         if not self.never:
             return self.estimate.text(digits, scale)
         value = f"{scale * self.estimate.value:,.{digits}f}"
         return f"> {value} ({self.never} of {self.estimate.n} never)"
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: plain values, for JSON"""
+        """Return plain values, for JSON."""
         return {**self.estimate.to_mapping(), "never": self.never}
 
 
@@ -55,9 +55,9 @@ class MethodRow:
 
     :param task: id of the environment
     :param name: of the row
-    :param runs: its finished runs, a seed each
-    :param under_way: runs that are not finished
-    :param budget: steps over which areas under curves are taken, the same for all rows of a task
+    :param runs: its finished runs, one per seed
+    :param under_way: its unfinished runs
+    :param budget: steps over which the mean success is taken, the same for all rows of a task
     """
 
     task: str
@@ -73,12 +73,12 @@ class MethodRow:
 
     @cached_property
     def inspired_epoch(self) -> Estimate | None:
-        """IE, of the seeds that ever succeeded; None where none did."""
+        """IE of the seeds that ever succeeded; None if none did."""
         return self._over(lambda run: run.metrics.inspired_epoch)
 
     @cached_property
     def rise_time(self) -> Estimate | None:
-        """RT, of the seeds that ever succeeded."""
+        """RT of the seeds that ever succeeded."""
         return self._over(lambda run: run.metrics.rise_time)
 
     @cached_property
@@ -88,7 +88,7 @@ class MethodRow:
 
     @cached_property
     def effective_learning_rate(self) -> Estimate | None:
-        """ELR; a seed that never succeeded learns at rate 0."""
+        """ELR, which is 0 for a seed that never succeeded."""
         return self._over(lambda run: run.metrics.effective_learning_rate or 0.0)
 
     @cached_property
@@ -98,8 +98,8 @@ class MethodRow:
 
     @cached_property
     def all_steps_to_solved(self) -> Censored | None:
-        """The same with steps before the run counted: the teacher's, and demonstrations'; None
-        where a run's are unknown.
+        """The same including steps before the run, of teachers and demonstrations; None if those of
+        a run are unknown.
         """
 
         def solved(run: TrainingRun) -> tuple[float | None, float | None]:
@@ -110,19 +110,19 @@ class MethodRow:
 
     @cached_property
     def seconds_to_solved(self) -> Censored | None:
-        """Training time to a success rate of 0.9; None where a run does not tell its own."""
+        """Training time (s) to a success rate of 0.9; None if that of a run is unknown."""
         return self._time(
             lambda run: (run.metrics.solved.wall_clock_s, run.metrics.solved.observed_s)
         )
 
     @cached_property
     def final_success(self) -> Estimate | None:
-        """Success on report seeds, of the seeds that were evaluated there."""
+        """Success rate on report seeds, of the runs that were evaluated there."""
         return self._over(lambda run: run.final_success)
 
     @cached_property
     def last_success(self) -> Estimate | None:
-        """Success of the last evaluation of the curve."""
+        """Success rate of the last evaluation of the curve."""
         return self._over(lambda run: float(run.curve.success[-1]))
 
     @cached_property
@@ -137,31 +137,31 @@ class MethodRow:
 
     @cached_property
     def advice_over(self) -> Estimate | None:
-        """Environment steps by which the last advice was given; None without advice."""
+        """Environment steps until the last advice was given; None without advice."""
         return self._over(lambda run: run.advice_over)
 
     @cached_property
     def collisions(self) -> Estimate | None:
-        """Steps with a collision in an episode."""
+        """Steps with a collision per episode."""
         return self._over(lambda run: run.collisions)
 
     @cached_property
     def wall_clock_s(self) -> Estimate | None:
-        """Training time of a whole run, of the runs that tell it."""
+        """Training time (s) of a whole run, of the runs that recorded it."""
         return self._over(lambda run: run.metrics.solved.observed_s)
 
     @property
     def steps_before(self) -> list[int]:
-        """What was spent before its runs, each value once; nothing where unknown."""
+        """Distinct numbers of steps before its runs; empty if unknown."""
         return sorted({run.spent_before for run in self.runs if run.spent_before is not None})
 
     @property
     def unsolved_seeds(self) -> list[int]:
-        """Seeds that never showed a success rate of 0.9."""
+        """Seeds that never reached a success rate of 0.9."""
         return [run.seed for run in self.runs if run.metrics.solved.censored]
 
     def to_mapping(self) -> dict[str, Any]:
-        """:return: everything, as plain values for JSON"""
+        """Return all figures as plain values, for JSON."""
         told: dict[str, Any] = {
             "task": self.task,
             "row": self.name,
@@ -185,7 +185,7 @@ class MethodRow:
     def _time(
         self, of: Callable[[TrainingRun], tuple[float | None, float | None]]
     ) -> Censored | None:
-        """A time that may not have come, from (when it came, until when it was waited for)."""
+        """Summarize an event, from (its time or None, the end of the observation) of each run."""
         values: list[float] = []
         never = 0
         for reached, observed in map(of, self.runs):
@@ -198,38 +198,25 @@ class MethodRow:
 
 
 def _steps_of(metrics: LearningMetrics) -> tuple[float | None, float]:
-    """When 0.9 was seen, and until when it was looked for."""
+    """Return the steps to 0.9, or None, and the steps of the last evaluation."""
     return metrics.solved.steps, metrics.solved.observed_steps
 
 
-FIGURES: Final = (
-    "inspired_epoch",
-    "rise_time",
-    "maximum_success_rate",
-    "effective_learning_rate",
-    "steps_to_solved",
-    "all_steps_to_solved",
-    "seconds_to_solved",
-    "final_success",
-    "last_success",
-    "area",
-    "advice_spent",
-    "advice_over",
-    "collisions",
-    "wall_clock_s",
+FIGURES: Final = tuple(
+    name for name, value in vars(MethodRow).items() if isinstance(value, cached_property)
 )
-"""The properties of a row that are figures over its seeds."""
+"""The properties of a row that are figures over its seeds: all that are cached."""
 
 
 def summarize(
     task: str, by_row: Mapping[str, Sequence[TrainingRun]], order: Sequence[str] = ()
 ) -> list[MethodRow]:
-    """The rows of a task's table.
+    """Build the rows of a task's table.
 
     :param task: id of the environment
     :param by_row: its runs by row
     :param order: rows that come first; the others follow by name
-    :return: the rows that there are, those whose runs are all under way too
+    :return: all rows, including those without a finished run
     """
     finished = [run for runs in by_row.values() for run in runs if run.finished]
     budget = min((float(run.curve.steps[-1]) for run in finished), default=0.0)
@@ -248,11 +235,11 @@ def summarize(
 
 
 def success_resolution(success: float, episodes: int) -> float:
-    """How finely a success rate can be told apart from another by one evaluation.
+    """Compute the smallest difference between success rates that one evaluation resolves.
 
     :param success: the rate
     :param episodes: of the evaluation
-    :return: half its 95% interval; at 0 and 1 that of half an episode's distance from them
+    :return: half of its 95% interval, for a rate at least half an episode away from 0 and 1
     """
     rate = min(max(success, 0.5 / episodes), 1 - 0.5 / episodes)
     return Z95 * math.sqrt(rate * (1 - rate) / episodes)

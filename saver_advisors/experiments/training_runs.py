@@ -1,9 +1,8 @@
-"""Files of training runs: what the experiment runner, `saver benchmark run` and `saver curves`
-write, read for tables and figures.
+"""Read training runs for tables and figures, from files of the experiment runner,
+`saver benchmark run` and `saver curves`.
 
-A file that is cut short or damaged is named and left out; it never stops the others. The required
-entries of a ``training-run`` file are ``curve`` and the environment (``task``, or ``env_id`` in
-``config``); the rest has a default.
+A truncated or damaged file is reported and skipped. The required entries of a ``training-run`` file
+are ``curve`` and the environment (``task``, or ``env_id`` in ``config``); the others have defaults.
 """
 
 from __future__ import annotations
@@ -22,33 +21,33 @@ from saver_advisors.evaluation.protocol import environment_text
 
 KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
-"""Kinds of files that are made from those of runs, and may lie among them."""
+"""Kinds of files that are generated from runs, and may be in the same folder."""
 
 THREADS_OPTION: Final = re.compile(r"--threads[ =](\d+)")
-"""In the command of ``saver experiments run``, where a run's threads are told."""
+"""Finds the number of threads in the command of ``saver experiments run``."""
 
 DEFAULT_EPISODES: Final = 100
-"""Episodes of an evaluation where a file does not say."""
+"""Episodes per evaluation, for files that do not state the number."""
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """One run's curve, and what it took.
+    """The curve and the cost of one run.
 
-    :param name: what to call it
+    :param name: of the run
     :param task: id of its environment
-    :param row: the row of a table that it is a seed of, such as ``mc-q 0.1``
-    :param seed: of everything random in it
-    :param points: one mapping an evaluation, as ``curve.jsonl`` has them
+    :param row: its row in a table, such as ``mc-q 0.1``
+    :param seed: of the run
+    :param points: one mapping per evaluation, as in ``curve.jsonl``
     :param curve: their steps and success rates
     :param config: its settings
     :param final: the last policy's evaluation on report seeds, None before it
-    :param chosen: that of the checkpoint that was best on other seeds, None where none was kept
-    :param group: of the grid of experiments that it is from, None outside of one
-    :param teacher_steps: environment steps that trained its teachers, None where unknown
+    :param chosen: that of the checkpoint that was best on the selection seeds, if one was kept
+    :param group: its group in a grid of experiments, None outside a grid
+    :param teacher_steps: environment steps that trained its teachers, None if unknown
     :param demonstration_steps: environment steps of demonstrations
     :param finished: whether it did all its steps
-    :param provenance: where it was measured
+    :param provenance: of the measurement
     """
 
     name: str
@@ -68,25 +67,25 @@ class TrainingRun:
 
     @property
     def spent_before(self) -> int | None:
-        """Environment steps before the run: the teacher's, and those of demonstrations; None where
-        the teacher's are unknown.
+        """Environment steps before the run, of teachers and demonstrations; None if the teachers'
+        are unknown.
         """
         return None if self.teacher_steps is None else self.teacher_steps + self.demonstration_steps
 
     @cached_property
     def metrics(self) -> LearningMetrics:
-        """What its curve says, its own steps counted."""
+        """Metrics of its curve, counting its own steps."""
         return learning_metrics(self.curve)
 
     @cached_property
     def metrics_with_teacher(self) -> LearningMetrics | None:
-        """The same with all steps counted, those before the run too; None where unknown."""
+        """The same, counting the steps before the run as well; None if those are unknown."""
         spent = self.spent_before
         return None if spent is None else learning_metrics(self.curve, spent_before=spent)
 
     @property
     def episodes(self) -> int:
-        """Episodes of each of its evaluations."""
+        """Episodes per evaluation."""
         return int(self.config.get("eval_episodes") or DEFAULT_EPISODES)
 
     @property
@@ -96,7 +95,7 @@ class TrainingRun:
 
     @property
     def threads(self) -> int:
-        """What its command gave it, on which its minutes depend; one where that does not say."""
+        """Threads according to its command, which affect its training time; 1 by default."""
         told = THREADS_OPTION.search(str(self.provenance.get("command") or ""))
         return int(told[1]) if told else 1
 
@@ -110,19 +109,12 @@ class TrainingRun:
         """Environment steps at the first evaluation after the last advice; None without advice."""
         if not self.advice_spent:
             return None
-        return float(
-            next(
-                point["steps"]
-                for point in self.points
-                if (point.get("advice_spent") or 0) >= self.advice_spent
-            )
-        )
+        spent = [int(point.get("advice_spent") or 0) for point in self.points]
+        return float(self.points[spent.index(self.advice_spent)]["steps"])
 
     @property
     def collisions(self) -> float | None:
-        """Steps with a collision in an episode, of the final evaluation where there is one, else of
-        the curve's last.
-        """
+        """Steps with a collision per episode of the final evaluation, or of the curve's last."""
         means = {} if self.final is None else self.final.get("cost_means") or {}
         value = means.get("cost_collision", self.points[-1].get("cost_collision"))
         return None if value is None else float(value)
@@ -130,10 +122,10 @@ class TrainingRun:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A file, or a part of one, that tables and figures leave out.
+    """A file, or a part of one, that tables and figures omit.
 
     :param file: its name
-    :param reason: why
+    :param reason: why it is omitted
     """
 
     file: str
@@ -142,12 +134,12 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Results:
-    """What some files hold.
+    """The content of result files.
 
-    :param runs: training runs, each task, row and seed once
+    :param runs: training runs, one per task, group, row and seed
     :param references: evaluations of policies that were not trained there, such as two teachers
         side by side, as ``saver evaluate`` writes them
-    :param skipped: what was left out, and why
+    :param skipped: omitted files
     """
 
     runs: Sequence[TrainingRun]
@@ -155,7 +147,7 @@ class Results:
     skipped: Sequence[Skipped]
 
     def of_task(self, task: str) -> dict[str, list[TrainingRun]]:
-        """The runs of an environment by row, each row's in the order of their seeds."""
+        """Return the runs of an environment by row, ordered by seed."""
         rows: dict[str, list[TrainingRun]] = {}
         for run in sorted(self.runs, key=lambda run: run.seed):
             if run.task == task:
@@ -167,8 +159,8 @@ def read_training_runs(paths: Iterable[str | Path]) -> Results:
     """Read training runs and evaluations.
 
     :param paths: JSON files, and folders whose JSON files are read in the order of their names
-    :return: what they hold
-    :raises FileNotFoundError: for a path that does not exist, naming it
+    :return: their content
+    :raises FileNotFoundError: for a path that does not exist
     """
     runs: dict[tuple[str, str | None, str, int], TrainingRun] = {}
     references: list[Mapping[str, Any]] = []
@@ -185,7 +177,7 @@ def read_training_runs(paths: Iterable[str | Path]) -> Results:
         for run in found:
             key = (run.task, run.group, run.row, run.seed)
             if key in runs:
-                reason = f"{run.task}, {run.row}, seed {run.seed} is in {runs[key].name} already"
+                reason = f"{run.task}, {run.row}, seed {run.seed} is already in {runs[key].name}"
                 skipped.append(Skipped(path.name, reason))
             else:
                 runs[key] = run
@@ -193,14 +185,14 @@ def read_training_runs(paths: Iterable[str | Path]) -> Results:
 
 
 def told_apart(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
-    """Give rows that a grid has in several groups, for other settings, names of their own.
+    """Rename rows of groups with different settings, so that they are not mistaken for one another.
 
-    The group with most runs keeps its rows' names, of equals the one with the shortest name; in the
-    others a row that it has too, or that one of its other settings could be taken for, is called
-    ``ROW (GROUP)``. Groups with the same settings, advice and seed apart, belong together.
+    Groups are compared by their settings, apart from advice and seed. The settings with most runs
+    (in a tie, those of the group with the shortest name) keep their rows' names. In other groups, a
+    row that also exists there, or is named after an advice strategy, becomes ``ROW (GROUP)``.
 
     :param runs: of any tasks
-    :return: the same runs, renamed where need be
+    :return: the same runs, renamed if necessary
     """
     kept = {task: _main_settings(runs, task) for task in {run.task for run in runs}}
     main_rows = {(run.task, run.row) for run in runs if _settings(run) == kept[run.task]}
@@ -215,7 +207,7 @@ def told_apart(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
 
 
 def _main_settings(runs: Sequence[TrainingRun], task: str) -> str | None:
-    """The settings of most of a task's runs of strategies; None where no grid has any."""
+    """Return the settings that most of a task's runs with strategies share; None without any."""
     counted: dict[str, list[TrainingRun]] = {}
     for run in runs:
         if run.task == task and run.group is not None and _is_strategy(run):
@@ -225,18 +217,18 @@ def _main_settings(runs: Sequence[TrainingRun], task: str) -> str | None:
 
 
 def _is_strategy(run: TrainingRun) -> bool:
-    """Whether the row is called as its advice is: a strategy, and nothing else about it."""
+    """Return whether the row is named after its advice strategy."""
     return run.row.split(" ")[0] == row_name(run.config).split(" ")[0]
 
 
 def _settings(run: TrainingRun) -> str:
-    """What a grid's run has for settings but for advice and seed, to be compared."""
+    """Return the settings of a grid's run as comparable text, without advice and seed."""
     if run.group is None:
         return ""
     from saver_advisors.training.settings import RunConfig
 
     config: Mapping[str, Any] = run.config
-    # By way of the class: a setting that is younger than the file has its default there.
+    # Through the class: a setting that is newer than the file gets its default.
     with contextlib.suppress(TypeError, ValueError):
         config = RunConfig.from_mapping({**config, "advice": None}).to_mapping()
     others = {name: value for name, value in config.items() if name not in ("advice", "seed")}
@@ -244,10 +236,10 @@ def _settings(run: TrainingRun) -> str:
 
 
 def row_name(config: Mapping[str, Any]) -> str:
-    """What a run's advice is called in a table.
+    """Name a run's advice for a table.
 
     :param config: its settings
-    :return: ``none``, or the strategy with its threshold where it has one, such as ``mc-q 0.1``
+    :return: ``none``, or the strategy with its threshold, if any, such as ``mc-q 0.1``
     """
     advice = config.get("advice")
     if not advice:
@@ -267,18 +259,24 @@ def _files(paths: Iterable[str | Path]) -> list[Path]:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """A file's content; a ValueError says what is wrong with it."""
+    """Read a file.
+
+    :raises ValueError: if it is not a result file
+    """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ValueError(f"is no JSON, or cut short: {error}") from error
+        raise ValueError(f"is not JSON, or truncated: {error}") from error
     if not isinstance(content, dict) or "kind" not in content:
-        raise ValueError("holds no result of ours: it has no kind")
+        raise ValueError("is not a result file: it has no kind")
     return content
 
 
 def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
-    """The training runs in a file."""
+    """Return the training runs in a file.
+
+    :raises ValueError: for a missing entry or an unknown kind
+    """
     kind = content["kind"]
     try:
         if kind == KIND:
@@ -286,18 +284,18 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
         if kind == "curves":
             return [_drawn_run(one, content) for one in content["runs"]]
     except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"lacks or misspells an entry: {error!r}") from error
+        raise ValueError(f"has a missing or invalid entry: {error!r}") from error
     if kind in RENDERED:
         return []
     if kind == "evaluation":
         if not {"env", "policy", "success_rate", "ci95", "episodes"} <= content.keys():
             raise ValueError("is an evaluation without env, policy, success_rate, ci95 or episodes")
         return []
-    raise ValueError(f"has kind {kind!r}: neither {KIND}, curves nor evaluation")
+    raise ValueError(f"has kind {kind!r}: must be {KIND}, curves or evaluation")
 
 
 def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
-    """A run as the experiment runner and `saver benchmark run` write it."""
+    """Read a run as the experiment runner and `saver benchmark run` write it."""
     config = content.get("config") or {}
     points = content["curve"]
     task = _task(content.get("task") or config["env_id"], config)
@@ -321,34 +319,32 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
 
 
 def _task(env_id: object, config: Mapping[str, Any]) -> str:
-    """The environment, and how many arms where that is not as usual: that is another task."""
+    """Return the environment, with the number of arms if it was changed, which changes the task."""
     options = config.get("env_kwargs") or {}
     return environment_text(str(env_id), {k: v for k, v in options.items() if k == "n_arms"})
 
 
 def _teacher_steps(told: int | None, config: Mapping[str, Any]) -> int | None:
-    """As the file tells; where it does not, 0 without advice, and unknown with it."""
+    """Return the stated steps; by default 0 without advice and None (unknown) with advice."""
     if told is not None:
         return int(told)
     return None if config.get("advice") else 0
 
 
 def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
-    """A run out of the figures of `saver curves`."""
+    """Read a run from the figures of `saver curves`."""
     advice = one.get("advice")
     config = {
         "env_id": one["env"],
         "algorithm": one.get("algorithm"),
         "advice": None if advice is None else {"strategy": advice},
     }
-    return TrainingRun(
-        name=str(one["name"]),
-        task=str(one["env"]),
-        row=row_name(config),
-        seed=int(one.get("seed") or 0),
-        points=one["points"],
-        curve=LearningCurve.from_points(one["points"]),
-        config=config,
-        teacher_steps=_teacher_steps(None, config),
-        provenance=content.get("provenance") or {},
+    return _training_run(
+        {
+            "seed": one.get("seed") or 0,
+            "curve": one["points"],
+            "config": config,
+            "provenance": content.get("provenance"),
+        },
+        one["name"],
     )

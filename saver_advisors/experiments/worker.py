@@ -1,8 +1,8 @@
-"""One run of a grid, in a process of its own: ``python -m saver_advisors.experiments.worker``.
+"""Execute one run of a grid in its own process: ``python -m saver_advisors.experiments.worker``.
 
-The process goes on from the run's checkpoint, if there is one, and writes the result when it ends,
-of a part of the run where it is stopped before its end. SIGTERM and the end of the process that
-started it make it write a checkpoint and stop. A lock keeps two of them from the same run.
+The process resumes from the run's checkpoint, if any, and writes the result when it ends, even if
+the run is incomplete. On SIGTERM, or when its parent process ends, it writes a checkpoint and
+stops. A lock prevents two processes from executing the same run.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ RUN_FILE: Final = "experiment.json"
 LOG_FILE: Final = "worker.log"
 #: Exit statuses.
 DONE, FAILED, STOPPED, BUSY = 0, 1, 3, 4
-#: Seconds between two looks at whether the starting process is still there.
+#: Seconds between two checks of whether the parent process still exists.
 LOOK_EVERY: Final = 1.0
 
 
 def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads: int = 1) -> int:
-    """Do a run, or go on with it, in this process.
+    """Execute or resume a run in this process.
 
     :param run: of a grid
-    :param folder: the run's own, made if need be
-    :param result: the file that its result goes to
+    :param folder: the run's own, created if missing
+    :param result: path of its result
     :param threads: see ``saver_advisors.training.launch.train``
-    :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` where another process has it
+    :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` if another process executes it
     """
     from filelock import FileLock, Timeout
 
@@ -65,20 +65,20 @@ def start(
     command: str | None = None,
     threads: int = 1,
 ) -> subprocess.Popen[bytes]:
-    """Do a run in a process of its own; what it prints goes to a log in its folder.
+    """Execute a run in its own process, with its output in a log in the run's folder.
 
     :param run: of a grid
-    :param folder: the run's own, made if need be
-    :param result: the file that its result goes to
-    :param command: that results name as where they come from; this process's where None
+    :param folder: the run's own, created if missing
+    :param result: path of its result
+    :param command: that results record as their origin; that of this process by default
     :param threads: see ``saver_advisors.training.launch.train``
-    :return: the process; it ends itself when this one is gone
+    :return: the process, which stops when this process ends
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
     words = [sys.executable, "-m", __name__, str(folder), str(result), "--threads", str(threads)]
-    # Ctrl-C goes to a terminal's whole foreground group: whoever started the process decides.
+    # A new session, since Ctrl-C reaches all processes of the terminal's foreground group.
     with open(folder / LOG_FILE, "ab") as log:
         return subprocess.Popen(
             words,
@@ -91,9 +91,9 @@ def start(
 
 
 def last_words(folder: str | Path) -> str:
-    """
+    """Return the last line of a log.
+
     :param folder: of a run that failed
-    :return: the last line of its log
     """
     try:
         text = (Path(folder) / LOG_FILE).read_text(encoding="utf-8", errors="replace")
@@ -104,12 +104,12 @@ def last_words(folder: str | Path) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what the folder's file says.
+    """Execute the run that is described in the folder.
 
     :param arguments: of the command line
     :return: exit status
     """
-    parser = argparse.ArgumentParser(description="Do one run of a grid of experiments.")
+    parser = argparse.ArgumentParser(description="Execute one run of a grid of experiments.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("result", type=Path)
     parser.add_argument("--threads", type=int, default=1)
@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _stop_without(parent: int) -> None:
-    """Ask this process to stop as soon as its parent is another than the one that started it."""
+    """Send SIGTERM to this process when it gets another parent, since its own has ended."""
     while os.getppid() == parent:
         time.sleep(LOOK_EVERY)
     os.kill(os.getpid(), signal.SIGTERM)

@@ -13,10 +13,10 @@ from saver_advisors.integration import control_stages as control
 from saver_advisors.integration import perception_stages as perception
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
 from saver_advisors.integration.graph import Graph
-from saver_advisors.integration.health import SILENT_PERIODS, Health, allowed_silence
+from saver_advisors.integration.health import SILENT_PERIODS, Health
 from saver_advisors.integration.messages import Message, Picture, Stamp
 from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
-from saver_advisors.integration.stage import MEASURED, Latency, LoopStage, SensorStage
+from saver_advisors.integration.stage import MEASURED, Change, Latency, LoopStage, SensorStage
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
 from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.control import DampedLeastSquares, InverseKinematics
@@ -39,7 +39,7 @@ LATENCIES: Final[Mapping[str, float]] = {
     "set-points": 0.0003,
     "kinematics": 0.0005,
 }
-#: Topic that each stage writes which can run in a process of its own.
+#: Output topics of the stages that can run in other processes.
 OUTPUTS: Final = {
     "picture check": "picture",
     "pose": "pixel_pose",
@@ -104,7 +104,7 @@ class LoopSettings:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        return {**asdict(self), "latencies": dict(self.latencies)}
+        return asdict(self)
 
     @staticmethod
     def from_mapping(values: Mapping[str, Any]) -> LoopSettings:
@@ -119,11 +119,11 @@ class LoopSettings:
 
     def silence(self) -> dict[str, float]:
         """Return the seconds after which each stage counts as silent."""
-        allowed = {"encoders": allowed_silence(control.ENCODER_RATE, 2 * self.silent_periods)}
+        allowed = {"encoders": 2 * self.silent_periods / control.ENCODER_RATE}
         slowest = 1 / KINECT_V2.rate
         for name in self.order[1:-1]:
             if name not in SEEING:
-                allowed[name] = allowed_silence(control.POLICY_RATE, self.silent_periods)
+                allowed[name] = self.silent_periods / control.POLICY_RATE
                 continue
             latency = self.latency(name)
             if name != "camera" and not isinstance(latency, str):
@@ -172,9 +172,6 @@ class ControlLoop:
         """Begin a trial, drawn from a seed; the emergency stop keeps its state."""
         self.bench.reset(seed)
         self.graph.reset()
-
-
-Change = Callable[[list[LoopStage]], list[LoopStage]]
 
 
 def build_loop(
@@ -234,9 +231,9 @@ def build_stage(
     builders: dict[str, Callable[[], LoopStage]] = {
         "picture check": lambda: perception.PictureCheckStage(latency),
         "pose": lambda: perception.PoseStage(perception.shipped_estimator(), latency),
-        "lift": lambda: perception.LiftStage(latency=latency),
-        "bench frame": lambda: perception.BenchFrameStage(latency=latency),
-        "filter": lambda: FilterStage(base, settings=settings.filter, latency=latency),
+        "lift": lambda: perception.LiftStage(latency),
+        "bench frame": lambda: perception.BenchFrameStage(latency),
+        "filter": lambda: FilterStage(base, settings.filter, latency),
         "policy": lambda: control.PolicyStage(
             _policy(settings), geometry, trained_on, height, latency
         ),

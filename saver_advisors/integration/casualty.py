@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from saver_envs.registration import CASUALTY_ID, row_of
+from saver_envs.registration import CASUALTY_ID, TWO_ARM_ID, row_of
 
 #: The environment that provides scenes, starts and the scripted policy.
 ENV_ID: Final = CASUALTY_ID
-#: Its task: horizon, success threshold, and the limits of what the torso may be put through.
+#: Its task: horizon, success threshold, and the limits of force and displacement at the torso.
 TASK: Final[Any] = row_of(ENV_ID).task
-#: The robot whose finger readings the shipped push policies were trained with, and the height of
-#: the centres of the cubes that they pushed (m).
-TRAINED_ON: Final = "jaco"
-CUBE_HEIGHT: Final = 0.028
+#: The environment that the shipped push policies for two arms were trained in: the robot whose
+#: finger readings they expect, and the height of the centres of the cubes (m).
+_CUBES: Final[Any] = row_of(TWO_ARM_ID)
+TRAINED_ON: Final[str] = _CUBES.robot
+CUBE_HEIGHT: Final[float] = _CUBES.task.object_size / 2
 
 
 def trained_on_people(env_id: str) -> bool:

@@ -172,7 +172,7 @@ class SetPointStage(LoopStage):
         arms = inputs.latest("arms", ArmReading)
         person = inputs.find("person", Person)
         limits, geometry = self._limits, self._geometry
-        position, names = limited_set_point(
+        position, by = limited_set_point(
             arms.tool_position if self._previous is None else self._previous,
             self._checked(action.motion),
             arms.tool_position,
@@ -181,7 +181,6 @@ class SetPointStage(LoopStage):
             geometry.held_height,
             limits.freedom(arms.hand_force, arms.torso_force),
         )
-        by = set(names)
         if limits.clearance and person is not None:
             clear, changed = kept_clear(
                 position, person.hips, geometry.base_position, limits.clearance
@@ -268,7 +267,9 @@ class ServoStage(LoopStage):
         self._sequence += 1
         stamp = Stamp(now, self._sequence, self.name)
         targets = inputs.find("joint_targets", JointTargets)
-        cause = self._present_cause(now)
+        cause = self._health.cause(now)
+        if self._emergency.pressed:
+            cause = Cause("emergency stop", self._emergency.reason)
         if cause is not None:
             self._stopped = now
         elif targets is None or targets.stamp.time <= self._stopped:
@@ -305,11 +306,6 @@ class ServoStage(LoopStage):
         turned = velocity * self._moving < 0
         self._moving = np.where(turned, 0.0, self._moving)
         return np.where(turned, position, held)
-
-    def _present_cause(self, now: float) -> Cause | None:
-        if self._emergency.pressed:
-            return Cause("emergency stop", self._emergency.reason)
-        return self._health.cause(now)
 
     def _hold(self, stamp: Stamp, cause: Cause) -> ServoCommand:
         self._held = self._braked(self._held)

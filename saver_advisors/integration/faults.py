@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from saver_advisors.integration.messages import Action, Message, Picture, PixelPose
-from saver_advisors.integration.stage import Inputs, LoopStage
+from saver_advisors.integration.stage import Change, Inputs, LoopStage
 from saver_advisors.integration.tracking import WRISTS
 from saver_envs.cameras.rgbd import KINECT_V2
 
@@ -120,12 +120,9 @@ class FaultyStage(LoopStage):
     :param inner: the stage.
     :param fault: that is injected.
     :param windows: (begin, end) of each period, seconds of the trial.
-    :raises ValueError: for another stage than the fault's.
     """
 
     def __init__(self, inner: LoopStage, fault: Fault, windows: list[tuple[float, float]]) -> None:
-        if inner.name != fault.stage:
-            raise ValueError(f"fault {fault.name!r} is one of {fault.stage!r}, not {inner.name!r}")
         super().__init__(inner.name, inner.output, inner.inputs, inner.rate, inner.latency)
         self._inner = inner
         self._fault = fault
@@ -148,9 +145,7 @@ class FaultyStage(LoopStage):
         return message
 
 
-def with_fault(
-    fault: Fault, windows: list[tuple[float, float]]
-) -> Callable[[list[LoopStage]], list[LoopStage]]:
+def with_fault(fault: Fault, windows: list[tuple[float, float]]) -> Change:
     """Return the argument ``change`` of `saver_advisors.integration.assembly.build_loop`.
 
     :param fault: that is injected.

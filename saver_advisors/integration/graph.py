@@ -90,7 +90,7 @@ class Graph:
     def run_until(self, end: float, plant: Plant) -> None:
         """Run the plant and the stages up to a time.
 
-        :param end: seconds of the trial; what is due at that very time is left to the next call.
+        :param end: seconds of the trial; stages that are due at this time run in the next call.
         :param plant: advanced to each moment before the stages of that moment run.
         """
         while (moment := self._next_moment()) < end - _TOLERANCE:

@@ -93,8 +93,3 @@ class Health:
                 if silent > self._silence[stage] + _TOLERANCE:
                     return Cause(stage, f"nothing for {1000 * silent:.0f} ms")
         return None
-
-
-def allowed_silence(rate: float, periods: float = SILENT_PERIODS) -> float:
-    """Return the seconds after which a stage with a rate (Hz) counts as silent."""
-    return periods / rate

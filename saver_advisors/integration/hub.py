@@ -16,7 +16,7 @@ from saver_advisors.integration.messages import Message
 from saver_advisors.integration.wire import WireError, decode, encode, read_json
 
 HOST: Final = "tcp://127.0.0.1"
-#: Messages that may wait for a slow reader; old pictures are of no use.
+#: Largest number of messages that wait for a slow reader, since old pictures are useless.
 WAITING: Final = 16
 #: First part of a sign of life, which is not a message.
 ALIVE: Final = b"!alive"

@@ -13,9 +13,9 @@ from saver_advisors.integration.health import STOPPED
 from saver_advisors.integration.messages import Message, ServoCommand
 from saver_advisors.integration.wrist_bench import WristBench
 
-#: A fault begins in this interval (s) of a trial, while the hands approach or push ...
+#: Interval of a trial (s) in which the fault begins, while the hands approach or push.
 BEGIN: Final = (0.5, 1.5)
-#: ... and lasts this long (s); then the loop has this time to resume (s).
+#: Duration of the fault, and of the observation after it (s).
 DURATION, AFTERWARDS = 0.6, 0.8
 #: Tool speed below which an arm counts as stopped (m/s).
 STILL: Final = 0.01

@@ -38,42 +38,55 @@ _INK, _LINE, _LIMIT, _FORCE = (60, 66, 74), (216, 221, 227), (190, 60, 50), (90,
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 14, 30, 26
 
 
-class StatusPanel:
-    """Draw the present state of the loop; an observer of its graph.
+class VideoRecorder:
+    """Record trials as H.264, with one frame per action; an observer of the loop's graph.
 
+    :param path: of the file, ending in ``.mp4``.
     :param loop: with a `WristBench`.
-    :param seconds: duration of a trial, the width of the plots.
+    :param actions: in a trial, which determine the width of the plots.
+    :param every: actions between two drawings; drawing is slow, so each is shown for that long.
     :raises TypeError: for a loop with another bench.
     """
 
-    def __init__(self, loop: ControlLoop, seconds: float) -> None:
+    def __init__(
+        self, path: Path, loop: ControlLoop, actions: int = TASK.horizon, every: int = 1
+    ) -> None:
         self._bench = wrist_bench(loop.bench)
-        self._loop = loop
-        self._seconds = seconds
+        self._observers = loop.graph.observers
+        self._seconds = actions * ACTION_DURATION
+        self._every = every
         self._scene = SceneRenderer(self._bench.episodes.scene, *_RENDERED, camera="front")
-        loop.graph.observers.append(self)
-        self.begin()
+        self._writer: Any = video.mp4_writer(path, *FRAME_SIZE)
+        self._observers.append(self._keep)
+        self._begin()
 
-    def begin(self) -> None:
+    def _begin(self) -> None:
         """Clear everything at the start of a trial."""
         self._newest: dict[type[Message], Any] = {}
         self._history: list[tuple[float, float, float, float]] = []
+        self._calls = 0
+        self._last: Frame | None = None
 
-    def __call__(self, topic: str, message: Message, now: float) -> None:
+    def _keep(self, topic: str, message: Message, now: float) -> None:
         """Keep the newest message of each class."""
         self._newest[type(message)] = message
 
-    def draw(self, now: float) -> Frame:
-        """Draw one frame.
+    def __call__(self, now: float) -> None:
+        """Record a frame; the argument ``look`` of `trial.run_trial`."""
+        if now == 0:
+            self._begin()
+        if self._calls % self._every == 0 or self._last is None:
+            self._last = self._drawn(now)
+        self._calls += 1
+        self._writer.send(np.ascontiguousarray(self._last))
 
-        :param now: seconds of the trial.
-        :return: (height, width, 3), see `FRAME_SIZE`.
-        """
+    def _drawn(self, now: float) -> Frame:
+        """Draw a frame (height, width, 3) of `FRAME_SIZE` at a time, seconds of the trial."""
         truth = self._bench.truth()
         right, left = np.linalg.norm(truth.wrists - truth.targets, axis=-1)
         self._history.append((now, 100 * right, 100 * left, self._bench.last_peak))
         times, right_cm, left_cm, force = np.array(self._history).T
-        self._bench.update_scene(self._scene)
+        self._scene.update(self._bench.episodes, 0)
         top = np.concatenate([self._seen(), self._scene.rgb()[_ROWS, _COLUMNS]], axis=1)
         threshold, limit = 100 * TASK.success_threshold, TASK.torso_force_limit
         seconds = self._seconds
@@ -99,40 +112,6 @@ class StatusPanel:
             return picture.rgb
         return draw_poses(picture.rgb, Poses(pose.joints[None], pose.scores[None], np.ones(1)))
 
-    def close(self) -> None:
-        """Free the graphics context, and stop observing."""
-        self._loop.graph.observers.remove(self)
-        self._scene.close()
-
-
-class VideoRecorder:
-    """Record trials as H.264, with one frame per action.
-
-    :param path: of the file, ending in ``.mp4``.
-    :param loop: with a `WristBench`.
-    :param actions: in a trial.
-    :param every: actions between two drawings; drawing is slow, so each is shown for that long.
-    """
-
-    def __init__(
-        self, path: Path, loop: ControlLoop, actions: int = TASK.horizon, every: int = 1
-    ) -> None:
-        self._panel = StatusPanel(loop, actions * ACTION_DURATION)
-        self._every = every
-        self._calls = 0
-        self._writer: Any = video.mp4_writer(path, *FRAME_SIZE)
-        self._last: Frame | None = None
-
-    def __call__(self, now: float) -> None:
-        """Record a frame; the argument ``look`` of `trial.run_trial`."""
-        if now == 0:
-            self._panel.begin()
-            self._calls = 0
-        if self._calls % self._every == 0 or self._last is None:
-            self._last = self._panel.draw(now)
-        self._calls += 1
-        self._writer.send(np.ascontiguousarray(self._last))
-
     def end(self, record: TrialRecord) -> None:
         """Show the outcome of a trial for a while."""
         assert self._last is not None
@@ -143,9 +122,10 @@ class VideoRecorder:
             self._writer.send(np.ascontiguousarray(last))
 
     def close(self) -> None:
-        """Finish the file, and free the graphics context."""
+        """Stop observing, finish the file, and free the graphics context."""
+        self._observers.remove(self._keep)
         self._writer.close()
-        self._panel.close()
+        self._scene.close()
 
 
 def plot(

@@ -1,9 +1,9 @@
-"""Safety below the policy: limits on every set-point, and a latching emergency stop."""
+"""Safety functions: limits of every set-point, and a latching emergency stop."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -69,17 +69,6 @@ class SafetyLimits:
         return free
 
 
-class Limited(NamedTuple):
-    """Set-points within the limits.
-
-    :param position: (arms, 3) metres, base frames.
-    :param by: names of the limits that changed them.
-    """
-
-    position: Floats
-    by: tuple[str, ...]
-
-
 def limited_set_point(
     previous: Floats,
     motion: Floats,
@@ -88,7 +77,7 @@ def limited_set_point(
     workspace: Workspace,
     held_height: float | None,
     freedom: Floats,
-) -> Limited:
+) -> tuple[Floats, set[str]]:
     """Move set-points by an action, within the limits.
 
     Without contact forces this equals the environments' rule.
@@ -100,16 +89,16 @@ def limited_set_point(
     :param workspace: region of the set-points.
     :param held_height: constant height of the set-points (m), or None.
     :param freedom: (arms,) factor of the set-point lead limit.
-    :return: the new set-points.
+    :return: (arms, 3) new set-points, and the names of the limits that changed them.
     """
     rule = SetPointRule(workspace, limits.longest, held_height)
     moved = rule.unclipped(previous, motion, tool, freedom[:, None])
     inside = workspace.clip(moved)
-    by = (
-        *(("force",) if (freedom < 1).any() else ()),
-        *(("workspace",) if (np.abs(inside - moved) > 1e-9).any() else ()),
-    )
-    return Limited(inside, by)
+    applied = {
+        "force": bool((freedom < 1).any()),
+        "workspace": bool((np.abs(inside - moved) > 1e-9).any()),
+    }
+    return inside, {name for name, changed in applied.items() if changed}
 
 
 def kept_clear(

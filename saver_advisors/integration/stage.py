@@ -154,6 +154,10 @@ class LoopStage(ABC):
         return Stamp(of.time, of.sequence, self.name)
 
 
+#: Replaces stages of a loop; receives all of them in order and returns the new list.
+Change = Callable[[list[LoopStage]], list[LoopStage]]
+
+
 @dataclass(eq=False)
 class SensorStage(LoopStage):
     """Read a sensor at a fixed rate, and number its measurements from 1.

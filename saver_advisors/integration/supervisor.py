@@ -13,13 +13,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Final
 
-from saver_advisors.integration.assembly import (
-    OUTPUTS,
-    Change,
-    ControlLoop,
-    LoopSettings,
-    build_loop,
-)
+from saver_advisors.integration.assembly import OUTPUTS, ControlLoop, LoopSettings, build_loop
 from saver_advisors.integration.bench import RobotBench
 from saver_advisors.integration.hub import Hub
 
@@ -69,7 +63,6 @@ class ProcessLoop:
     :param settings: of the loop; the latencies of remote stages are not simulated.
     :param bench: sensors and servos.
     :param computers: name of a process -> the stages that it runs.
-    :param change: replaces stages of the bench's own process.
     :raises ValueError: for a stage that cannot run in another process, or is listed twice.
     """
 
@@ -78,12 +71,11 @@ class ProcessLoop:
         settings: LoopSettings,
         bench: RobotBench,
         computers: Mapping[str, Sequence[str]] = COMPUTERS,
-        change: Change | None = None,
     ) -> None:
         self._computers_stages = _checked(settings, computers)
         elsewhere = [name for stages in self._computers_stages.values() for name in stages]
         self.settings = settings
-        self.loop: ControlLoop = build_loop(settings, bench, change, elsewhere)
+        self.loop: ControlLoop = build_loop(settings, bench, elsewhere=elsewhere)
         self.hub = Hub([*self.loop.graph.boxes])
         self.loop.graph.observers.append(self.hub.forward)
         #: Calls and mean wall-clock seconds of each remote stage.

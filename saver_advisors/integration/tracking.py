@@ -23,6 +23,8 @@ ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
 #: Least confidence of a joint.
 LEAST_SCORE: Final = 0.05
+#: Distance from a tool to the arm's elbow along the hand (m).
+_FOREARM: Final = 0.32
 #: The gate widens for this time after a joint was last seen (s).
 _MEMORY: Final = 0.1
 
@@ -32,15 +34,16 @@ class FilterSettings:
     """Configure the filter.
 
     :param wrist_gain: fraction of a wrist's error that corrects its position, above 0, at most 1.
-    :param wrist_speed_gain: likewise for its velocity, times the frame rate.
+    :param wrist_speed_gain: fraction of that error, times the frame rate, that corrects its
+        velocity.
     :param hip_gain: fraction of a hip's error that corrects its position.
-    :param jump: largest accepted distance of a joint from its expected position (m) ...
-    :param top_speed: ... and its increase per second since the joint was seen (m/s), up to
+    :param jump: largest accepted distance of a joint from its expected position, metres.
+    :param top_speed: increase of that distance per second since the joint was seen (m/s), up to
         `_MEMORY`.
     :param reacquire: time after which a joint that stays at another position is accepted, seconds.
     :param hold: time for which the last position of a hidden wrist is repeated, seconds.
-    :param hold_hidden: likewise for a wrist that an arm of the robot occludes, seconds.
-    :param hold_hip: likewise for a hip, whose position hardly changes, seconds.
+    :param hold_hidden: the same for a wrist that an arm of the robot occludes, seconds.
+    :param hold_hip: the same for a hip, whose position hardly changes, seconds.
     :param arm_radius: distance from an arm's axis within which it occludes a wrist, metres.
     :raises ValueError: for a value out of range.
     """
@@ -155,28 +158,19 @@ class FilterStage(LoopStage):
     an arm of the robot occludes can have a time of its own.
 
     :param base_position: (arms, 3) of the arms' bases, metres.
-    :param camera_position: (3,) metres, bench frame.
     :param settings: of the filter.
-    :param forearm: distance from a tool to the arm's elbow along the hand, metres.
-    :param standoff: lateral distance of the targets from the hip joints, metres.
     :param latency: see `LoopStage`.
     """
 
     def __init__(
         self,
         base_position: NDArray[np.float64],
-        camera_position: NDArray[np.float64] = BENCH_POSE.position,
         settings: FilterSettings = FilterSettings(),
-        forearm: float = 0.32,
-        standoff: float = TASK.standoff,
         latency: Latency = 0.0,
     ) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
         self._base = base_position
-        self._camera = camera_position
         self._settings = settings
-        self._forearm = forearm
-        self._standoff = standoff
         self.reset()
 
     def reset(self) -> None:
@@ -219,8 +213,8 @@ class FilterStage(LoopStage):
     def _occluded(self, place: Floats, arms: ArmReading) -> bool:
         """Return whether an arm of the robot is between the camera and a position (3,)."""
         begin = arms.tool_position + self._base
-        end = begin + self._forearm * arms.tool_rotation[..., 2]
-        towards, radius = self._camera - place, self._settings.arm_radius
+        end = begin + _FOREARM * arms.tool_rotation[..., 2]
+        towards, radius = BENCH_POSE.position - place, self._settings.arm_radius
         return any(
             segment_distance(place, towards, *ends) < radius
             for ends in zip(begin, end, strict=True)
@@ -231,7 +225,7 @@ class FilterStage(LoopStage):
         hips = np.stack([track.position for track in self._hips])
         # Targets are at the height of the wrists, which lie on the stretcher.
         targets = np.concatenate([hips[:, :2], wrists[:, 2:]], axis=1)
-        targets[:, 1] += np.where(self._base[:, 1] < 0, -self._standoff, self._standoff)
+        targets[:, 1] += np.where(self._base[:, 1] < 0, -TASK.standoff, TASK.standoff)
         velocity = np.stack([track.velocity for track in self._wrists])
         quaternion, angular = self._forearms(wrists, velocity)
         held = np.array([bool(track.lost) for track in self._wrists])

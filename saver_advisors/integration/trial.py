@@ -32,7 +32,7 @@ class TrialRecord:
     :param seed: of the trial.
     :param distance: (T + 1, arms) of the wrists from their targets, metres.
     :param torso_force: (T + 1,) peak since the last sample, newtons.
-    :param torso_displacement: (T + 1,) likewise, metres.
+    :param torso_displacement: (T + 1,) peak since the last sample, metres.
     :param hand_force: (T + 1, arms) contact force at each hand, newtons.
     :param speed: (T + 1, arms) of the tools, m/s.
     :param holding: (T + 1,) whether the arms were held still.
@@ -116,37 +116,6 @@ class TrialRecord:
         }
 
 
-class _Recorder:
-    """Sample a trial; an observer of the graph."""
-
-    def __init__(self, bench: WristBench) -> None:
-        self._bench = bench
-        self._held = False
-        self._samples: list[dict[str, Any]] = []
-
-    def __call__(self, topic: str, message: Message, now: float) -> None:
-        if isinstance(message, ServoCommand):
-            self._held = message.holding
-
-    def sample(self) -> None:
-        """Record the present state."""
-        truth, arms = self._bench.truth(), self._bench.reading()
-        force, displacement = self._bench.taken_peaks()
-        sample = {
-            "distance": np.linalg.norm(truth.wrists - truth.targets, axis=-1),
-            "torso_force": force,
-            "torso_displacement": displacement,
-            "hand_force": arms.hand_force,
-            "speed": np.linalg.norm(arms.tool_velocity, axis=-1),
-            "holding": self._held,
-        }
-        self._samples.append(sample)
-
-    def columns(self) -> dict[str, Any]:
-        """Return the samples as arrays, by name."""
-        return {name: np.array([one[name] for one in self._samples]) for name in self._samples[0]}
-
-
 def run_trial(
     loop: ControlLoop,
     seed: int,
@@ -164,10 +133,17 @@ def run_trial(
     :raises TypeError: for a loop with another bench.
     """
     bench = wrist_bench(loop.bench)
+    samples: list[dict[str, Any]] = []
+    held = False
+
+    def watch(topic: str, message: Message, now: float) -> None:
+        nonlocal held
+        if isinstance(message, ServoCommand):
+            held = message.holding
+
     loop.reset(seed)
     loop.stop.release()
-    recorder = _Recorder(bench)
-    loop.graph.observers.append(recorder)
+    loop.graph.observers.append(watch)
     try:
         for action in range(actions + 1):
             now = action * ACTION_DURATION
@@ -175,10 +151,25 @@ def run_trial(
                 advance(now)
             elif action:
                 loop.graph.run_until(now, bench)
-            recorder.sample()
+            samples.append({**_sample(bench), "holding": held})
             if look is not None:
                 look(now)
     finally:
-        loop.graph.observers.remove(recorder)
-    log = tuple(loop.health.log)
-    return TrialRecord(seed=seed, **recorder.columns(), log=log, diverged=bench.diverged)
+        loop.graph.observers.remove(watch)
+    columns: dict[str, Any] = {
+        name: np.array([one[name] for one in samples]) for name in samples[0]
+    }
+    return TrialRecord(seed=seed, **columns, log=tuple(loop.health.log), diverged=bench.diverged)
+
+
+def _sample(bench: WristBench) -> dict[str, Any]:
+    """Measure the present state, see `TrialRecord`."""
+    truth, arms = bench.truth(), bench.reading()
+    force, displacement = bench.taken_peaks()
+    return {
+        "distance": np.linalg.norm(truth.wrists - truth.targets, axis=-1),
+        "torso_force": force,
+        "torso_displacement": displacement,
+        "hand_force": arms.hand_force,
+        "speed": np.linalg.norm(arms.tool_velocity, axis=-1),
+    }

@@ -12,11 +12,9 @@ from saver_advisors.integration.bench import EpisodesBench, RobotBench
 from saver_advisors.integration.casualty import ENV_ID
 from saver_advisors.integration.messages import Floats
 from saver_envs.cameras.one_pass import OnePassCamera
-from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
-from saver_envs.episodes import Episodes
 from saver_envs.people.bench import CAMERA
-from saver_envs.people.patient import Patient, people_in, person_memory, place_stretcher
+from saver_envs.people.patient import Patient, people_in, place_stretcher
 from saver_envs.registration import make_episodes
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
@@ -29,16 +27,10 @@ _CAMERA_SEED: Final = 7_919
 
 
 class WristBench(EpisodesBench):
-    """Run an episode with a person and a camera as a bench.
+    """Run an episode of `casualty.ENV_ID`, with a person and a camera, as a bench."""
 
-    :param episodes: one episode; that of `casualty.ENV_ID` by default.
-    :raises ValueError: for an environment without a person.
-    """
-
-    def __init__(self, episodes: Episodes | None = None) -> None:
-        super().__init__(make_episodes(ENV_ID) if episodes is None else episodes)
-        if self.episodes.memory.keys() < person_memory(1).keys():
-            raise ValueError(f"episodes: this environment has no person; use {ENV_ID}")
+    def __init__(self) -> None:
+        super().__init__(make_episodes(ENV_ID))
         self._patient = self.episodes.simulation.keep(Patient)
         self._camera: OnePassCamera | None = None
         self._body = -1
@@ -86,13 +78,6 @@ class WristBench(EpisodesBench):
         mujoco.mj_camlight(camera.model, data)
         rgb, exact = camera.capture(data)
         return rgb, measured_depth(exact, KINECT_V2, self._random)
-
-    def update_scene(self, renderer: SceneRenderer) -> None:
-        """Update a renderer to the present state.
-
-        :param renderer: of the bench's scene.
-        """
-        renderer.update(self.episodes, 0)
 
     def _camera_of(self, body: int) -> tuple[OnePassCamera, mujoco.MjData]:
         """Return the camera over a body, with the stretcher under the person."""

@@ -34,6 +34,8 @@ from saver_advisors.learner.policies import (
     GoalSACPolicy,
     GoalTD3Policy,
     GoalTQCPolicy,
+    NormalizedGoalFeatures,
+    conservative_values,
 )
 from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
 
@@ -206,11 +208,12 @@ class GoalLearnerMixin(_Algorithm):
         Each step counts twice, with the episode's goal and with the goal achieved next, since the
         networks are trained on both.
         """
-        policy = self.policy
-        if not isinstance(policy, GoalPolicyMixin) or not isinstance(buffer, GoalReplayBuffer):
+        features = getattr(self.policy, "shared_features", None)
+        if not isinstance(features, NormalizedGoalFeatures):
             return
+        assert isinstance(buffer, GoalReplayBuffer), "checked by _setup_model"
         observation, desired, achieved, next_achieved = buffer.episodes_of(environments)
-        policy.update_normalizer(
+        features.update(
             {
                 "observation": np.concatenate((observation, observation)),
                 "desired_goal": np.concatenate((desired, next_achieved)),
@@ -254,19 +257,20 @@ class GoalLearnerMixin(_Algorithm):
     def student_value(
         self, observation: dict[str, npt.NDArray[Any]], action: npt.NDArray[Any]
     ) -> npt.NDArray[Any]:
-        """Compute the critics' conservative estimate of Q, as a diagnostic.
+        """Compute the critics' conservative estimate of Q, averaged over the parts of the goal.
 
         :param observation: entries (batch, dim).
         :param action: (batch, action_dim), in the environment's units.
         :return: (batch,).
         """
-        assert isinstance(self.policy, GoalPolicyMixin)
-        tensors, _ = self.policy.obs_to_tensor(observation)
+        policy: Any = self.policy
+        tensors, _ = policy.obs_to_tensor(observation)
         scaled = th.as_tensor(
-            np.asarray(self.policy.scale_action(action), np.float32), device=self.device
+            np.asarray(policy.scale_action(action), np.float32), device=self.device
         )
         with th.no_grad():
-            return np.asarray(self.policy.student_value(tensors, scaled).cpu())
+            values = conservative_values(policy.critic, tensors, scaled)
+        return np.asarray(values.mean(dim=1).cpu())
 
 
 def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Path:

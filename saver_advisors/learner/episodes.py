@@ -45,7 +45,6 @@ class EpisodeBuffer(ReplayBuffer):
     :param n_envs: environments that step together.
     :param horizon: maximum length of an episode in steps.
     :param seed: of the buffer's own random generator.
-    :param store_advised: whether to store ``infos[i]["advised"]`` of each transition.
     :raises ValueError: if spaces or sizes do not fit.
     """
 
@@ -63,7 +62,6 @@ class EpisodeBuffer(ReplayBuffer):
         *,
         horizon: int,
         seed: int | None = None,
-        store_advised: bool = True,
     ) -> None:
         _check_spaces(observation_space, action_space)
         if horizon < 1:
@@ -79,7 +77,6 @@ class EpisodeBuffer(ReplayBuffer):
         )
         self.optimize_memory_usage = True
         self.horizon = horizon
-        self.store_advised = store_advised
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
         self._allocate()
@@ -95,7 +92,7 @@ class EpisodeBuffer(ReplayBuffer):
         self.achieved_goal = np.zeros((*rows, goal_dim), np.float32)
         self.desired_goal = np.zeros((self.n_slots, goal_dim), np.float32)
         self.action = np.zeros((self.n_slots, self.horizon, self.action_dim), np.float32)
-        self.advised = np.zeros((self.n_slots, self.horizon if self.store_advised else 0), bool)
+        self.advised = np.zeros((self.n_slots, self.horizon), bool)
         self.length = np.zeros(self.n_slots, np.int64)
 
     def reset(self) -> None:
@@ -109,7 +106,7 @@ class EpisodeBuffer(ReplayBuffer):
         self._ends: IntArray | None = None
 
     def size(self) -> int:
-        """:return: number of stored transitions, of finished and running episodes."""
+        """Return the number of stored transitions, of finished and running episodes."""
         return int(self.length.sum())
 
     # Storing ---------------------------------------------------------------------------------
@@ -141,8 +138,8 @@ class EpisodeBuffer(ReplayBuffer):
         step = self.length[slot]
         if step.max() >= self.horizon:
             raise ValueError(
-                f"environment {int(step.argmax())} went on beyond horizon={self.horizon} steps "
-                "without `done`; construct the buffer with the environment's true episode length"
+                f"environment {int(step.argmax())} exceeded horizon={self.horizon} steps without "
+                "`done`; construct the buffer with the environment's episode length"
             )
         action = np.asarray(action, np.float32).reshape(self.n_envs, self.action_dim)
         _require_finite("next observation", next_obs["observation"])
@@ -151,8 +148,7 @@ class EpisodeBuffer(ReplayBuffer):
         self.observation[slot, step + 1] = next_obs["observation"]
         self.achieved_goal[slot, step + 1] = next_obs["achieved_goal"]
         self.action[slot, step] = action
-        if self.store_advised:
-            self.advised[slot, step] = [bool(info.get("advised", False)) for info in infos]
+        self.advised[slot, step] = [bool(info.get("advised", False)) for info in infos]
         self.length[slot] = step + 1
         self._running = ~np.asarray(done, bool)
         self._ends = None
@@ -166,10 +162,14 @@ class EpisodeBuffer(ReplayBuffer):
         if not self._running.any():
             return self._running
         step = self.length[self._slot]
-        same = (self.observation[self._slot, step] == _float32(obs["observation"])).all(axis=1)
-        same &= (self.achieved_goal[self._slot, step] == _float32(obs["achieved_goal"])).all(axis=1)
-        same &= (self.desired_goal[self._slot] == _float32(obs["desired_goal"])).all(axis=1)
-        return np.asarray(same & self._running)
+        same = self._running.copy()
+        for key, stored in (
+            ("observation", self.observation[self._slot, step]),
+            ("achieved_goal", self.achieved_goal[self._slot, step]),
+            ("desired_goal", self.desired_goal[self._slot]),
+        ):
+            same &= (stored == np.asarray(obs[key], np.float32)).all(axis=1)
+        return same
 
     def _open_slots(self, environments: IntArray, obs: Mapping[str, npt.NDArray[Any]]) -> None:
         """Assign a new slot to each of these environments, replacing the oldest episodes."""
@@ -265,7 +265,7 @@ class EpisodeBuffer(ReplayBuffer):
                 "observation_dim": self.observation.shape[-1],
                 "goal_dim": self.achieved_goal.shape[-1],
                 "action_dim": self.action_dim,
-                "store_advised": self.store_advised,
+                "store_advised": True,  # read by earlier versions, where it was a setting
             },
             "used": used,
             "next_slot": self._next_slot,
@@ -319,10 +319,6 @@ def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     if not isinstance(header, dict) or header.get("format") != FILE_FORMAT:
         raise ValueError(f"{path}: its format is not {FILE_FORMAT!r}")
     return header, arrays
-
-
-def _float32(array: npt.NDArray[Any]) -> FloatArray:
-    return np.asarray(array, np.float32)
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,6 +27,7 @@ from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.td3 import TD3
 from torch.nn import functional
 
+from saver_advisors.learner.policies import conservative_values
 from saver_advisors.learner.replay import GoalReplayBuffer
 
 Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
@@ -120,8 +122,8 @@ class ImitatingTD3(TD3):
             next_actions = (self.actor_target(batch.next_observations) + noise).clamp(-1, 1)
             if self.bootstrap_proposals is not None:
                 next_actions = self._better_actions(batch.next_observations, next_actions)
-            values = th.stack(self.critic_target(batch.next_observations, next_actions))
-            target = batch.rewards + self.gamma * values.amin(dim=0)
+            values = conservative_values(self.critic_target, batch.next_observations, next_actions)
+            target = batch.rewards + self.gamma * values
         estimates = self.critic(batch.observations, batch.actions)
         loss = th.stack([functional.mse_loss(value, target) for value in estimates]).sum()
         self.critic.optimizer.zero_grad()
@@ -135,13 +137,7 @@ class ImitatingTD3(TD3):
         proposed = self.bootstrap_proposals(observations)
         if proposed is None:
             return own
-
-        def values(actions: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-            repeated = {key: value.repeat(len(actions), 1) for key, value in observations.items()}
-            flat = th.as_tensor(actions.reshape(-1, actions.shape[2]), device=self.device)
-            least = th.stack(self.critic_target(repeated, flat)).amin(dim=0)
-            return np.asarray(least.cpu().numpy().reshape(*actions.shape[:2], -1))
-
+        values = partial(candidate_values, self.critic_target, observations)
         by_arm = own.cpu().numpy().reshape(proposed.shape)
         chosen = better_by_arm(by_arm, proposed, values, self.bootstrap_proposals.arms)
         mixed = np.where(chosen[..., np.newaxis], proposed, by_arm)
@@ -182,6 +178,24 @@ class ImitatingTD3(TD3):
         return float(loss.item()), float(imitation.item())
 
 
+@th.no_grad()
+def candidate_values(
+    critic: Any, observations: Mapping[str, th.Tensor], actions: npt.NDArray[Any]
+) -> npt.NDArray[np.float32]:
+    """Compute a critic's conservative values of k candidate actions in each state.
+
+    :param critic: a critic of this package or of SB3.
+    :param observations: entries (batch, dim).
+    :param actions: (k, batch, action_dim), scaled to [-1, 1].
+    :return: (k, batch, values).
+    """
+    repeated = {key: value.repeat(len(actions), 1) for key, value in observations.items()}
+    flat = actions.reshape(-1, actions.shape[2])
+    scaled = th.as_tensor(flat, dtype=th.float32, device=critic.device)
+    values = conservative_values(critic, repeated, scaled).cpu().numpy()
+    return np.asarray(values.reshape(*actions.shape[:2], -1))
+
+
 def better_by_arm(
     own: npt.NDArray[Any],
     proposed: npt.NDArray[Any],
@@ -207,16 +221,15 @@ def better_by_arm(
     sets = [
         chosen for size in range(len(free) + 1) for chosen in itertools.combinations(free, size)
     ]
-    single = sets[: 1 + len(free)]
-    masks = np.zeros((len(sets), n_arms), dtype=bool)
-    for mask, chosen in zip(masks, sets, strict=True):
-        mask[list(chosen)] = True
-    alone = _mixture_values(values, own, proposed, masks[: len(single)])
+    masks = np.array([[arm in chosen for arm in range(n_arms)] for chosen in sets])
+    n_single = 1 + len(free)
+    alone = _mixture_values(values, own, proposed, masks[:n_single])
     n_values = alone.shape[2]
     if n_values == 1:
-        rest = masks[len(single) :]
-        both = [alone, _mixture_values(values, own, proposed, rest)] if len(rest) else [alone]
-        best: npt.NDArray[np.bool_] = masks[np.concatenate(both)[:, :, 0].argmax(axis=0)]
+        rated = [alone]
+        if len(masks) > n_single:
+            rated.append(_mixture_values(values, own, proposed, masks[n_single:]))
+        best: npt.NDArray[np.bool_] = masks[np.concatenate(rated)[:, :, 0].argmax(axis=0)]
         return best
     if n_values < n_arms:
         raise ValueError(f"the critic gives {n_values} values for {n_arms} arms: one each, or one")

@@ -226,6 +226,23 @@ class GoalQuantileCritic(QuantileCritic):
         return quantiles if self.value_bounds is None else quantiles.clamp(*self.value_bounds)
 
 
+def conservative_values(critic: Any, observations: Any, actions: th.Tensor) -> th.Tensor:
+    """Compute the critics' conservative estimate of Q: the minimum, or the mean of TQC's quantiles.
+
+    :param critic: a critic of this package or of SB3.
+    :param observations: entries (batch, dim).
+    :param actions: (batch, action_dim), scaled to [-1, 1].
+    :return: (batch, values), one joint value or one per part of the goal.
+    """
+    values: Any = critic(observations, actions)
+    least: th.Tensor = (
+        th.stack(values).amin(dim=0)
+        if isinstance(values, tuple)
+        else values.mean(dim=(1, 2)).unsqueeze(1)
+    )
+    return least
+
+
 class GoalPolicyMixin(BasePolicy):
     """Common part of the goal policies, over an SB3 actor-critic policy.
 
@@ -268,15 +285,16 @@ class GoalPolicyMixin(BasePolicy):
             raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
         if action_penalty < 0:
             raise ValueError(f"action_penalty={action_penalty} must not be negative")
-        # Set first: SB3's constructor builds the networks.
-        self._value_bounds = None if q_min is None else (q_min, q_max)
-        self._critic_options: dict[str, Any] = {"layer_norm": layer_norm}
-        self._action_penalty = action_penalty
-        self._n_values = n_values
-        if issubclass(self.critic_class, GoalCritic):
-            self._critic_options |= {"action_penalty": action_penalty, "n_values": n_values}
-        elif n_values != 1:
+        if n_values != 1 and not issubclass(self.critic_class, GoalCritic):
             raise ValueError(f"n_values={n_values}: quantile critics give one value, so only 1")
+        # Set first: SB3's constructor builds the networks.
+        self._options: dict[str, Any] = {
+            "layer_norm": layer_norm,
+            "q_min": q_min,
+            "q_max": q_max,
+            "action_penalty": action_penalty,
+            "n_values": n_values,
+        }
         arguments.setdefault("features_extractor_class", NormalizedGoalFeatures)
         if arguments.get("optimizer_kwargs") is None:
             arguments["optimizer_kwargs"] = {"fused": True}
@@ -284,7 +302,8 @@ class GoalPolicyMixin(BasePolicy):
 
     def _build(self, lr_schedule: Schedule) -> None:
         super()._build(lr_schedule)  # type: ignore[misc]
-        self.critic_target.value_bounds = self._value_bounds
+        q_min, q_max = self._options["q_min"], self._options["q_max"]
+        self.critic_target.value_bounds = None if q_min is None else (q_min, q_max)
 
     def make_features_extractor(self) -> BaseFeaturesExtractor:
         """Return one shared module for the actor, the critics and their targets."""
@@ -295,41 +314,14 @@ class GoalPolicyMixin(BasePolicy):
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         """Build a critic of ``critic_class``, on the shared features unless others are given."""
         arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
-        return self.critic_class(**arguments, **self._critic_options).to(self.device)
-
-    def update_normalizer(self, observations: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Add samples to the running statistics, if the features extractor has any.
-
-        :param observations: as for ``NormalizedGoalFeatures.update``.
-        """
-        if isinstance(self.shared_features, NormalizedGoalFeatures):
-            self.shared_features.update(observations)
-
-    def student_value(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
-        """Compute the critics' conservative estimate of Q: the minimum, or the mean quantile.
-
-        Several values of a network are averaged.
-
-        :param obs: entries (batch, dim).
-        :param actions: (batch, action_dim), scaled to [-1, 1].
-        :return: (batch,).
-        """
-        values = self.critic(obs, actions)
-        if isinstance(values, tuple):
-            return th.stack(values).amin(dim=0).mean(dim=1)
-        quantiles: th.Tensor = values
-        return quantiles.mean(dim=(1, 2))
+        names = ["layer_norm"]
+        if issubclass(self.critic_class, GoalCritic):
+            names += ["action_penalty", "n_values"]
+        arguments |= {name: self._options[name] for name in names}
+        return self.critic_class(**arguments).to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        bounds = self._value_bounds
-        return {
-            **super()._get_constructor_parameters(),
-            "layer_norm": self._critic_options["layer_norm"],
-            "q_min": None if bounds is None else bounds[0],
-            "q_max": 0.0 if bounds is None else bounds[1],
-            "action_penalty": self._action_penalty,
-            "n_values": self._n_values,
-        }
+        return {**super()._get_constructor_parameters(), **self._options}
 
 
 class GoalTD3Policy(GoalPolicyMixin, TD3Policy):

@@ -9,7 +9,7 @@ computed when its transition is sampled.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -179,7 +179,7 @@ class GoalReplayBuffer(EpisodeBuffer):
         desired = np.take(self.desired_goal, slot, axis=0)
         if relabel_probability is None:
             relabel_probability = self.relabel_probability
-        goal_step = self._relabel(desired, achieved, slot, step, relabel_probability)
+        goal_step = self._relabel(desired, slot, step, relabel_probability)
         next_achieved = np.take(achieved, row + 1, axis=0)
         return GoalTransitions(
             observation=np.take(observation, row, axis=0),
@@ -189,23 +189,14 @@ class GoalReplayBuffer(EpisodeBuffer):
             reward=self._rewards(next_achieved, desired),
             next_observation=np.take(observation, row + 1, axis=0),
             next_achieved_goal=next_achieved,
-            advised=(
-                np.take(self.advised.reshape(-1), action_row)
-                if self.store_advised
-                else np.zeros(batch_size, bool)
-            ),
+            advised=np.take(self.advised.reshape(-1), action_row),
             slot=slot,
             step=step,
             goal_step=goal_step,
         )
 
     def _relabel(
-        self,
-        desired: FloatArray,
-        achieved: FloatArray,
-        slot: IntArray,
-        step: IntArray,
-        probability: float,
+        self, desired: FloatArray, slot: IntArray, step: IntArray, probability: float
     ) -> IntArray:
         """Replace parts of ``desired`` (batch, goal_dim) by parts achieved later, in place.
 
@@ -215,10 +206,10 @@ class GoalReplayBuffer(EpisodeBuffer):
         later = self._random.random(shape) * (self.length[slot] - step)[:, None]
         goal_step = step[:, None] + 1 + later.astype(np.int64)
         relabelled = self._random.random(shape) < probability
-        row = slot[:, None] * (self.horizon + 1) + goal_step
         for part, columns in enumerate(self.part_columns):
             chosen = relabelled[:, part]
-            desired[chosen, columns] = achieved[row[chosen, part], columns]
+            rows = slot[chosen], goal_step[chosen, part]
+            desired[chosen, columns] = self.achieved_goal[*rows, columns]
         return np.where(relabelled, goal_step, -1)
 
     def _rewards(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
@@ -292,32 +283,28 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         :return: the transitions, the student's own first.
         :raises ValueError: if both buffers are empty, or there is no reward function.
         """
-        shown = self._n_demonstrations(batch_size)
+        n_shown = round(self.demonstration_fraction * batch_size)
+        if self.size() == 0:
+            n_shown = batch_size
+        if self.demonstrations.size() == 0:
+            n_shown = 0
         # It may have been set, or replaced, after construction.
         self.demonstrations.reward_function = self.reward_function
-        if shown == 0:
+        if n_shown == 0:
             return super().sample_transitions(batch_size, relabel_probability=relabel_probability)
         demonstrated = self.demonstrations.sample_transitions(
-            shown, relabel_probability=relabel_probability
+            n_shown, relabel_probability=relabel_probability
         )
         demonstrated.slot[:] += self.n_slots
-        if shown == batch_size:
+        if n_shown == batch_size:
             return demonstrated
         own = super().sample_transitions(
-            batch_size - shown, relabel_probability=relabel_probability
+            batch_size - n_shown, relabel_probability=relabel_probability
         )
-        names = [field.name for field in fields(GoalTransitions)]
+        shown = vars(demonstrated)
         return GoalTransitions(
-            **{n: np.concatenate((getattr(own, n), getattr(demonstrated, n))) for n in names}
+            **{name: np.concatenate((value, shown[name])) for name, value in vars(own).items()}
         )
-
-    def _n_demonstrations(self, batch_size: int) -> int:
-        """Number of demonstrations in a batch."""
-        if self.demonstrations.size() == 0:
-            return 0
-        if self.size() == 0:
-            return batch_size
-        return round(self.demonstration_fraction * batch_size)
 
     def end_running_episodes(self) -> None:
         """End the running episodes of both buffers."""

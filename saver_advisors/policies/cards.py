@@ -1,13 +1,11 @@
-"""What a shipped policy says about itself: the card in the weight file's header, and its readable
-twin.
-"""
+"""Cards of shipped policies: JSON in the weight file's header, and a readable copy in Markdown."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from saver_advisors.evaluation.protocol import environment_text
@@ -16,22 +14,22 @@ from saver_advisors.policies.networks import NetworkSpec
 
 @dataclass(frozen=True)
 class PolicyCard:
-    """Where a policy comes from and how good it is.
+    """Origin and success rate of a policy.
 
-    :param env_id: the environment in which it was trained
-    :param algorithm: the learner, such as "GoalTD3"
-    :param command: the command that trained it
-    :param steps: environment steps of that run
-    :param wall_clock_s: seconds that the run took
-    :param seed: of that run
-    :param commit: of the repository, at that run
-    :param success: share of successful evaluation episodes, 0 to 1
-    :param success_episodes: how many episodes `success` was measured over
-    :param task: the task in words
-    :param env_kwargs: keyword arguments of that environment, where it had any
-    :param notes: anything else, shown in the readable card
-    :param networks: shapes and activations; filled in by `save_policy`
-    :raises ValueError: where a figure is out of range
+    :param env_id: the environment in which it was trained.
+    :param algorithm: the learner, such as "GoalTD3".
+    :param command: the command that trained it.
+    :param steps: environment steps of that run.
+    :param wall_clock_s: duration of the run in seconds.
+    :param seed: of that run.
+    :param commit: of the repository, at that run.
+    :param success: success rate of the evaluation episodes, 0 to 1.
+    :param success_episodes: number of evaluation episodes.
+    :param task: the task in words.
+    :param env_kwargs: keyword arguments of that environment.
+    :param notes: anything else, shown in the readable card.
+    :param networks: shapes and activations; filled in by `save_policy`.
+    :raises ValueError: if a value is out of range.
     """
 
     env_id: str
@@ -63,24 +61,19 @@ class PolicyCard:
 
     @property
     def environment(self) -> str:
-        """The environment's id, and its keyword arguments where it had any."""
+        """The environment's id and keyword arguments."""
         return environment_text(self.env_id, self.env_kwargs)
 
-    def with_networks(self, spec: NetworkSpec) -> PolicyCard:
-        """:return: the same card for networks of these shapes"""
-        return replace(self, networks=spec)
-
     def to_json(self) -> str:
-        """:return: the card as JSON, the inverse of `from_json`"""
-        values = asdict(self)
-        values["networks"] = None if self.networks is None else self.networks.to_dict()
-        return json.dumps(values, sort_keys=True, allow_nan=False)
+        """Return the card as JSON, for `from_json`."""
+        return json.dumps(asdict(self), sort_keys=True, allow_nan=False)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PolicyCard:
-        """
-        :param values: the fields by name
-        :raises ValueError: for missing, surplus or ill-typed fields; the message names them
+        """Create a card from plain values.
+
+        :param values: the fields by name.
+        :raises ValueError: for missing, surplus or ill-typed fields; the message names them.
         """
         known = {one.name for one in fields(cls)}
         surplus = sorted(set(values) - known)
@@ -96,9 +89,10 @@ class PolicyCard:
 
     @classmethod
     def from_json(cls, text: str) -> PolicyCard:
-        """
-        :param text: what `to_json` returned
-        :raises ValueError: where it is no such text
+        """Read a card.
+
+        :param text: the result of `to_json`.
+        :raises ValueError: for any other text.
         """
         values = json.loads(text)
         if not isinstance(values, dict):
@@ -106,20 +100,22 @@ class PolicyCard:
         return cls.from_dict(values)
 
 
-def _is_number(value: object) -> bool:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return is_number and math.isfinite(float(str(value)))
+def _is_number(value: Any) -> bool:
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and abs(value) < math.inf
 
 
 def card_markdown(name: str, card: PolicyCard) -> str:
-    """The readable card.
+    """Return the readable card.
 
-    :param name: what the policy is called
-    :param card: as read from the weight file
-    :return: a Markdown page that ends with a line break
+    :param name: of the policy.
+    :param card: as read from the weight file.
+    :return: a Markdown page that ends with a line break.
     """
-    if card.networks is None:
+    spec = card.networks
+    if spec is None:
         raise ValueError("card has no networks: read it from a weight file written by save_policy")
+    critic = _layers(spec.critic_hidden, spec.activation, spec.critic_layer_norm)
     episodes = f" over {card.success_episodes} episodes" if card.success_episodes else ""
     rows = {
         "environment": f"`{card.environment}`",
@@ -130,37 +126,22 @@ def card_markdown(name: str, card: PolicyCard) -> str:
         "wall clock": f"{card.wall_clock_s:,.0f} s",
         "seed": str(card.seed),
         "commit": f"`{card.commit}`",
-        **_network_rows(card.networks),
+        "inputs": ", ".join(f"{key} ({size})" for key, size in spec.inputs),
+        "action size": str(spec.action_size),
+        "actor": _layers(spec.actor_hidden, spec.activation, spec.actor_layer_norm) + ", tanh",
+        "critics": f"{spec.n_critics} x ({critic})" if spec.n_critics else "none",
         **{str(key): str(value) for key, value in card.notes.items()},
     }
     lines = [f"# {name}", "", "Generated from the weight file by `write_card`; do not edit.", ""]
     lines += ["| | |", "|---|---|"]
-    lines += [f"| {key} | {_cell(value)} |" for key, value in rows.items()]
+    cells = {key: value.replace("|", "\\|").replace("\n", " ") for key, value in rows.items()}
+    lines += [f"| {key} | {value} |" for key, value in cells.items()]
     lines += ["", "Trained by:", "", "```", card.command, "```", ""]
     lines += ["Use:", "", "```python", "from saver_advisors.pretrained import load_policy", ""]
     lines += [f'policy = load_policy("{name}")', "action, _ = policy.predict(observation)", "```"]
     return "\n".join(lines) + "\n"
 
 
-def _network_rows(spec: NetworkSpec) -> dict[str, str]:
-    inputs = ", ".join(f"{key} ({size})" for key, size in spec.inputs)
-    return {
-        "inputs": inputs,
-        "action size": str(spec.action_size),
-        "actor": _layers(spec.actor_hidden, spec.activation, spec.actor_layer_norm) + ", tanh",
-        "critics": (
-            f"{spec.n_critics} x "
-            f"({_layers(spec.critic_hidden, spec.activation, spec.critic_layer_norm)})"
-            if spec.n_critics
-            else "none"
-        ),
-    }
-
-
 def _layers(hidden: tuple[int, ...], activation: str, layer_norm: bool) -> str:
     widths = " - ".join(map(str, hidden)) or "linear"
     return f"{widths}, {activation}" + (", LayerNorm" if layer_norm else "")
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")

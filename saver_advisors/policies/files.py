@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Final
 
 import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from torch import Tensor
 
 from saver_advisors.policies.cards import PolicyCard, card_markdown
 from saver_advisors.policies.freezing import networks_from_sb3
@@ -35,14 +35,13 @@ def shipped_policies() -> list[str]:
 
 def save_policy(
     path: str | Path,
-    policy: PolicyNetworks | Teacher | PretrainedPolicy | Mapping[str, Tensor],
+    policy: PolicyNetworks | Teacher | PretrainedPolicy,
     card: PolicyCard | Mapping[str, Any],
 ) -> Path:
     """Write a weight file and its readable card.
 
     :param path: of the file; must end in `.safetensors`.
-    :param policy: networks, a teacher or a policy; or the `state_dict` of networks that
-        `card.networks` describes.
+    :param policy: networks, a teacher or a policy.
     :param card: the origin of the policy; its `networks` entry is filled in.
     :return: the path.
     :raises ValueError: for an invalid path, card or weights.
@@ -51,12 +50,12 @@ def save_policy(
     if path.suffix != ".safetensors":
         raise ValueError(f"path={str(path)!r} must end in '.safetensors'")
     card = card if isinstance(card, PolicyCard) else PolicyCard.from_dict(card)
-    networks = _networks(policy, card)
+    networks = policy if isinstance(policy, PolicyNetworks) else policy.networks
     tensors = networks.state_dict()
     check_finite(path, tensors, _MAY_BE_INFINITE)
     _check_values(path, networks)
     path.parent.mkdir(parents=True, exist_ok=True)
-    header = {"card": card.with_networks(networks.spec).to_json()}
+    header = {"card": replace(card, networks=networks.spec).to_json()}
     write_weights(path, KIND, tensors, header)
     write_card(path)
     return path
@@ -131,23 +130,6 @@ def read_networks(path: Path) -> tuple[PolicyNetworks, PolicyCard]:
     networks.load_state_dict(tensors, strict=True)
     _check_values(path, networks)
     return networks, card
-
-
-def _networks(
-    policy: PolicyNetworks | Teacher | PretrainedPolicy | Mapping[str, Tensor], card: PolicyCard
-) -> PolicyNetworks:
-    if isinstance(policy, PolicyNetworks):
-        return policy
-    if isinstance(policy, (Teacher, PretrainedPolicy)):
-        return policy.networks
-    if card.networks is None:
-        raise ValueError("a state_dict does not describe the networks: set card.networks")
-    networks = PolicyNetworks(card.networks)
-    try:
-        networks.load_state_dict(dict(policy), strict=True)
-    except RuntimeError as error:
-        raise ValueError(f"the state_dict does not fit card.networks: {error}") from error
-    return networks
 
 
 def _shapes(header: Header) -> Shapes:

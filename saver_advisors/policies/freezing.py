@@ -1,17 +1,15 @@
-"""Reads actor, critics and normaliser out of a Stable-Baselines3 model, as frozen networks of our
-own.
+"""Extract actor, critics and normaliser from a Stable-Baselines3 model, as frozen networks.
 
-Works for DDPG, TD3, SAC and TQC with a Dict observation, with SB3's `CombinedExtractor` (which
-concatenates the entries in the space's own, sorted, order, achieved goal included) and with the
-learner room's `NormalizedGoalFeatures`.
+Supports DDPG, TD3, SAC and TQC with a Dict observation and one of two features extractors: SB3's
+`CombinedExtractor`, which concatenates the entries in the space's sorted order, achieved goal
+included, or `NormalizedGoalFeatures` of the `learner` package.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,78 +22,46 @@ from torch import Tensor, nn
 from saver_advisors.learner.policies import NormalizedGoalFeatures
 from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
 
-_LAYER_NORM_EPS: Final = 1e-5
-"""torch's default, which `PolicyNetworks` uses: weights trained with another one would compute
-something else.
-"""
-
-
-@dataclass(frozen=True)
-class _Stack:
-    """An MLP taken apart."""
-
-    linears: list[nn.Linear]
-    norms: list[nn.LayerNorm]
-    activation: str | None
-
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        return tuple(layer.out_features for layer in self.linears[:-1])
-
-    @property
-    def layer_norm(self) -> bool:
-        return bool(self.norms)
-
-
-@dataclass(frozen=True)
-class _Features:
-    """Inputs in their order, and what normalises them."""
-
-    inputs: tuple[tuple[str, int], ...]
-    mean: Tensor
-    std: Tensor
-    clip: Tensor
-
 
 def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
-    """A frozen copy of a model's deterministic policy and critics.
+    """Return a frozen copy of a model's deterministic policy and critics.
 
-    :param model: a trained off-policy model
-    :return: networks on the CPU, in float32, that share no memory with the model
-    :raises TypeError: for models whose parts cannot be represented; the message says which part and
-        what works
+    :param model: a trained off-policy model.
+    :return: networks on the CPU, in float32, that share no memory with the model.
+    :raises TypeError: for models that cannot be represented; the message names the part and what is
+        supported.
     """
     actor, critic, action_space = _parts(model)
-    features = _read_features(model, actor)
-    actor_stack = _take_apart(_actor_layers(actor), "actor")
-    critic_stacks = [_take_apart(layers, "critic") for layers in critic.q_networks]
-    first = critic_stacks[0]
-    activation = _common_activation([actor_stack, *critic_stacks])
+    inputs, normaliser = _normaliser(model, actor.features_extractor)
+    layers = actor_layers(actor)
+    critics = [list(_flatten([network])) for network in critic.q_networks]
     spec = NetworkSpec(
-        inputs=features.inputs,
+        inputs=inputs,
         action_size=int(action_space.shape[0]),
-        actor_hidden=actor_stack.hidden,
-        critic_hidden=first.hidden,
-        n_critics=len(critic_stacks),
-        critic_outputs=first.linears[-1].out_features,
-        activation=activation,
-        actor_layer_norm=actor_stack.layer_norm,
-        critic_layer_norm=first.layer_norm,
+        actor_hidden=_widths(layers)[:-1],
+        critic_hidden=_widths(critics[0])[:-1],
+        n_critics=len(critics),
+        critic_outputs=_widths(critics[0])[-1],
+        activation=_activation([layers, *critics]),
+        actor_layer_norm=_has_layer_norm(layers),
+        critic_layer_norm=_has_layer_norm(critics[0]),
     )
     networks = PolicyNetworks(spec)
     with torch.no_grad():
-        for name in ("mean", "std", "clip"):
-            getattr(networks, name).copy_(getattr(features, name))
+        for buffer, values in zip(
+            (networks.mean, networks.std, networks.clip), normaliser, strict=True
+        ):
+            buffer.copy_(values)
         networks.action_low.copy_(torch.as_tensor(action_space.low))
         networks.action_high.copy_(torch.as_tensor(action_space.high))
-    _copy(networks.actor, actor_stack)
-    for target, stack in zip(networks.critics, critic_stacks, strict=True):
-        _copy(target, stack)
+    _copy(networks.actor, layers, "actor")
+    for target, source in zip(networks.critics, critics, strict=True):
+        _copy(target, source, "critic")
     return networks
 
 
 def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
-    """:return: actor, critic and action space of a model that can be frozen"""
+    """Return actor, critic and action space of a model that can be frozen."""
     policy = getattr(model, "policy", None)
     actor, critic = getattr(policy, "actor", None), getattr(policy, "critic", None)
     if actor is None or critic is None or not hasattr(critic, "q_networks"):
@@ -114,17 +80,18 @@ def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
     return actor, critic, model.action_space
 
 
-def _actor_layers(actor: Any) -> list[nn.Module]:
-    """TD3-like actors keep it all in `mu`, SAC-like ones split it into `latent_pi` and the mean
-    `mu`.
+def actor_layers(actor: Any) -> list[nn.Module]:
+    """Return the layers of SB3's actor without a final tanh.
+
+    :param actor: TD3's, which has all layers in `mu`, or SAC's, which has the hidden ones in
+        `latent_pi`.
     """
-    latent = list(_flatten([actor.latent_pi])) if hasattr(actor, "latent_pi") else []
-    layers = [*latent, *_flatten([actor.mu])]
-    # Where the tanh is a layer (TD3) it is dropped here; PolicyNetworks squashes in any case.
+    layers = list(_flatten([getattr(actor, "latent_pi", nn.Sequential()), actor.mu]))
+    # TD3's last layer is the tanh; `FrozenPolicy` applies it in any case.
     return layers[:-1] if isinstance(layers[-1], nn.Tanh) else layers
 
 
-def _flatten(modules: Iterable[nn.Module]) -> Iterable[nn.Module]:
+def _flatten(modules: Iterable[nn.Module]) -> Iterator[nn.Module]:
     for module in modules:
         if isinstance(module, nn.Sequential):
             yield from _flatten(module)
@@ -132,133 +99,106 @@ def _flatten(modules: Iterable[nn.Module]) -> Iterable[nn.Module]:
             yield module
 
 
-def _take_apart(layers: Iterable[nn.Module], part: str) -> _Stack:
-    """:raises TypeError: on anything but Linear, LayerNorm and known activations in their usual
-    order
-    """
-    linears: list[nn.Linear] = []
-    norms: list[nn.LayerNorm] = []
-    activations: list[str] = []
+def _widths(layers: list[nn.Module]) -> tuple[int, ...]:
+    return tuple(layer.out_features for layer in layers if isinstance(layer, nn.Linear))
+
+
+def _has_layer_norm(layers: list[nn.Module]) -> bool:
+    return any(isinstance(layer, nn.LayerNorm) for layer in layers)
+
+
+def _activation(networks: list[list[nn.Module]]) -> str:
+    """Return the name of the only activation of all networks."""
+    kinds = {type(layer) for layers in networks for layer in layers}
     names = {kind: name for name, kind in ACTIVATIONS.items()}
-    for layer in _flatten(layers):
-        if (
-            isinstance(layer, nn.Linear)
-            and layer.bias is not None
-            and len(activations) == len(linears)
-        ):
-            linears.append(layer)
-        elif (
-            isinstance(layer, nn.LayerNorm)
-            and len(linears) == len(norms) + 1 == len(activations) + 1
-        ):
-            norms.append(layer)
-        elif type(layer) in names and len(linears) == len(activations) + 1:
-            activations.append(names[type(layer)])
-        else:
-            raise TypeError(
-                f"the {part}'s layer {layer} cannot be frozen: use Linear, LayerNorm, activation, "
-                f"..."
-            )
-    wrong_norms = norms and (
-        len(norms) != len(linears) - 1 or any(n.eps != _LAYER_NORM_EPS for n in norms)
-    )
-    if (
-        not linears
-        or len(activations) != len(linears) - 1
-        or len(set(activations)) > 1
-        or wrong_norms
-    ):
+    used = [names.get(kind, kind.__name__) for kind in kinds - {nn.Linear, nn.LayerNorm}]
+    if len(used) > 1 or not set(used) <= set(ACTIVATIONS):
         raise TypeError(
-            f"the {part} cannot be frozen: its hidden layers must all be built alike, and end in a "
-            f"Linear"
+            f"actor and critics with layers {sorted(used)} cannot be frozen: apart from Linear and "
+            f"LayerNorm, all hidden layers must have one activation of {', '.join(ACTIVATIONS)}"
         )
-    return _Stack(linears, norms, activations[0] if activations else None)
+    return used[0] if used else "relu"
 
 
-def _common_activation(stacks: list[_Stack]) -> str:
-    used = {stack.activation for stack in stacks if stack.activation is not None}
-    if len(used) > 1:
+def _copy(target: nn.Module, layers: list[nn.Module], part: str) -> None:
+    """Copy weights layer by layer.
+
+    :raises TypeError: if the layers differ from the target's, which are those of `PolicyNetworks`.
+    """
+    own = list(target.children())
+    if [_kind(layer) for layer in own] != [_kind(layer) for layer in layers]:
         raise TypeError(
-            f"actor and critics use different activations {sorted(used)}: only one can be frozen"
+            f"the {part}'s layers {layers} cannot be frozen: use Linear, LayerNorm (optional) and "
+            "activation for each hidden layer, then Linear, and the same widths in all critics"
         )
-    return used.pop() if used else "relu"
+    for new, old in zip(own, layers, strict=True):
+        new.load_state_dict(old.state_dict())
 
 
-def _copy(target: nn.Module, source: _Stack) -> None:
-    """Copy weights layer by layer; the shapes agree by construction."""
-    linears = [layer for layer in target.modules() if isinstance(layer, nn.Linear)]
-    norms = [layer for layer in target.modules() if isinstance(layer, nn.LayerNorm)]
-    for new, old in zip([*linears, *norms], [*source.linears, *source.norms], strict=True):
-        new.load_state_dict(
-            {name: value.detach().cpu().float() for name, value in old.state_dict().items()}
-        )
+def _kind(layer: nn.Module) -> tuple[Any, ...]:
+    """Return all that two layers must have in common to compute the same from equal weights."""
+    shapes = {name: value.shape for name, value in layer.state_dict().items()}
+    return type(layer), getattr(layer, "eps", None), shapes
 
 
-def _read_features(model: OffPolicyAlgorithm, actor: Any) -> _Features:
-    observation_space = model.observation_space
-    assert isinstance(observation_space, spaces.Dict)
-    extractor = actor.features_extractor
+def _normaliser(
+    model: OffPolicyAlgorithm, extractor: nn.Module
+) -> tuple[tuple[tuple[str, int], ...], tuple[Tensor, Tensor, Tensor]]:
+    """Return the inputs in their order, with sizes, and their mean, standard deviation and clip."""
+    wrapper = model.get_vec_normalize_env()
+    wrapper = wrapper if wrapper is not None and wrapper.norm_obs else None
     if isinstance(extractor, NormalizedGoalFeatures):
-        inputs = _inputs(observation_space, extractor.keys)
-        return _Features(inputs, *_extractor_normaliser(model, extractor))
+        if wrapper is not None:
+            raise TypeError(
+                "the model normalises twice (features extractor and VecNormalize): drop one"
+            )
+        inputs = tuple((key, _flat_size(model, key)) for key in extractor.keys)
+        return inputs, _extractor_statistics(model, extractor)
     if type(extractor) is CombinedExtractor:
-        inputs = _inputs(observation_space, extractor.extractors)
-        return _Features(inputs, *_vec_normalize_normaliser(model, inputs))
+        inputs = tuple((key, _flat_size(model, key)) for key in extractor.extractors)
+        return inputs, _wrapper_statistics(wrapper, inputs)
     raise TypeError(
         f"the features extractor {type(extractor).__name__} cannot be frozen: use SB3's "
-        "CombinedExtractor or the learner room's NormalizedGoalFeatures"
+        "CombinedExtractor or saver_advisors.learner.NormalizedGoalFeatures"
     )
 
 
-def _inputs(space: spaces.Dict, keys: Iterable[str]) -> tuple[tuple[str, int], ...]:
-    return tuple((key, _flat_size(space, key)) for key in keys)
-
-
-def _flat_size(space: spaces.Dict, key: str) -> int:
-    box = space.spaces.get(key)
+def _flat_size(model: OffPolicyAlgorithm, key: str) -> int:
+    assert isinstance(model.observation_space, spaces.Dict), "checked by _parts"
+    box = model.observation_space.spaces.get(key)
     if not isinstance(box, spaces.Box) or len(box.shape) != 1:
         raise TypeError(f"the observation's {key!r} is {box}: only flat Boxes can be frozen")
     return int(box.shape[0])
 
 
-def _extractor_normaliser(
+def _extractor_statistics(
     model: OffPolicyAlgorithm, extractor: NormalizedGoalFeatures
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """The extractor's statistics; a critic with others would see another world than the actor."""
+    """Return the statistics that actor and critic share."""
     critic: Any = model.policy.critic
-    other = critic.features_extractor
     for name in ("shift", "scale"):
-        if not torch.equal(getattr(extractor, name), getattr(other, name)):
+        if not torch.equal(getattr(extractor, name), getattr(critic.features_extractor, name)):
             raise TypeError(
                 f"actor and critic normalise with different {name}: share the extractor"
             )
-    if _vec_normalize(model) is not None:
-        raise TypeError(
-            "the model normalises twice (features extractor and VecNormalize): drop one"
-        )
-    mean, scale = extractor.shift.detach().cpu(), extractor.scale.detach().cpu()
-    return mean, 1.0 / scale, torch.full_like(mean, extractor.clip)
+    mean = extractor.shift.cpu()
+    return mean, 1.0 / extractor.scale.cpu(), torch.full_like(mean, extractor.clip)
 
 
-def _vec_normalize(model: OffPolicyAlgorithm) -> VecNormalize | None:
-    wrapper = model.get_vec_normalize_env()
-    return wrapper if wrapper is not None and wrapper.norm_obs else None
-
-
-def _vec_normalize_normaliser(
-    model: OffPolicyAlgorithm, inputs: tuple[tuple[str, int], ...]
+def _wrapper_statistics(
+    wrapper: VecNormalize | None, inputs: tuple[tuple[str, int], ...]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Fold VecNormalize's statistics in, so that the frozen policy takes raw observations."""
-    wrapper = _vec_normalize(model)
-    means, stds, clips = [], [], []
+    """Return VecNormalize's statistics, so that the frozen policy takes raw observations."""
+    mean, std, clip = [], [], []
     for key, size in inputs:
         if wrapper is not None and key in (wrapper.norm_obs_keys or ()):
             statistics = wrapper.obs_rms[key]
-            means.append(torch.as_tensor(statistics.mean))
-            stds.append(torch.as_tensor(np.sqrt(statistics.var + wrapper.epsilon)))
-            clips.append(torch.full((size,), wrapper.clip_obs))
+            mean.append(statistics.mean)
+            std.append(np.sqrt(statistics.var + wrapper.epsilon))
+            clip.append(np.full(size, wrapper.clip_obs))
         else:
-            means.append(torch.zeros(size))
-            stds.append(torch.ones(size))
-            clips.append(torch.full((size,), math.inf))
-    return torch.cat(means).float(), torch.cat(stds).float(), torch.cat(clips).float()
+            mean.append(np.zeros(size))
+            std.append(np.ones(size))
+            clip.append(np.full(size, math.inf))
+    values = [torch.as_tensor(np.concatenate(parts)).float() for parts in (mean, std, clip)]
+    return values[0], values[1], values[2]

@@ -26,10 +26,12 @@ class FrozenPolicy:
     Actions are in the units of the environment in which the policy was trained.
 
     :param networks: the weights, which are copied.
+    :param name: of the policy, for messages.
     """
 
-    def __init__(self, networks: PolicyNetworks) -> None:
+    def __init__(self, networks: PolicyNetworks, name: str = "policy") -> None:
         self.spec = networks.spec
+        self.name = name
         self._mean, self._std, self._clip = (
             _copy(values) for values in (networks.mean, networks.std, networks.clip)
         )
@@ -41,13 +43,16 @@ class FrozenPolicy:
         # One stacked product is faster than several products in sequence.
         self._critics = [_together(list(alike)) for alike in zip(*critics, strict=True)]
 
-    def features(self, inputs: Mapping[str, NDArray[Any]]) -> FloatArray:
+    def features(self, inputs: Mapping[str, NDArray[Any] | None]) -> FloatArray:
         """Concatenate and normalise.
 
-        :param inputs: each input of the spec, (n, its size)
-        :return: (n, feature_size), (x - mean) / std, clipped
+        :param inputs: each input of the spec, (n, its size).
+        :return: (n, feature_size), (x - mean) / std, clipped.
+        :raises ValueError: if an input is missing or its shape differs.
         """
-        parts = [inputs[key] for key, _ in self.spec.inputs]
+        parts = [
+            check_rows(key, inputs.get(key), size, self.name) for key, size in self.spec.inputs
+        ]
         flat: FloatArray = np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
         flat -= self._mean
         flat /= self._std
@@ -55,7 +60,7 @@ class FrozenPolicy:
         return np.minimum(flat, self._clip, out=flat)
 
     def action(self, features: FloatArray) -> FloatArray:
-        """:return: the deterministic action, (n, action_size)"""
+        """Return the deterministic action, (n, action_size)."""
         scaled = np.tanh(_forward(self._actor, features))
         return self._low + np.float32(0.5) * (scaled + np.float32(1.0)) * self._span
 
@@ -64,10 +69,10 @@ class FrozenPolicy:
     ) -> FloatArray:
         """Return the critics' value of an action.
 
-        :param features: (n, feature_size)
-        :param action: (n, action_size)
-        :param twin_minimum: the smallest of the critics, else the first
-        :return: (n,)
+        :param features: (n, feature_size).
+        :param action: (n, action_size).
+        :param twin_minimum: whether to return the minimum of the critics, else the first.
+        :return: (n,).
         """
         scaled = np.float32(2.0) * (action - self._low) / self._span - np.float32(1.0)
         joined = np.concatenate((features, scaled), axis=1)
@@ -79,16 +84,35 @@ class FrozenPolicy:
 
 @dataclass(frozen=True)
 class _Layer:
-    """x W + b, LayerNorm where there is one, activation where there is one.
+    """A linear layer, optionally followed by LayerNorm and activation; or those of k networks.
 
-    weight: (in, out), or (k, in, out) for k networks at once; bias and the norm's two: (out,), or
-    (k, 1, out)
+    :param weight: (in, out), or (k, in, out).
+    :param bias: (out,), or (k, 1, out).
+    :param norm: LayerNorm's weight and bias, shaped as ``bias``, and its eps.
+    :param activation: in place where NumPy can.
     """
 
     weight: FloatArray
     bias: FloatArray
     norm: tuple[FloatArray, FloatArray, float] | None
     activation: Activation | None
+
+
+def check_rows(key: str, values: NDArray[Any] | None, size: int, name: str) -> NDArray[Any]:
+    """Check that an input is given and has the shape (n, size).
+
+    :param key: of the input, for the message.
+    :param values: the input.
+    :param size: numbers per row.
+    :param name: of the policy, for the message.
+    :return: the input.
+    :raises ValueError: if it is missing or has another shape.
+    """
+    if values is None:
+        raise ValueError(f"{name!r} reads {key!r}, which the observation lacks: pass it too")
+    if values.ndim != 2 or values.shape[1] != size:
+        raise ValueError(f"{key} has shape {values.shape}: {name!r} needs (n, {size})")
+    return values
 
 
 def _copy(values: torch.Tensor) -> FloatArray:
@@ -117,7 +141,7 @@ def _layers(network: nn.Module) -> list[_Layer]:
 
 
 def _together(layers: list[_Layer]) -> _Layer:
-    """Layers of several networks as one."""
+    """Combine the same layer of several networks into one."""
     first = layers[0]
 
     def stack(parts: list[FloatArray]) -> FloatArray:
@@ -132,7 +156,7 @@ def _together(layers: list[_Layer]) -> _Layer:
 
 
 def _mean(values: FloatArray) -> FloatArray:
-    """Mean over a critic's outputs, (..., n)."""
+    """Average a critic's outputs, (..., n) -> (...)."""
     mean: FloatArray = values[..., 0] if values.shape[-1] == 1 else values.mean(axis=-1)
     return mean
 
@@ -149,7 +173,7 @@ def _forward(layers: list[_Layer], values: FloatArray) -> FloatArray:
 
 
 def _normalise(values: FloatArray, weight: FloatArray, bias: FloatArray, eps: float) -> None:
-    """LayerNorm, in place, of rows whose mean is zero."""
+    """Apply LayerNorm in place to rows whose mean is zero."""
     scale = np.vecdot(values, values)[..., np.newaxis]
     scale /= np.float32(values.shape[-1])
     scale += np.float32(eps)

@@ -1,15 +1,15 @@
 """Frozen policy networks: the weights of teachers and shipped policies.
 
-A policy is a concatenation of observation entries, a fixed normaliser, an actor and optionally some
-critics. `NetworkSpec` says which ones, `PolicyNetworks` is the module, and its `state_dict` is what
-the weight files hold.
+A policy consists of a concatenation of observation entries, a fixed normaliser, an actor and
+optionally critics. `NetworkSpec` describes them; `PolicyNetworks` is the module, whose `state_dict`
+is the content of a weight file.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import torch
@@ -36,20 +36,20 @@ MAX_DEPTH: Final = 64
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """Describe networks: shapes, activations and the order of the inputs.
+    """Shapes and activations of networks, and the order of their inputs.
 
-    :param inputs: observation entries in the order in which the network reads them, with their
-        sizes
-    :param action_size: numbers in one action
-    :param actor_hidden: widths of the actor's hidden layers
-    :param critic_hidden: widths of each critic's hidden layers
-    :param n_critics: independent critics, 0 where the policy comes without
-    :param critic_outputs: outputs of one critic: 1, or the number of quantiles (TQC), whose mean is
-        the value
-    :param activation: a key of `ACTIVATIONS`
-    :param actor_layer_norm: a LayerNorm between each hidden Linear of the actor and its activation
-    :param critic_layer_norm: the same in the critics
-    :raises ValueError: where a size, a name or a width is out of range
+    :param inputs: observation entries with their sizes, in the order in which the network reads
+        them.
+    :param action_size: size of an action.
+    :param actor_hidden: widths of the actor's hidden layers.
+    :param critic_hidden: widths of each critic's hidden layers.
+    :param n_critics: number of critics; 0 if the policy has none.
+    :param critic_outputs: outputs of a critic, whose mean is the value: 1, one per part of the
+        goal, or the quantiles of TQC.
+    :param activation: a key of `ACTIVATIONS`.
+    :param actor_layer_norm: whether LayerNorm precedes each hidden activation of the actor.
+    :param critic_layer_norm: the same for the critics.
+    :raises ValueError: if a size, a name or a width is out of range.
     """
 
     inputs: tuple[tuple[str, int], ...]
@@ -85,7 +85,7 @@ class NetworkSpec:
 
     @property
     def feature_size(self) -> int:
-        """Numbers that the networks read: the sum of the input sizes."""
+        """The sum of the input sizes."""
         return sum(size for _, size in self.inputs)
 
     @property
@@ -93,16 +93,12 @@ class NetworkSpec:
         """Input sizes by observation entry."""
         return dict(self.inputs)
 
-    def to_dict(self) -> dict[str, Any]:
-        """:return: a JSON-able description, the inverse of `from_dict`"""
-        return asdict(self)
-
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> NetworkSpec:
-        """Rebuild a description that went through JSON.
+        """Create a description from the fields as JSON holds them.
 
-        :param values: what `to_dict` returned
-        :raises ValueError: on missing, surplus or ill-typed entries
+        :param values: by name.
+        :raises ValueError: for missing, surplus or ill-typed entries.
         """
         try:
             fields = dict(values)
@@ -125,8 +121,7 @@ def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
     keys = [key for key, _ in inputs]
     if not keys or len(set(keys)) != len(keys) or not set(keys) <= set(OBSERVATION_KEYS):
         raise ValueError(
-            f"inputs are {keys}: they must be different ones of {list(OBSERVATION_KEYS)}, at least "
-            f"one"
+            f"inputs are {keys}: they must be one or more of {list(OBSERVATION_KEYS)}, each once"
         )
     for key, size in inputs:
         _check_size(f"inputs[{key!r}]", size, 1)
@@ -150,8 +145,7 @@ class PolicyNetworks(nn.Module):
     Actions of the networks lie in [-1, 1]; `action_low` and `action_high` are the box of the
     environment in which the policy was trained, in that environment's units.
 
-    :param spec: the shapes; the weights start random and are meant to be overwritten by
-        `load_state_dict`
+    :param spec: the shapes; the weights start random, for `load_state_dict` to overwrite.
     """
 
     mean: Tensor
@@ -166,8 +160,7 @@ class PolicyNetworks(nn.Module):
         size = spec.feature_size
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("std", torch.ones(size))
-        # Per feature, so that a policy may clip some entries (VecNormalize) and leave others as
-        # they are.
+        # Per feature: VecNormalize may clip some entries and not others.
         self.register_buffer("clip", torch.full((size,), math.inf))
         self.register_buffer("action_low", -torch.ones(spec.action_size))
         self.register_buffer("action_high", torch.ones(spec.action_size))

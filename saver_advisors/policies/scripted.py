@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.policies.inference import FloatArray
-from saver_advisors.policies.teacher import Teacher, check_rows
-from saver_envs.experts import Expert, make_expert
+from saver_advisors.policies.inference import FloatArray, check_rows
+from saver_advisors.policies.teacher import Teacher
+from saver_envs.experts import make_expert
 from saver_envs.robots.description import Fingers
 
 PREFIX: Final = "scripted:"
@@ -18,7 +18,7 @@ PREFIX: Final = "scripted:"
 
 
 class ScriptedTeacher(Teacher):
-    """Act as one arm of a scripted expert, from that arm's present observation alone.
+    """Act as one arm of a scripted expert, from that arm's current observation alone.
 
     A scripted teacher has no networks, so no critics and no weights to initialise a student with.
 
@@ -29,7 +29,7 @@ class ScriptedTeacher(Teacher):
     """
 
     def __init__(self, env_id: str, arm: int) -> None:
-        self._expert = _one_arm_at_a_time(env_id)
+        self._expert = make_expert(env_id, coordinated=False)
         self._arm = arm
         if not 0 <= arm < self._expert.n_arms:
             raise ValueError(f"arm={arm}: {env_id} has {self._expert.n_arms} arms, from 0")
@@ -39,7 +39,6 @@ class ScriptedTeacher(Teacher):
         self.goal_size = task.goal_layout.block
         self.action_size = 3 + (task.fingers is Fingers.ACTUATED)
         self.has_critics = False
-        self.reads_achieved_goal = False
 
     def act(
         self,
@@ -70,9 +69,5 @@ def scripted_teachers(name: str) -> Sequence[Teacher]:
     :raises ValueError: as for ``ScriptedTeacher``.
     """
     env_id = name.removeprefix(PREFIX)
-    return [ScriptedTeacher(env_id, arm) for arm in range(_one_arm_at_a_time(env_id).n_arms)]
-
-
-def _one_arm_at_a_time(env_id: str) -> Expert:
-    """Return the expert of an id, with arms that act independently."""
-    return make_expert(env_id, coordinated=False)
+    n_arms = make_expert(env_id, coordinated=False).n_arms
+    return [ScriptedTeacher(env_id, arm) for arm in range(n_arms)]

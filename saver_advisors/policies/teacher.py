@@ -1,6 +1,4 @@
-"""Teachers: frozen single-arm policies, and the group of them that drives n arms in one forward
-pass.
-"""
+"""Teachers: frozen single-arm policies, and a group of them that acts for n arms at once."""
 
 from __future__ import annotations
 
@@ -23,9 +21,8 @@ class Teacher:
 
     Observations, goals and actions are NumPy arrays in the environment's units.
 
-    Attributes: `observation_size` and `goal_size`, the numbers that it reads of `observation` and
-    `desired_goal` (0 where it does not read that entry), `action_size`, `has_critics`,
-    `reads_achieved_goal`.
+    Attributes: `observation_size` and `goal_size`, the sizes of its inputs `observation` and
+    `desired_goal` (0 if it does not read that entry), `action_size`, `has_critics`.
 
     :param networks: the weights, which are copied.
     :param name: of the teacher in logs and saved runs.
@@ -34,22 +31,20 @@ class Teacher:
     def __init__(self, networks: PolicyNetworks, name: str = "teacher") -> None:
         self.networks = networks
         self.name = name
-        self._policy = FrozenPolicy(networks)
+        self._policy = FrozenPolicy(networks, name)
         sizes = networks.spec.sizes
         self.observation_size = sizes.get("observation", 0)
         self.goal_size = sizes.get("desired_goal", 0)
         self.action_size = networks.spec.action_size
         self.has_critics = networks.spec.n_critics > 0
-        self.reads_achieved_goal = "achieved_goal" in sizes
 
     @classmethod
     def from_sb3(cls, model: OffPolicyAlgorithm, name: str | None = None) -> Teacher:
-        """Freeze a copy of a trained model's actor and critics; training it further does not change
-        the teacher.
+        """Create a teacher from a copy of a trained model's actor and critics.
 
-        :param model: DDPG, TD3, SAC or TQC with a Dict observation of flat entries
-        :param name: what to call it; by default the algorithm's name
-        :raises TypeError: where the model is of another kind
+        :param model: DDPG, TD3, SAC or TQC with a Dict observation of flat entries.
+        :param name: of the teacher; by default the algorithm's.
+        :raises TypeError: for a model of another kind.
         """
         return cls(networks_from_sb3(model), name or f"sb3-{type(model).__name__}")
 
@@ -61,11 +56,11 @@ class Teacher:
     ) -> FloatArray:
         """Return the deterministic action.
 
-        :param observation: (n, observation_size)
-        :param goal: (n, goal_size) desired goals
-        :param achieved_goal: (n, goal_size), only for a teacher that reads it
-        :return: (n, action_size) in the environment's units
-        :raises ValueError: where a shape does not fit
+        :param observation: (n, observation_size).
+        :param goal: (n, goal_size) desired goals.
+        :param achieved_goal: (n, goal_size), only for a teacher that reads it.
+        :return: (n, action_size) in the environment's units.
+        :raises ValueError: if a shape does not fit.
         """
         return self._policy.action(self._features(observation, goal, achieved_goal))
 
@@ -80,15 +75,15 @@ class Teacher:
     ) -> FloatArray:
         """Return the teacher's value of an action, Q_tr(s_i, a).
 
-        :param observation: (n, observation_size)
-        :param goal: (n, goal_size) desired goals
+        :param observation: (n, observation_size).
+        :param goal: (n, goal_size) desired goals.
         :param action: (n, action_size), or (k, n, action_size) for k actions in each of the n
-            states
-        :param achieved_goal: (n, goal_size), only for a teacher that reads it
-        :param twin_minimum: the smallest of the critics, which guards against over-estimation; else
-            the first
-        :return: (n,) or (k, n)
-        :raises ValueError: where a shape does not fit or the teacher has no critics
+            states.
+        :param achieved_goal: (n, goal_size), only for a teacher that reads it.
+        :param twin_minimum: whether to return the minimum of the critics, which guards against
+            overestimation, else the first.
+        :return: (n,) or (k, n).
+        :raises ValueError: if a shape does not fit or the teacher has no critics.
         """
         if not self.has_critics:
             raise ValueError(
@@ -96,9 +91,8 @@ class Teacher:
             )
         if action.shape[-1] != self.action_size or action.shape[-2] != len(observation):
             raise ValueError(
-                f"action has shape {action.shape}: teacher {self.name!r} needs (..., "
-                f"{len(observation)}, "
-                f"{self.action_size})"
+                f"action has shape {action.shape}: teacher {self.name!r} needs "
+                f"(..., {len(observation)}, {self.action_size})"
             )
         features = self._features(observation, goal, achieved_goal)
         rows = action.reshape(-1, self.action_size).astype(np.float32, copy=False)
@@ -109,15 +103,9 @@ class Teacher:
     def _features(
         self, observation: NDArray[Any], goal: NDArray[Any], achieved: NDArray[Any] | None
     ) -> FloatArray:
-        inputs = {}
-        given = {"observation": observation, "desired_goal": goal, "achieved_goal": achieved}
-        for key, size in self.networks.spec.inputs:
-            values = given[key]
-            if values is None:
-                raise ValueError(f"teacher {self.name!r} reads {key!r}: pass it too")
-            check_rows(key, values, size, self.name)
-            inputs[key] = values
-        return self._policy.features(inputs)
+        return self._policy.features(
+            {"observation": observation, "desired_goal": goal, "achieved_goal": achieved}
+        )
 
     def __repr__(self) -> str:
         return (
@@ -127,12 +115,11 @@ class Teacher:
 
 
 class TeacherGroup:
-    """One teacher for every arm, or one for each arm; arms that share a teacher share its forward
-    pass.
+    """Teachers of n arms; arms that share a teacher share its forward pass.
 
-    :param teachers: one, or as many as arms
-    :param n_arms: arms to drive
-    :raises ValueError: where the numbers do not match or the teachers' sizes differ
+    :param teachers: one for all arms, or one per arm.
+    :param n_arms: number of arms.
+    :raises ValueError: if the numbers do not match or the teachers' sizes differ.
     """
 
     def __init__(self, teachers: Teacher | Sequence[Teacher], n_arms: int) -> None:
@@ -153,7 +140,6 @@ class TeacherGroup:
         self.names = [teacher.name for teacher in self.teachers]
         self.action_size = first.action_size
         self.has_critics = all(teacher.has_critics for teacher in self.teachers)
-        self.reads_achieved_goal = any(teacher.reads_achieved_goal for teacher in self.teachers)
         # Compared by identity: equal weights in two teachers take two passes.
         unique = {id(teacher): teacher for teacher in self.teachers}
         self._members = [
@@ -169,10 +155,10 @@ class TeacherGroup:
     ) -> FloatArray:
         """Return the action of every arm.
 
-        :param observations: (n_envs, n_arms, observation_size)
-        :param goals: (n_envs, n_arms, goal_size)
-        :param achieved_goals: (n_envs, n_arms, goal_size), only where a teacher reads it
-        :return: (n_envs, n_arms, action_size)
+        :param observations: (n_envs, n_arms, observation_size).
+        :param goals: (n_envs, n_arms, goal_size) desired goals.
+        :param achieved_goals: (n_envs, n_arms, goal_size), only if a teacher reads it.
+        :return: (n_envs, n_arms, action_size).
         """
         n_envs = len(observations)
         actions = np.empty((n_envs, self.n_arms, self.action_size), dtype=np.float32)
@@ -193,12 +179,12 @@ class TeacherGroup:
     ) -> FloatArray:
         """Return the values of k candidate actions of every arm.
 
-        :param observations: (n_envs, n_arms, observation_size)
-        :param goals: (n_envs, n_arms, goal_size)
-        :param actions: (k, n_envs, n_arms, action_size)
-        :param achieved_goals: (n_envs, n_arms, goal_size), only where a teacher reads it
-        :param twin_minimum: the smallest of the critics, else the first
-        :return: (k, n_envs, n_arms)
+        :param observations: (n_envs, n_arms, observation_size).
+        :param goals: (n_envs, n_arms, goal_size) desired goals.
+        :param actions: (k, n_envs, n_arms, action_size).
+        :param achieved_goals: (n_envs, n_arms, goal_size), only if a teacher reads it.
+        :param twin_minimum: whether to return the minimum of the critics, else the first.
+        :return: (k, n_envs, n_arms).
         """
         n_candidates, n_envs = actions.shape[:2]
         values = np.empty((n_candidates, n_envs, self.n_arms), dtype=np.float32)
@@ -216,20 +202,7 @@ class TeacherGroup:
         return values
 
 
-def check_rows(key: str, values: NDArray[Any], size: int, name: str) -> None:
-    """Check that a teacher's input has the shape (n, size).
-
-    :param key: of the input, for the message.
-    :param values: the input.
-    :param size: numbers in a row.
-    :param name: of the teacher, for the message.
-    :raises ValueError: for another shape.
-    """
-    if values.ndim != 2 or values.shape[1] != size:
-        raise ValueError(f"{key} has shape {values.shape}: teacher {name!r} needs (n, {size})")
-
-
 def _stack(per_arm: NDArray[Any], arms: list[int]) -> NDArray[Any]:
-    """(n_envs, n_arms, size) -> (n_envs * len(arms), size): the arms go into the batch."""
+    """Move the arms into the batch: (n_envs, n_arms, size) -> (n_envs * len(arms), size)."""
     chosen = per_arm if len(arms) == per_arm.shape[1] else per_arm[:, arms]
     return chosen.reshape(-1, per_arm.shape[-1])

@@ -1,1 +1,1 @@
-"""What a person reads: tables, figures, videos, error messages, and where a figure comes from."""
+"""Reports: tables, figures, videos, error messages, and the provenance of results."""

@@ -1,4 +1,4 @@
-"""What curves look like: colours, marks, axes."""
+"""The style of curves: colours, markers, axes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from saver_advisors.evaluation.metrics import SOLVED
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito: told apart by readers with any colour vision.
+# The palette of Okabe and Ito, which is safe for colour-blind readers.
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 GREY: Final = "0.55"
 
 
 class Pen(NamedTuple):
-    """What a curve is drawn with.
+    """The colour and dashes of a curve.
 
     :param colour: Matplotlib's
     :param dashes: Matplotlib's line style
@@ -26,17 +26,17 @@ class Pen(NamedTuple):
     dashes: str = "-"
 
 
-# All colours once before any of them comes again: dashed, then dotted.
+# All colours solid, then all dashed, then all dotted.
 PENS: Final = tuple(Pen(colour, dashes) for dashes, colour in product(("-", "--", ":"), COLOURS))
 
 FEW_POINTS: Final = 40
-"""Curves with more evaluations are drawn without a mark at each."""
+"""Most evaluations of a curve that is drawn with markers."""
 
 
 def line_style(points: int) -> dict[str, Any]:
-    """How a curve is drawn: few points are marked, many are not.
+    """Return the line style of a curve, with markers if it has few points.
 
-    :param points: of the curve
+    :param points: number of points
     :return: arguments of Matplotlib's ``plot``
     """
     few = points <= FEW_POINTS
@@ -44,10 +44,10 @@ def line_style(points: int) -> dict[str, Any]:
 
 
 def dress(axes: Axes, name: str) -> None:
-    """Grid, spines and limits as all our curves have them.
+    """Apply the common grid, spines and limits.
 
     :param axes: whose horizontal axis starts from 0
-    :param name: of the column of the curve that it shows
+    :param name: column of the curve that is shown
     """
     axes.grid(color="0.9", linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,7 @@
-"""One episode in space and time: the counterpart of the dissertation's Figure 6.3.
+"""Plot one episode in space and time, like the dissertation's Figure 6.3.
 
-On the left the distance between the objects over time, with the band that a constraint allows; on
-the right the ways of hands and objects.
+The left panel shows the distance between the objects over time, with the band that a constraint
+allows; the right panel shows the paths of hands and objects.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.evaluation.episodes import Predict, SingleEpisodeEnv, play
-from saver_advisors.reporting.curve_style import COLOURS, GREY
+from saver_advisors.reporting.curve_style import COLOURS, GREY, dress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,10 +26,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EpisodePaths:
-    """Where everything was during an episode, in the world frame, metres.
+    """The positions during an episode, in the world frame, metres.
 
-    :param title: what the figure calls it
-    :param seconds: (steps + 1,) of each state, from 0
+    :param title: of the episode in the figure
+    :param seconds: (steps + 1,) time of each state, from 0
     :param hands: (steps + 1, arms, 3)
     :param objects: (steps + 1, arms, 3)
     :param targets: (arms, 3)
@@ -47,12 +47,12 @@ class EpisodePaths:
 
     @property
     def distances(self) -> Floats:
-        """(steps + 1,) between the first two objects.
+        """Distances (steps + 1,) between the first two objects, metres.
 
         :raises ValueError: for an episode of one arm
         """
         if self.objects.shape[1] < 2:
-            raise ValueError(f"{self.title}: one arm has one object, and no distance to another")
+            raise ValueError(f"{self.title}: an episode of one arm has no distance between objects")
         gaps: Floats = np.linalg.norm(self.objects[:, 0] - self.objects[:, 1], axis=-1)
         return gaps
 
@@ -65,11 +65,11 @@ def follow(
     seed: int = 0,
     env_kwargs: Mapping[str, Any] | None = None,
 ) -> EpisodePaths:
-    """Play one episode, the one that an evaluation starts from that seed.
+    """Play and record one episode, the same as in an evaluation with that seed.
 
     :param predict: batched Dict observation (1, size) -> actions (1, action_size)
     :param env_id: a registered id
-    :param title: what the figure calls it
+    :param title: of the episode in the figure
     :param seed: of the episode
     :param env_kwargs: keyword arguments of the environment
     :return: its paths
@@ -108,7 +108,7 @@ def follow(
 
 
 def draw_paths(episodes: Sequence[EpisodePaths]) -> Figure:
-    """Draw episodes one below the other.
+    """Plot episodes one below the other.
 
     :param episodes: of two arms or more
     :return: the figure
@@ -134,10 +134,9 @@ def _draw_distance(axes: Any, episode: EpisodePaths) -> None:
     axes.plot(episode.seconds, distances, color=COLOURS[0], linewidth=1.6, label="distance")
     axes.set_xlabel("time (s)")
     axes.set_ylabel("distance between the objects (cm)")
-    axes.set_xlim(0, episode.seconds[-1])
+    dress(axes, "distance")
+    axes.set_xlim(right=episode.seconds[-1])
     axes.margins(y=0.15)
-    axes.grid(color="0.9", linewidth=0.8)
-    axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
 
 

@@ -1,4 +1,4 @@
-"""Mistakes of the user's: one line with the argument, the value, and what would be right."""
+"""Usage errors: one line with the argument, its value, and the valid values."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from contextlib import contextmanager
 
 
 class UsageError(Exception):
-    """Something that the user can put right; shown as one line, without a traceback."""
+    """An error that the user can correct; shown as one line, without a traceback."""
 
 
 @contextmanager
 def user_mistakes(argument: str = "") -> Iterator[None]:
-    """Turn the errors that our libraries raise for wrong values into usage errors.
+    """Convert the errors that libraries raise for invalid values into usage errors.
 
-    :param argument: what the message begins with, such as ``--policy``
+    :param argument: start of the message, such as ``argument --policy``
     """
     try:
         yield
@@ -25,12 +25,12 @@ def user_mistakes(argument: str = "") -> Iterator[None]:
 
 
 def unknown(what: str, value: str, valid: Iterable[str]) -> str:
-    """The message for an unknown name.
+    """Compose the message for an unknown name.
 
-    :param what: the kind of thing
-    :param value: what was given
-    :param valid: the names that there are
-    :return: the message, with the nearest name and all of them
+    :param what: kind of the name
+    :param value: the unknown name
+    :param valid: the known names
+    :return: the message, with the closest name and all of them
     """
     names = list(valid)
     close = difflib.get_close_matches(value, names, n=1)

@@ -1,4 +1,4 @@
-"""Figures on disk, and how a page links them."""
+"""Figures on disk, and their links on pages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Drawn:
     """A figure on disk.
 
     :param path: of the picture
-    :param caption: what it shows
+    :param caption: below the picture
     """
 
     path: Path
@@ -20,7 +20,7 @@ class Drawn:
 
 
 def link(figure: Path, folder: Path) -> str:
-    """Where a figure is, as a page links it.
+    """Return the link from a page to a figure.
 
     :param figure: the picture
     :param folder: of the page

@@ -1,4 +1,4 @@
-"""Where a measurement comes from: command, commit, versions and machine, for every JSON file."""
+"""The origin of results: command, commit, versions and machine, for every JSON file."""
 
 from __future__ import annotations
 
@@ -25,11 +25,9 @@ PACKAGES = {
     "numpy": "numpy",
 }
 COMMAND_VARIABLE = "SAVER_COMMAND"
-"""The environment variable that tells a process which command it works for, where that is not its
-own command line."""
+"""Environment variable with the command that a process works for, if not its own command line."""
 COMMIT_VARIABLE = "SAVER_COMMIT"
-"""The environment variable that names the commit where the files are without their repository, as
-on a cluster's node."""
+"""Environment variable with the commit, for files without a repository, as on a cluster's node."""
 REPOSITORY = Path(__file__).resolve().parents[2]
 VECTOR_INSTRUCTIONS = {
     "avx2": "AVX2",
@@ -40,15 +38,15 @@ VECTOR_INSTRUCTIONS = {
     "sve": "SVE",
     "bf16": "bfloat16",
 }
-"""Of what a processor can do, by Linux's names, what decides how fast products of matrices are:
-processors that do not share it share a name."""
+"""Instruction sets (by Linux's names) that determine the speed of matrix products; processors with
+different ones can have the same name."""
 
 
 def provenance() -> dict[str, Any]:
-    """What is needed to say how a result came about.
+    """Describe the origin of a result.
 
-    :return: JSON-able: ``command``, ``commit`` (None outside a checkout, "-dirty" appended where
-        files differ from it), ``time`` (UTC, ISO 8601), ``versions`` and ``machine``
+    :return: JSON-able: ``command``, ``commit`` (None outside a checkout, with "-dirty" if files
+        differ from it), ``time`` (UTC, ISO 8601), ``versions`` and ``machine``
     """
     return {
         "command": command_line(),
@@ -67,9 +65,9 @@ def provenance() -> dict[str, Any]:
 
 
 def machine_in_words(machine: Mapping[str, Any]) -> str:
-    """A machine as a page names it.
+    """Describe a machine for a page.
 
-    :param machine: of a :func:`provenance`; older ones do not tell the vector instructions
+    :param machine: of a :func:`provenance`; older ones lack the vector instructions
     """
     vectors = " and ".join(machine.get("vector_instructions", []))
     told = [f"{machine['cpu']} with {vectors}" if vectors else str(machine["cpu"])]
@@ -78,18 +76,18 @@ def machine_in_words(machine: Mapping[str, Any]) -> str:
 
 
 def load_averages() -> list[float] | None:
-    """The system's load averages, which say whether it had other work; None where it has none."""
+    """Return the system's load averages, which show other work; None if it has none."""
     return [round(one, 2) for one in os.getloadavg()] if hasattr(os, "getloadavg") else None
 
 
 def write_json_atomic(path: str | Path, data: Any) -> None:
-    """Write a JSON file as a whole: a reader sees the old content or the new, never a part.
+    """Write a JSON file atomically: a reader sees the old or the new content.
 
     :param path: of the file
-    :param data: JSON-able; NaN and infinity are refused, as no other program could read them
+    :param data: JSON-able, without NaN and infinity, which are not valid JSON
     :raises ValueError: for NaN or infinity
-    :raises TypeError: for what JSON does not know
-    :raises OSError: when it cannot be written; an old file is then intact
+    :raises TypeError: for a value that JSON cannot represent
+    :raises OSError: if it cannot be written; an old file is then intact
     """
     text = json.dumps(data, indent=2, allow_nan=False) + "\n"
     with written_whole(path) as file:
@@ -97,10 +95,10 @@ def write_json_atomic(path: str | Path, data: Any) -> None:
 
 
 def portable_command(command: str) -> str:
-    """A command line without the folders of the machine it ran on.
+    """Remove the folders of this machine from a command line.
 
-    :param command: words as a shell splits them; the first is the program
-    :return: the same, with files and programs that were named from the root by their names alone
+    :param command: a shell command; its first word is the program
+    :return: the command, with the program and absolute paths reduced to their file names
     """
     program, *words = shlex.split(command)
     named = (Path(word).name if Path(word).is_absolute() else word for word in words)
@@ -108,7 +106,7 @@ def portable_command(command: str) -> str:
 
 
 def command_line() -> str:
-    """The command that this process works for, without the folders of the machine."""
+    """Return the command that this process works for, without the folders of the machine."""
     return os.environ.get(COMMAND_VARIABLE) or portable_command(shlex.join(sys.argv))
 
 
@@ -120,8 +118,10 @@ def _version(package: str) -> str | None:
 
 
 def _commit() -> str | None:
-    """The checkout's commit, or the one that the environment names; None for an installed package,
-    even inside somebody's repository."""
+    """Return the commit of the checkout, or that of `COMMIT_VARIABLE`.
+
+    It is None for an installed package, even inside another repository.
+    """
     top_level = _git("rev-parse", "--show-toplevel")
     if top_level is None or Path(top_level).resolve() != REPOSITORY:
         return os.environ.get(COMMIT_VARIABLE)
@@ -132,7 +132,7 @@ def _commit() -> str | None:
 
 
 def _git(*arguments: str) -> str | None:
-    """The output of a git command in the repository, or None."""
+    """Return the output of a git command in the repository, None if it fails."""
     try:
         completed = subprocess.run(
             ["git", "-C", str(REPOSITORY), *arguments],
@@ -147,7 +147,7 @@ def _git(*arguments: str) -> str | None:
 
 
 def _gpu() -> dict[str, str]:
-    """The name of the GPU that this process works on, if it does."""
+    """Return the name of the GPU, if this process uses one."""
     torch = sys.modules.get("torch")
     if torch is None or not torch.cuda.is_initialized():
         return {}
@@ -155,13 +155,13 @@ def _gpu() -> dict[str, str]:
 
 
 def _vector_instructions() -> list[str]:
-    """What of :data:`VECTOR_INSTRUCTIONS` the processor has; nothing where the system is silent."""
+    """Return those of :data:`VECTOR_INSTRUCTIONS` that the processor has, as far as is known."""
     has = (_cpu_fact("flags") or _cpu_fact("Features")).split()
     return [words for name, words in VECTOR_INSTRUCTIONS.items() if name in has]
 
 
 def _cpu_fact(name: str) -> str:
-    """What Linux tells about the first processor, or nothing."""
+    """Return a property of the first processor on Linux, or an empty string."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             key, _, value = line.partition(":")

@@ -1,26 +1,28 @@
-"""Tables: on the terminal and in Markdown, from the same rows."""
+"""Format tables for the terminal and in Markdown, and join the parts of a page."""
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 PLAIN_WIDTH = 160
-"""Columns where the output is not a terminal, which has a width of its own."""
+"""Width in characters if the output is not a terminal."""
+
+Column = str | Callable[[Any], str]
+"""A format string with a row's keys, such as ``{rms:.2f}``, or a function of the row."""
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> Table:
-    """A table for the terminal.
+    """Build a table for the terminal.
 
     :param columns: headings
-    :param rows: cells, one list a row
-    :param title: above it
-    :return: what rich prints
+    :param rows: cells, one list per row
+    :param title: above the table
     """
     from rich import box
     from rich.table import Table
@@ -28,7 +30,7 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | No
     drawn = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for index, name in enumerate(columns):
         numbers = all(_is_number(row[index]) for row in rows)
-        # Names and numbers stay whole; sentences and headings are folded between words.
+        # Wrap between words, so that names and numbers stay whole.
         longest = max((len(word) for row in rows for word in row[index].split()), default=0)
         drawn.add_column(name, justify="right" if numbers else "left", min_width=longest)
     for row in rows:
@@ -40,8 +42,8 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | Non
     """Print a table.
 
     :param columns: headings
-    :param rows: cells, one list a row
-    :param title: above it
+    :param rows: cells, one list per row
+    :param title: above the table
     """
     from rich.console import Console
 
@@ -51,15 +53,58 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | Non
 
 
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown.
+    """Format a table in Markdown.
 
     :param columns: headings
-    :param rows: cells, one list a row
+    :param rows: cells, one list per row
     :return: the lines, the last with a line break
     """
     lines = [_line(columns), "|" + "---|" * len(columns)]
     lines += [_line(row) for row in rows]
     return "\n".join(lines) + "\n"
+
+
+def records_table(records: Iterable[Mapping[str, str]]) -> str:
+    """Render cells with their headings as a table in Markdown.
+
+    :param records: heading -> cell, one mapping per row; at least one.
+    :return: the lines, the last with a line break.
+    """
+    rows = list(records)
+    return markdown(list(rows[0]), [list(row.values()) for row in rows])
+
+
+def rows_table(rows: Iterable[Any], columns: Mapping[str, Column]) -> str:
+    """Render rows as a table in Markdown.
+
+    :param rows: mappings, such as rows of a JSON file, or any objects if all columns are functions.
+    :param columns: headings and how a row fills each.
+    :return: the lines, the last with a line break.
+    """
+    return markdown(list(columns), row_cells(rows, columns.values()))
+
+
+def row_cells(rows: Iterable[Any], columns: Iterable[Column]) -> list[list[str]]:
+    """Fill the cells of a table from rows.
+
+    :param rows: see :func:`rows_table`.
+    :param columns: how a row fills each column.
+    :return: one list of cells per row.
+    """
+    columns = list(columns)
+    return [
+        [one.format_map(row) if isinstance(one, str) else one(row) for one in columns]
+        for row in rows
+    ]
+
+
+def join_parts(parts: Iterable[str]) -> str:
+    """Join the parts of a page with one empty line between them; empty parts are left out.
+
+    :param parts: headings, paragraphs and tables.
+    :return: Markdown that ends with a line break.
+    """
+    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -71,17 +116,17 @@ def _is_number(text: str) -> bool:
 
 
 def between_markers(text: str, begin: str, end: str, content: str) -> str:
-    """A text with other content between two markers.
+    """Replace the text between two markers.
 
     :param text: of a page
     :param begin: the first marker
-    :param end: the second
-    :param content: what takes the place of the old
+    :param end: the second marker
+    :param content: the replacement
     :return: the new text
-    :raises ValueError: where a marker is missing
+    :raises ValueError: if a marker is missing
     """
     before, opened, rest = text.partition(begin)
     _, closed, after = rest.partition(end)
     if not opened or not closed:
-        raise ValueError(f"there is no {begin} and {end}")
+        raise ValueError(f"{begin} or {end} is missing")
     return f"{before}{begin}\n{content}{end}{after}"

@@ -1,4 +1,4 @@
-"""Recordings: episodes as frames with a line of text each, written as H.264 or as a small clip."""
+"""Record episodes with captions, as H.264 videos or as short clips."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Frame = NDArray[np.uint8]
 FPS: Final = 25
 """Real time: an action lasts 0.04 s."""
 HOLD: Final = 15
-"""Frames for which the end of an episode is held, so that its outcome can be read."""
+"""Number of frames for which the last frame of an episode, with its outcome, is repeated."""
 QUALITY: Final = 21
 """Constant rate factor of H.264: lower is larger and better."""
 BAR_HEIGHT: Final = 34
@@ -26,10 +26,10 @@ GREEN, RED, GREY = (44, 140, 76), (190, 60, 50), (70, 74, 82)
 
 @dataclass(frozen=True)
 class EpisodeVideo:
-    """One episode that was drawn.
+    """A recorded episode.
 
-    :param seed: that it started from
-    :param frames: (height, width, 3) each, the start first
+    :param seed: of the episode
+    :param frames: (height, width, 3) each, from the start
     :param success: ``is_success`` of its last step
     """
 
@@ -50,16 +50,16 @@ def record(
     every: int = 1,
     progress: bool = False,
 ) -> list[EpisodeVideo]:
-    """Play episodes and draw them; episode i starts from ``seed + i``, as in an evaluation.
+    """Play and record episodes; episode i starts from ``seed + i``, as in an evaluation.
 
     :param predict: batched observation -> actions
     :param env_id: a registered id
-    :param episodes: how many
-    :param seed: of the first
+    :param episodes: number of episodes
+    :param seed: of the first episode
     :param env_kwargs: keyword arguments of the environment
     :param width: of a frame, pixels
     :param height: of a frame, pixels
-    :param every: draw one step in so many
+    :param every: steps per frame
     :param progress: show a progress bar
     :return: the recordings
     """
@@ -89,11 +89,11 @@ def _record_episode(predict: Predict, env: Any, seed: int, every: int) -> Episod
 
 
 def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
-    """Write recordings one after the other, each with a caption and, at its end, its outcome.
+    """Write recordings to one video, with captions and the outcome of each episode.
 
     :param path: ending in ``.mp4``
     :param recordings: at least one
-    :param title: what the caption begins with
+    :param title: start of the captions
     """
     first = captioned(recordings[0].frames[0], title, GREY)
     writer = mp4_writer(path, first.shape[1], first.shape[0])
@@ -109,7 +109,7 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
 
 
 def mp4_writer(path: Path, width: int, height: int) -> Any:
-    """A writer of H.264 in real time: `send` it frames, then `close` it.
+    """Open a writer of H.264 in real time: `send` it frames, then `close` it.
 
     :param path: ending in ``.mp4``
     :param width: of a frame, pixels
@@ -126,7 +126,7 @@ def mp4_writer(path: Path, width: int, height: int) -> Any:
         quality=None,
         macro_block_size=2,
         ffmpeg_log_level="error",
-        # The index goes first, so that a page can start to play before all of it has come.
+        # With the index at the start, a browser plays the video while it loads.
         output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart"],
     )
     writer.send(None)
@@ -134,11 +134,11 @@ def mp4_writer(path: Path, width: int, height: int) -> Any:
 
 
 def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
-    """Write a short animated WebP, which Markdown pages show where they show pictures.
+    """Write a short animated WebP, which Markdown pages show like a picture.
 
     :param path: ending in ``.webp``
-    :param frames: one step in ``stride``
-    :param stride: steps from frame to frame, so that it plays in real time
+    :param frames: of every ``stride``-th step
+    :param stride: steps between frames, so that the clip plays in real time
     :param quality: 0 to 100
     """
     from PIL import Image
@@ -157,7 +157,7 @@ def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int
 
 
 def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:
-    """A frame with a bar of text below it.
+    """Add a bar with text below a frame.
 
     :param frame: (height, width, 3)
     :param text: one line
@@ -175,7 +175,7 @@ def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:
 
 
 def font(size: int) -> Any:
-    """DejaVu Sans, which Matplotlib brings along, so that captions look alike everywhere.
+    """Load DejaVu Sans, which Matplotlib contains, so that captions look the same everywhere.
 
     :param size: pixels
     """

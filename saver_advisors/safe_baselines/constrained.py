@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 import torch as th
+from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -23,13 +24,7 @@ from stable_baselines3.common.utils import explained_variance, obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from saver_advisors.safe_baselines.costs import (
-    Array,
-    CostCritic,
-    CostRollout,
-    EpisodeCosts,
-    read_costs,
-)
+from saver_advisors.safe_baselines.costs import Array, CostCritic, EpisodeCosts, read_costs
 
 DEFAULT_COST_LIMIT = 1.0
 
@@ -87,8 +82,8 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         number = isinstance(limit, int | float | np.number) and not isinstance(limit, bool)
         if not number or not math.isfinite(limit) or limit < 0:
             raise ValueError(
-                f"cost_limit={limit!r} must be a finite number of at least 0: what an episode may "
-                f"cost on average"
+                f"cost_limit={limit!r} must be a finite number of at least 0: the permitted mean "
+                f"cost of an episode"
             )
         if not 0.0 < self.cost_gamma <= 1.0:
             raise ValueError(f"cost_gamma={self.cost_gamma} must lie in (0, 1]")
@@ -103,7 +98,17 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         self._check_arguments()
         super()._setup_model()
         self.cost_critic = CostCritic(self.policy, self.cost_net_arch, self.lr_schedule(1))
-        self._cost_rollout = CostRollout(self.n_steps, self.n_envs)
+        # Costs in place of rewards; observations and actions are in the algorithm's own buffer.
+        nothing = spaces.Box(0.0, 1.0, (0,))
+        self._cost_rollout = RolloutBuffer(
+            self.n_steps,
+            nothing,
+            nothing,
+            "cpu",
+            gamma=self.cost_gamma,
+            gae_lambda=self.cost_gae_lambda,
+            n_envs=self.n_envs,
+        )
         self._episode_costs = EpisodeCosts(self.n_envs)
 
     def learn(
@@ -151,17 +156,14 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         n_rollout_steps: int,
     ) -> bool:
         """Collect rollouts as SB3 does, and the costs of the same steps."""
-        self._cost_rollout.reset()
         if not super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps):
             # SB3 returns before it passes on the infos of the step at which a callback stops.
             self._episode_costs.interrupt()
             return False
-        self._cost_rollout.finish(
-            self._cost_values(self._last_obs),
-            np.asarray(self._last_episode_starts),
-            self.cost_gamma,
-            self.cost_gae_lambda,
-        )
+        self._cost_rollout.episode_starts = rollout_buffer.episode_starts
+        last_values = th.as_tensor(self._cost_values(self._last_obs))
+        dones = np.asarray(self._last_episode_starts)
+        self._cost_rollout.compute_returns_and_advantage(last_values, dones)
         self._measure_episodes()
         return True
 
@@ -169,16 +171,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         self, infos: list[dict[str, Any]], dones: NDArray[Any] | None = None
     ) -> None:
         super()._update_info_buffer(infos, dones)
-        assert dones is not None, "on-policy algorithms tell which episodes ended"
+        assert dones is not None, "on-policy algorithms pass it"
         costs = read_costs(infos, self.cost_key)
         self._episode_costs.add(costs, dones)
-        # The critic does not change during a rollout, so its values may be computed step by step;
-        # `_last_obs` still holds the states before the step.
-        self._cost_rollout.add(
-            costs + self._cut_off_costs(infos, dones),
-            self._cost_values(self._last_obs),
-            np.asarray(self._last_episode_starts),
-        )
+        # `_last_obs` still holds the states before the step, which SB3 stores next.
+        step = self.rollout_buffer.pos
+        self._cost_rollout.rewards[step] = costs + self._cut_off_costs(infos, dones)
+        self._cost_rollout.values[step] = self._cost_values(self._last_obs)
 
     def _cut_off_costs(self, infos: Sequence[dict[str, Any]], dones: NDArray[Any]) -> Array:
         """Bootstrap values of episodes that a time limit truncated, (n_envs,)."""
@@ -213,9 +212,9 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
             self.mean_episode_length = float(lengths.mean())
         elif self.mean_episode_cost is None:
             warnings.warn(
-                f"no episode ended in {self.n_steps} steps of {self.n_envs} environments, so "
-                f"whether the cost limit is kept is not known: a rollout (n_steps * n_envs) should "
-                f"hold several episodes",
+                f"no episode ended in {self.n_steps} steps of {self.n_envs} environments, so the "
+                "cost limit cannot be checked: a rollout (n_steps * n_envs) should contain several "
+                "episodes",
                 stacklevel=2,
             )
         if self.mean_episode_cost is not None:

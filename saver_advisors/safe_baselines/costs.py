@@ -1,4 +1,4 @@
-"""Costs of on-policy algorithms: the critic, the rollout, and the sums over whole episodes."""
+"""Costs of on-policy algorithms: reading them, sums over whole episodes, and the critic."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def read_costs(infos: Sequence[dict[str, Any]], key: str) -> Array:
         if key not in info:
             there = ", ".join(sorted(info)) or "nothing"
             raise ValueError(
-                f"environment {index} reports no info[{key!r}] (there is {there}): a constrained "
-                f"algorithm needs the cost of every step there, or cost_key to name another entry"
+                f"environment {index} reports no info[{key!r}], only {there}: a constrained "
+                f"algorithm reads the cost of every step there; set cost_key for another entry"
             )
         try:
             costs[index] = np.asarray(info[key], np.float64).item()
@@ -42,90 +42,9 @@ def read_costs(infos: Sequence[dict[str, Any]], key: str) -> Array:
             ) from None
         if not np.isfinite(costs[index]):
             raise ValueError(
-                f"info[{key!r}]={info[key]!r} of environment {index} must be a finite number: no "
-                f"constraint can be checked against it"
+                f"info[{key!r}]={info[key]!r} of environment {index} must be a finite number"
             )
     return costs
-
-
-def generalized_advantages(
-    signal: Array,
-    values: Array,
-    last_values: Array,
-    episode_starts: NDArray[Any],
-    dones: NDArray[Any],
-    gamma: float,
-    gae_lambda: float,
-) -> Array:
-    """Compute generalized advantage estimates (Schulman et al., 2016) of rewards or costs.
-
-    :param signal: (steps, n_envs) reward or cost of each step, plus gamma times the value of the
-        last state if a time limit truncated the episode.
-    :param values: (steps, n_envs) of the states before each step.
-    :param last_values: (n_envs,) of the states after the last step.
-    :param episode_starts: (steps, n_envs) whether a step is the first of its episode.
-    :param dones: (n_envs,) whether the last step ended its episode.
-    :param gamma: discount.
-    :param gae_lambda: 0 for one-step differences, 1 for whole returns.
-    :return: (steps, n_envs); their sum with ``values`` is the target of a value function.
-    """
-    advantages = np.zeros_like(values)
-    following = np.zeros_like(last_values)
-    goes_on = 1.0 - np.asarray(dones, np.float32)
-    next_values = last_values
-    for step in reversed(range(len(signal))):
-        difference = signal[step] + gamma * goes_on * next_values - values[step]
-        following = difference + gamma * gae_lambda * goes_on * following
-        advantages[step] = following
-        goes_on = 1.0 - np.asarray(episode_starts[step], np.float32)
-        next_values = values[step]
-    return advantages
-
-
-class CostRollout:
-    """The costs of the steps of SB3's rollout buffer, in the same order.
-
-    :param n_steps: of a rollout, per environment.
-    :param n_envs: number of environments.
-    """
-
-    def __init__(self, n_steps: int, n_envs: int) -> None:
-        self.costs = np.zeros((n_steps, n_envs), np.float32)
-        self.values = np.zeros((n_steps, n_envs), np.float32)
-        self.advantages = np.zeros((n_steps, n_envs), np.float32)
-        self.episode_starts = np.zeros((n_steps, n_envs), bool)
-        self.position = 0
-
-    @property
-    def returns(self) -> Array:
-        """(n_steps, n_envs) targets of the cost critic."""
-        targets: Array = self.advantages + self.values
-        return targets
-
-    def reset(self) -> None:
-        """Begin a rollout."""
-        self.position = 0
-
-    def add(self, costs: Array, values: Array, episode_starts: NDArray[Any]) -> None:
-        """Store a step.
-
-        :param costs: (n_envs,), with the bootstrap value of truncated episodes.
-        :param values: (n_envs,) the cost critic's, of the states before the step.
-        :param episode_starts: (n_envs,) whether the step is the first of its episode.
-        """
-        self.costs[self.position] = costs
-        self.values[self.position] = values
-        self.episode_starts[self.position] = episode_starts
-        self.position += 1
-
-    def finish(
-        self, last_values: Array, dones: NDArray[Any], gamma: float, gae_lambda: float
-    ) -> None:
-        """Compute the advantages of a full rollout; see :func:`generalized_advantages`."""
-        assert self.position == len(self.costs), "the rollout is not full"
-        self.advantages = generalized_advantages(
-            self.costs, self.values, last_values, self.episode_starts, dones, gamma, gae_lambda
-        )
 
 
 class EpisodeCosts:

@@ -75,7 +75,7 @@ class LagrangianMixin(CostConstrainedMixin):
     :param args: as for the algorithm.
     :param multiplier_init: lambda before the first update, at least 0.
     :param multiplier_lr: learning rate of its Adam optimizer.
-    :param multiplier_gain: what an excess cost of 1 adds to the multiplier directly, at least 0.
+    :param multiplier_gain: of the proportional term, per unit of cost, at least 0.
     :param kwargs: as for the algorithm and `CostConstrainedMixin`.
     """
 

@@ -67,7 +67,7 @@ def build_env(config: RunConfig, threads: int = 1) -> VecEnv:
             config.env_id, n_envs=config.n_envs, seed=config.seed, threads=threads, **options
         )
     except (ValueError, TypeError):
-        # Which of the two settings is wrong?
+        # Find out which of the two settings is wrong.
         with naming("env_kwargs"):
             make_episodes(config.env_id, **config.env_kwargs)
         with naming("train_env_kwargs"):
@@ -183,8 +183,8 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     if demonstration_steps(config, horizon) > 0 and not advisor.advisable.all():
         raise ValueError(
             f"advice.demonstration_steps={advice.demonstration_steps} with "
-            f"advice.arms={list(advice.arms or ())}: in a demonstration every arm has a "
-            "teacher; leave advice.arms out"
+            f"advice.arms={list(advice.arms or ())}: a demonstration needs a teacher for every "
+            "arm; omit advice.arms"
         )
     return advisor
 
@@ -230,7 +230,7 @@ def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> 
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:
-    """Return the sizes of each arm's goal and of what the arms share, such as a distance."""
+    """Return the sizes of the goal's parts: one per arm, and one that all share, if any."""
     task = task_of(env)
     if task is None:
         raise ValueError("per_arm_critics=True: the environment must be one of saver_envs")

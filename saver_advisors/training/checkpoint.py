@@ -2,8 +2,8 @@
 
 A checkpoint is a folder: ``policy.safetensors`` (networks, targets, normaliser),
 ``training.safetensors`` (optimizers, the entropy coefficient, torch's generator), ``replay.npz``
-and ``state.json`` (counters, the other generators, and what the caller adds). It is written beside
-the old one and takes its place by renaming, so that a crash or a full disk leaves a whole one.
+and ``state.json`` (counters, the other generators, and the caller's values). It is written beside
+the old one and then renamed, so that a crash or a full disk leaves a complete one.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ TORCH_RANDOM = "random/torch"
 def save_policy(path: str | Path, policy: th.nn.Module) -> None:
     """Write a policy's networks and buffers as safetensors.
 
-    :param path: of the file; an old one is replaced only once the new one is complete
-    :param policy: any module
-    :raises OSError: when it cannot be written
+    :param path: of the file; an old one is replaced once the new one is complete.
+    :param policy: any module.
+    :raises OSError: if it cannot be written.
     """
     # Copies: the networks share the normaliser, and safetensors refuses shared memory.
     state = {name: tensor.detach().cpu().clone() for name, tensor in policy.state_dict().items()}
@@ -45,12 +45,12 @@ def save_policy(path: str | Path, policy: th.nn.Module) -> None:
 
 
 def load_policy(path: str | Path, policy: th.nn.Module) -> None:
-    """Take over networks and buffers written by ``save_policy``.
+    """Load networks and buffers written by ``save_policy``.
 
-    :param path: of the file
-    :param policy: a module of the same shape
-    :raises FileNotFoundError: when there is none
-    :raises ValueError: when the file is damaged or of another shape
+    :param path: of the file.
+    :param policy: a module of the same shape.
+    :raises FileNotFoundError: if there is none.
+    :raises ValueError: if the file is damaged or of another shape.
     """
     try:
         policy.load_state_dict(_read_tensors(Path(path)))
@@ -59,12 +59,12 @@ def load_policy(path: str | Path, policy: th.nn.Module) -> None:
 
 
 def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[str, Any]) -> None:
-    """Write everything a run needs to go on, in place of an older checkpoint.
+    """Write the whole state of a run, in place of an older checkpoint.
 
-    :param folder: of the checkpoint
-    :param model: a goal learner
-    :param extra: JSON-able; ``load_checkpoint`` hands it back
-    :raises OSError: when it cannot be written; the older checkpoint is then intact
+    :param folder: of the checkpoint.
+    :param model: a goal learner.
+    :param extra: JSON-able values that ``load_checkpoint`` returns.
+    :raises OSError: if it cannot be written; the older checkpoint is then intact.
     """
     folder = Path(folder)
     partial = folder.with_name(f".{folder.name}.partial")
@@ -86,10 +86,11 @@ def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[s
 
 
 def find_checkpoint(folder: str | Path) -> Path | None:
-    """The checkpoint to resume from.
+    """Find the checkpoint to resume from.
 
-    :param folder: as given to ``save_checkpoint``
-    :return: that folder, or the one it was about to replace when the power went, or None
+    :param folder: as passed to ``save_checkpoint``.
+    :return: that folder, or the older one if the process ended while it was being replaced; None if
+        there is neither.
     """
     folder = Path(folder)
     for candidate in (folder, folder.with_name(f".{folder.name}.previous")):
@@ -99,13 +100,13 @@ def find_checkpoint(folder: str | Path) -> Path | None:
 
 
 def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, Any]:
-    """Put a model built with the same arguments into the state of a checkpoint.
+    """Restore the state of a model that was built with the same arguments.
 
-    :param folder: from ``find_checkpoint``
-    :param model: a goal learner
-    :return: what was given as ``extra``
-    :raises FileNotFoundError: when a file is missing
-    :raises ValueError: when a file is damaged or does not fit the model
+    :param folder: from ``find_checkpoint``.
+    :param model: a goal learner.
+    :return: the ``extra`` passed to ``save_checkpoint``.
+    :raises FileNotFoundError: if a file is missing.
+    :raises ValueError: if a file is damaged or does not fit the model.
     """
     folder = Path(folder)
     state = read_state(folder)
@@ -115,16 +116,20 @@ def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, 
     model.num_timesteps = state["steps"]
     model._n_updates = state["updates"]
     model._episode_num = state["episodes"]
-    _set_random_state(model, state["random"])
+    assert isinstance(model, GoalLearnerMixin)
+    random = state["random"]
+    np.random.set_state(random["numpy"])  # noqa: NPY002
+    model._exploration_random.bit_generator.state = random["exploration"]
+    model.action_space.np_random.bit_generator.state = random["action_space"]
     return dict(state["extra"])
 
 
 def read_state(folder: Path) -> dict[str, Any]:
-    """The counters of a checkpoint: ``steps``, ``updates``, ``episodes``, ``random``, ``extra``.
+    """Read ``steps``, ``updates``, ``episodes``, ``random`` and ``extra`` of a checkpoint.
 
-    :param folder: from ``find_checkpoint``
-    :return: the content of its ``state.json``
-    :raises ValueError: when the file is damaged
+    :param folder: from ``find_checkpoint``.
+    :return: the content of its ``state.json``.
+    :raises ValueError: if the file is damaged.
     """
     path = folder / STATE_FILE
     try:
@@ -145,7 +150,7 @@ def _buffer(model: OffPolicyAlgorithm) -> GoalReplayBuffer:
 
 def _counters(model: OffPolicyAlgorithm) -> dict[str, Any]:
     assert isinstance(model, GoalLearnerMixin)
-    # Ours draw from generators of their own; SB3's optional parts use the global one.
+    # Goal learners have their own generators; optional parts of SB3 use NumPy's global one.
     numpy_state: Any = np.random.get_state(legacy=False)  # noqa: NPY002
     numpy_state["state"]["key"] = numpy_state["state"]["key"].tolist()
     return {
@@ -160,15 +165,8 @@ def _counters(model: OffPolicyAlgorithm) -> dict[str, Any]:
     }
 
 
-def _set_random_state(model: OffPolicyAlgorithm, state: dict[str, Any]) -> None:
-    assert isinstance(model, GoalLearnerMixin)
-    np.random.set_state(state["numpy"])  # noqa: NPY002
-    model._exploration_random.bit_generator.state = state["exploration"]
-    model.action_space.np_random.bit_generator.state = state["action_space"]
-
-
 def _training_tensors(model: OffPolicyAlgorithm) -> dict[str, th.Tensor]:
-    """Optimizer moments and lone tensors by name; hyper-parameters come from the arguments."""
+    """Return optimizer moments and other tensors by name, without hyper-parameters."""
     modules, variables = model._get_torch_save_params()
     tensors = {TORCH_RANDOM: th.get_rng_state()}
     for name in modules:
@@ -221,7 +219,7 @@ def _read_tensors(path: Path) -> dict[str, th.Tensor]:
 
 
 def _swap(partial: Path, folder: Path) -> None:
-    """Put a complete folder in the place of an older one."""
+    """Replace an older folder by a complete one."""
     previous = folder.with_name(f".{folder.name}.previous")
     if folder.exists():
         shutil.rmtree(previous, ignore_errors=True)

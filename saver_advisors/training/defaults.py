@@ -14,9 +14,7 @@ ANY_ENVIRONMENT: Final = "default"
 
 
 def defaults_path() -> Path:
-    """Return the file, which an installed package holds beside this one, and a checkout in
-    ``zoo_configs/``.
-    """
+    """Return the path of the file, in an installed package or in a checkout's ``zoo_configs/``."""
     installed = Path(__file__).parents[1] / FILE
     checkout = Path(__file__).resolve().parents[2] / "zoo_configs" / FILE
     return installed if installed.is_file() else checkout
@@ -32,7 +30,7 @@ def default_settings(env_id: str) -> dict[str, Any]:
 
 
 def read_settings(path: Path, env_id: str | None) -> dict[str, Any]:
-    """Read settings from a file: all of it, or an environment's entry where it has entries.
+    """Read settings from a file: all of it, or an environment's entry if it has entries.
 
     :param path: a YAML or JSON file.
     :param env_id: the environment; None if the file names it.
@@ -44,7 +42,7 @@ def read_settings(path: Path, env_id: str | None) -> dict[str, Any]:
     if all(isinstance(value, dict) for value in content.values()):
         content = environment_entry(content, env_id, path)
     if env_id is None and "env_id" not in content:
-        raise ValueError(f"{path} names no env_id: say which environment to train in")
+        raise ValueError(f"{path} has no env_id: name the environment to train in")
     return {**content, "env_id": env_id or content["env_id"]}
 
 

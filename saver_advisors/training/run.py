@@ -1,9 +1,9 @@
 """A run in progress: blocks of training, with evaluations and checkpoints between them.
 
-In a block every environment plays one episode, then the gradient steps follow; in the first blocks
-the teachers demonstrate, where configured. At a checkpoint the environments are reset with a seed
-derived from the run's seed and its step count, and likewise on resuming, so that a run that was
-stopped at a checkpoint and resumed equals an uninterrupted one.
+A block consists of one episode in every environment and the gradient steps that follow; in the
+first blocks the teachers demonstrate, if configured. At a checkpoint, and when a run resumes, the
+environments are reset with a seed derived from the run's seed and its step count, so that a resumed
+run equals an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from saver_advisors.training.checkpoint import (
 from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.training.settings import RunConfig
 
-#: Settings that may change when a run is resumed: its length, and how closely it is observed.
+#: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
-#: Of an evaluation, what only tasks with a constraint have.
+#: Entries of an evaluation that only tasks with a constraint have.
 RATES = ("goal_success_rate", "constraint_met_rate")
 
 Observation = dict[str, npt.NDArray[Any]]
@@ -261,7 +261,7 @@ class Run:
             "mean_q": _mean(values),
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
             "training_cost": self.model.training_cost,
-            # More than the number of cores means that the seconds include waiting for others.
+            # Above the number of cores, the wall-clock time includes waiting for other processes.
             "load_average": None if averages is None else averages[0],
             "advice_spent": 0 if self.advisor is None else int(self.advisor.spent),
             "actor_loss": _number(logged.get("train/actor_loss")),
@@ -276,7 +276,7 @@ class Run:
         self.curve.append(point)
         if self.advisor is not None:
             self.advisor.student_evaluated(success_rate)
-        # The later of equals: after more training it does better on other episodes.
+        # Of equal policies keep the later one, which does better on other episodes.
         if best_before is None or success_rate >= best_before:
             folder = self.output_dir / "best"
             folder.mkdir(exist_ok=True)
@@ -320,12 +320,12 @@ def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Pa
     checkpoint = find_checkpoint(output_dir / "latest")
     if not resume and (checkpoint is not None or (output_dir / CURVE_FILE).exists()):
         raise FileExistsError(
-            f"output_dir={output_dir} holds a run already: go on with it by resume=True, or "
+            f"output_dir={output_dir} already contains a run: continue it with resume=True, or "
             "choose another folder"
         )
     if checkpoint is None:
         return None
-    # By way of the class: settings that are newer than the checkpoint get their defaults.
+    # Through the class, so that settings newer than the checkpoint get their defaults.
     recorded = RunConfig.from_mapping(read_state(checkpoint)["extra"]["config"])
     saved, wanted = recorded.to_mapping(), config.to_mapping()
     changes = [
@@ -335,7 +335,7 @@ def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Pa
     ]
     if changes:
         raise ValueError(
-            f"the checkpoint in {output_dir} is of another configuration ({', '.join(changes)}); "
+            f"the checkpoint in {output_dir} has another configuration ({', '.join(changes)}); "
             f"only {sorted(MAY_CHANGE)} may change when a run is resumed"
         )
     return checkpoint

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
 from saver_advisors.reporting.provenance import write_json_atomic
+from saver_advisors.variable_reward.replay import RELABELLINGS
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
-RELABELLINGS = ("next", "future", "keep")
 
 # Numbers in a range: `_RANGES` checks the fields that are declared by these names.
 PositiveInt: TypeAlias = int
@@ -23,7 +23,7 @@ NonNegativeFloat: TypeAlias = float
 UnitFloat: TypeAlias = float
 FloatBelowOne: TypeAlias = float
 
-#: What the names of settings begin with in messages, as in `--set advice.budget=0`.
+#: Prefixes of the settings' names in messages, as in `--set advice.budget=0`.
 _PREFIXES = {"RunConfig": "", "AdviceConfig": "advice.", "StageConfig": "stages."}
 
 Config = TypeVar("Config", "RunConfig", "AdviceConfig", "StageConfig")
@@ -79,11 +79,11 @@ class AdviceConfig:
         wanted = f"at most advice.budget={self.budget}, which pays for them"
         _require(paid, self, "demonstration_steps", wanted)
         possible = self.cloning_updates == 0 or self.demonstration_steps > 0
-        wanted = "0 where advice.demonstration_steps is 0: there is nothing to clone"
+        wanted = "0 if advice.demonstration_steps is 0: there is nothing to clone"
         _require(possible, self, "cloning_updates", wanted)
         teachers = (self.teacher,) if isinstance(self.teacher, str) else self.teacher
         named = bool(teachers) and all(isinstance(one, str) and one for one in teachers)
-        _require(named, self, "teacher", "a name, or a list of one name an arm")
+        _require(named, self, "teacher", "a name, or a list of one name per arm")
 
 
 @dataclass(frozen=True)
@@ -196,8 +196,8 @@ class RunConfig:
         _check_fields(self)
         if self.algorithm not in ALGORITHM_NAMES:
             raise ValueError(
-                f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: goals in "
-                "hindsight and a teacher's actions need an off-policy algorithm"
+                f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: hindsight goals "
+                "and a teacher's actions need an off-policy algorithm"
             )
         bootstrap = self.advice is not None and self.advice.bootstrap
         for name, used in (
@@ -296,15 +296,15 @@ def read_mapping(path: Path) -> dict[str, Any]:
     except (ValueError, yaml.YAMLError) as error:
         raise ValueError(f"{path} is neither YAML nor JSON: {error}") from error
     if not isinstance(content, dict):
-        raise ValueError(f"{path} must hold names and values")
+        raise ValueError(f"{path} must contain names and values")
     return content
 
 
 @contextmanager
 def naming(subject: str) -> Iterator[None]:
-    """Prefix the errors about wrong values with what they are about.
+    """Prefix the messages of errors about wrong values.
 
-    :param subject: a setting or a file.
+    :param subject: the setting or file that is wrong.
     :raises ValueError: as raised within.
     :raises TypeError: as raised within.
     """
@@ -316,7 +316,7 @@ def naming(subject: str) -> Iterator[None]:
 
 
 def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
-    """Create a configuration from names and values, with errors that name what is wrong."""
+    """Create a configuration from names and values, with errors that name the setting."""
     prefix = _PREFIXES[cls.__name__]
     types = {f.name: str(f.type) for f in fields(cls)}
     unknown = sorted(str(name) for name in set(values) - set(types))

@@ -47,10 +47,10 @@ class StageControl:
             raise TypeError(
                 f"replay_buffer_class={type(buffer).__name__} keeps rewards of an earlier stage: "
                 "use saver_advisors.learner.GoalReplayBuffer or ConstraintReplayBuffer, which "
-                "compute every reward when it is drawn"
+                "compute rewards when transitions are sampled"
             )
         if self.stage.advised and _advisor(model) is None:
-            raise ValueError("stage 'teaching' needs a teacher: give the model an advisor")
+            raise ValueError("stage 'teaching' needs a teacher: pass the model an advisor")
         assert model.env is not None
         self._task = task_of(model.env)
         self.apply(model)
@@ -96,7 +96,7 @@ class StageControl:
             advisor.enabled = self.stage.advised
 
     def state_dict(self) -> dict[str, Any]:
-        """:return: JSON-able state."""
+        """Return the JSON-able state."""
         return self.clock.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any], model: OffPolicyAlgorithm) -> None:

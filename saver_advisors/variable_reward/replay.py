@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from typing import Any, Final, Literal, get_args
 
-import numpy as np
-
 from saver_advisors.learner.episodes import FloatArray, IntArray
 from saver_advisors.learner.replay import GoalReplayBuffer
 
@@ -55,24 +53,18 @@ class ConstraintReplayBuffer(GoalReplayBuffer):
             )
 
     def _relabel(
-        self,
-        desired: FloatArray,
-        achieved: FloatArray,
-        slot: IntArray,
-        step: IntArray,
-        probability: float,
+        self, desired: FloatArray, slot: IntArray, step: IntArray, probability: float
     ) -> IntArray:
         """Relabel goals in place as the parent does, and the required value as configured."""
         required = desired[:, -1].copy()
-        goal_step = super()._relabel(desired, achieved, slot, step, probability)
+        goal_step = super()._relabel(desired, slot, step, probability)
         if self.constraint_relabelling == "future":
             return goal_step
         desired[:, -1] = required
         # The last part contains the required value: it is the whole goal, or a part of its own.
         if self.constraint_relabelling == "next":
             relabelled = goal_step[:, -1] >= 0
-            following = slot * (self.horizon + 1) + step + 1
-            desired[relabelled, -1] = np.take(achieved[:, -1], following)[relabelled]
+            desired[relabelled, -1] = self.achieved_goal[slot, step + 1, -1][relabelled]
         elif goal_step.shape[1] > 1:
             goal_step[:, -1] = -1
         return goal_step

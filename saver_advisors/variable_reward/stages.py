@@ -74,10 +74,21 @@ class TrainingStage:
 
     :param name: ``teaching``, ``stretching`` or ``exploring``.
     :param until: when it ends; None for the last.
+    :raises ValueError: for an unknown name, or a stage other than teaching that ends with the
+        advice budget.
     """
 
     name: StageName
     until: SwitchRule | None = None
+
+    def __post_init__(self) -> None:
+        if self.name not in STAGES:
+            raise ValueError(f"stage={self.name!r} must be one of {', '.join(STAGES)}")
+        if self.until is not None and self.until.kind == "budget" and not self.advised:
+            raise ValueError(
+                f"stage {self.name!r} cannot end with the advice budget, which is spent only in "
+                "teaching"
+            )
 
     @classmethod
     def parse(cls, stage: str, until: str | None = None) -> TrainingStage:
@@ -88,9 +99,7 @@ class TrainingStage:
         :return: the stage.
         :raises ValueError: for an unknown name or rule.
         """
-        if stage not in STAGES:
-            raise ValueError(f"stage={stage!r} must be one of {', '.join(STAGES)}")
-        # mypy does not see that a member of STAGES is one of the names.
+        # The constructor checks the name.
         return cls(stage, None if until is None else SwitchRule.parse(until))  # type: ignore[arg-type]
 
     @property
@@ -109,12 +118,10 @@ def check_stages(stages: Sequence[TrainingStage]) -> None:
 
     :param stages: in their order; stages may be omitted, as in ablations.
     :raises ValueError: if there is no stage, the order is wrong, a stage occurs twice, a stage
-        other than the last has no end, the last has one, or a stage other than teaching ends with
-        the budget.
+        other than the last has no end, or the last has one.
     """
     names = [stage.name for stage in stages]
-    unknown = [name for name in names if name not in STAGES]
-    if unknown or not names:
+    if not names:
         raise ValueError(f"stages={names} must be one or more of {', '.join(STAGES)}")
     places = [STAGES.index(name) for name in names]
     if any(first >= second for first, second in pairwise(places)):
@@ -122,16 +129,10 @@ def check_stages(stages: Sequence[TrainingStage]) -> None:
     for stage in stages[:-1]:
         if stage.until is None:
             raise ValueError(
-                f"stage {stage.name!r} is followed by another: say until when it lasts"
+                f"stage {stage.name!r} is followed by another: set when it ends (until)"
             )
     if stages[-1].until is not None:
         raise ValueError(f"stage {stages[-1].name!r} is the last: it runs until training ends")
-    for stage in stages:
-        if stage.until is not None and stage.until.kind == "budget" and not stage.advised:
-            raise ValueError(
-                f"stage {stage.name!r} cannot end with the advice budget, which is spent only in "
-                "teaching"
-            )
 
 
 class StageClock:
@@ -152,12 +153,6 @@ class StageClock:
         """The current stage."""
         return self.stages[self._index]
 
-    @property
-    def switched_at(self) -> dict[str, int]:
-        """Environment steps at which each stage but the first began."""
-        names = [stage.name for stage in self.stages[1:]]
-        return dict(zip(names, self._switched_at, strict=False))
-
     def update(
         self, steps: int, *, advice_left: int = 0, success_rate: float | None = None
     ) -> bool:
@@ -177,7 +172,7 @@ class StageClock:
         return True
 
     def state_dict(self) -> dict[str, Any]:
-        """:return: JSON-able state."""
+        """Return the JSON-able state."""
         return {
             "stages": [stage.name for stage in self.stages],
             "stage": self.stage.name,

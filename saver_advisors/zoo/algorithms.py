@@ -16,6 +16,7 @@ from sb3_contrib import TQC
 from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from saver_advisors import safe_baselines
 from saver_advisors.advising import build_advised
 from saver_advisors.training.building import ALGORITHMS as GOAL_LEARNERS
 
@@ -43,13 +44,5 @@ def register_algorithms() -> None:
     RL Zoo reads `--algo` before it imports any package, so call this in the same process before
     its `train` or `enjoy`.
     """
-    from rl_zoo3 import ALGOS
-    from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
-
-    from saver_advisors import safe_baselines
-
-    ALGOS.update(ALGORITHMS)
     safe_baselines.register_algorithms()
-    for name in STOCK:
-        HYPERPARAMS_SAMPLER[f"{ADVISED}{name}"] = HYPERPARAMS_SAMPLER[name]
-        HYPERPARAMS_CONVERTER[f"{ADVISED}{name}"] = HYPERPARAMS_CONVERTER[name]
+    safe_baselines.register_algorithms(ALGORITHMS, {f"{ADVISED}{name}": name for name in STOCK})

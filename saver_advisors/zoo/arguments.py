@@ -111,8 +111,8 @@ def algorithm_name(name: str, advised: bool) -> str:
         raise UsageError(f"argument --zoo: {unknown('algorithm', name, known)}")
     if advised and name in SAFE:
         raise UsageError(
-            f"argument --advice: {name} learns on policy, from its own actions alone; advice works "
-            f"with {', '.join((*STOCK, *ALGORITHMS))}"
+            f"argument --advice: {name} learns on policy, from its own actions alone; use one of "
+            f"{', '.join((*STOCK, *ALGORITHMS))}"
         )
     return f"{ADVISED}{name}" if advised and name in STOCK else name
 
@@ -128,7 +128,7 @@ def read_settings(path: Path, env_id: str) -> tuple[dict[str, Any], dict[str, An
     with user_mistakes("argument --config"):
         content = read_mapping(path)
         if not all(isinstance(one, dict) for one in content.values()):
-            raise ValueError(f"{path} must have one entry an environment")
+            raise ValueError(f"{path} must have one entry per environment")
         advice = content.pop(ADVICE_KEY, {})
         entry = environment_entry(content, env_id, path)
     return entry, entry.get("advisor", advice.get(env_id))
@@ -143,7 +143,7 @@ def check_arguments(more: Sequence[str]) -> None:
     for word in more:
         name = word.split("=")[0]
         if name in OURS:
-            raise UsageError(f"argument {name}: before the -- it is {OURS[name]} of `saver train`")
+            raise UsageError(f"argument {name}: use {OURS[name]} of `saver train`, before the --")
 
 
 def ready_advice(
@@ -153,7 +153,7 @@ def ready_advice(
     total_steps: int,
     seed: int,
 ) -> dict[str, Any]:
-    """Check advice against the environment, and add what strategies need to know of the run.
+    """Check advice against the environment, and add the settings of the run.
 
     :param advice: arguments of `make_advisor`, and `warm_start`.
     :param env_id: the student's environment.

@@ -73,7 +73,7 @@ class SaverExperimentManager(ExperimentManager):
             try:
                 hyperparams["replay_buffer_class"] = get_class_by_name(buffer)
             except (ImportError, AttributeError) as error:
-                raise ValueError(f"replay_buffer_class={buffer!r} is no class: {error}") from error
+                raise ValueError(f"replay_buffer_class={buffer!r} is unknown: {error}") from error
         return super()._preprocess_hyperparams(hyperparams)
 
     def create_callbacks(self) -> None:

@@ -79,8 +79,8 @@ def load_run(files: ZooFolder) -> BasePolicy:
         raise ValueError(f"{files.settings / 'args.yml'}: algo={algorithm!r} is unknown")
     if config.get("normalize"):
         raise ValueError(
-            f"{files.settings}: normalize is on, and RL Zoo pickles what it normalises with: "
-            "play this model with `python -m saver_advisors.zoo enjoy`"
+            f"{files.settings}: normalize is on, and RL Zoo pickles its normaliser: play this "
+            "model with `python -m saver_advisors.zoo enjoy`"
         )
     policy_arguments = config.get("policy_kwargs", {})
     if not isinstance(policy_arguments, dict):
@@ -119,5 +119,5 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, yaml.YAMLError) as error:
         raise ValueError(f"{path} cannot be read as plain values: {error}") from error
     if not isinstance(values, dict):
-        raise ValueError(f"{path} holds no names and values")
+        raise ValueError(f"{path} must contain names and values")
     return values

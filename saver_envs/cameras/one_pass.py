@@ -1,7 +1,7 @@
 """Colour and depth from one drawing of a scene, for loops that take hundreds of pictures.
 
 `mujoco.Renderer` draws once for colour and once for depth; the depth buffer of the first drawing
-has all that the second one finds out.
+already holds what the second one computes.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.cameras.off_screen import camera_index
 from saver_envs.cameras.rgbd import Camera
 from saver_envs.robots.description import COLLISION_GROUP
 
-#: Decorations that a frame may hold, beyond any scene of ours.
+#: Most geoms that a frame may hold, more than any of our scenes has.
 _MOST_GEOMS: Final = 2000
 
 
 class OnePassCamera:
-    """Draws a camera's view without shadows; the graphics context is opened with the first.
+    """Draws a camera's view without shadows; the first picture opens the graphics context.
 
     :param model: with the camera, copied: targets and other marks (sites) are not drawn
     :param name: of the camera
@@ -31,17 +32,14 @@ class OnePassCamera:
     """
 
     def __init__(self, model: mujoco.MjModel, name: str, camera: Camera) -> None:
-        names = [model.camera(index).name for index in range(model.ncam)]
-        if name not in names:
-            raise ValueError(f"camera={name!r}: the model has the cameras {', '.join(names)}")
         self.model = copy.copy(model)
-        # Multi-sampling costs three times as much, a larger buffer is cleared for nothing.
+        # Multi-sampling triples the cost, and a larger buffer only takes time to clear.
         self.model.vis.quality.offsamples = 0
         self.model.vis.global_.offwidth = camera.width
         self.model.vis.global_.offheight = camera.height
         self._view = mujoco.MjvCamera()
         self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._view.fixedcamid = names.index(name)
+        self._view.fixedcamid = camera_index(model, name)
         self._options = mujoco.MjvOption()
         self._options.geomgroup[COLLISION_GROUP] = 0
         self._options.sitegroup[:] = 0
@@ -106,7 +104,7 @@ class OnePassCamera:
 def _free(gl: Any, context: Any) -> None:
     """Free a camera's part of OpenGL, in its own context.
 
-    A camera may be forgotten unclosed and collected while another one draws. In the other's context
+    A camera that was not closed may be collected while another one draws. In the other's context
     the same numbers name the other's buffers, which would be deleted.
     """
     with gl.as_current():

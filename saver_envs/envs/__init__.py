@@ -1,1 +1,1 @@
-"""Thin adapters over the core: Gymnasium, its vector API, PettingZoo and Stable-Baselines3."""
+"""Adapters of episodes: Gymnasium, its vector API, PettingZoo and Stable-Baselines3."""

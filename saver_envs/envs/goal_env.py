@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
 from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
 
-from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
-from saver_envs.control import InverseKinematics
-from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
-from saver_envs.envs.spaces import action_space, observation_space
-from saver_envs.registration import make_episodes
+from saver_envs.control import checked_action
+from saver_envs.envs.single_episode import SingleEpisode
+from saver_envs.envs.spaces import GoalReward, action_space, observation_space
 
 
-class SaverGoalEnv(GoalEnv):
+class SaverGoalEnv(SingleEpisode, GoalReward, GoalEnv):
     """One episode of a registered id behind the goal API.
 
-    It can be pickled and deep-copied in the midst of an episode: the copy goes on identically.
+    It can be pickled and deep-copied within an episode: the copy continues identically.
 
     :param env_id: a registered id; ``gymnasium.make`` fills it in.
     :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
@@ -32,26 +30,10 @@ class SaverGoalEnv(GoalEnv):
     :raises TypeError: for an unknown option.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
-    }
-
-    def __init__(
-        self,
-        env_id: str,
-        render_mode: str | None = None,
-        width: int = DEFAULT_SIZE[0],
-        height: int = DEFAULT_SIZE[1],
-        camera_name: str = DEFAULT_CAMERA,
-        inverse_kinematics: InverseKinematics | None = None,
-        **options: Any,
-    ) -> None:
-        self.render_mode = render_mode
-        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+    def __init__(self, env_id: str, render_mode: str | None = None, **options: Any) -> None:
+        super().__init__(env_id, render_mode, **options)
         self.observation_space = observation_space(self.episodes)
         self.action_space = action_space(self.episodes)
-        self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -78,12 +60,7 @@ class SaverGoalEnv(GoalEnv):
         :return: observation, reward, terminated (never), truncated, info.
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         """
-        values = np.asarray(action)
-        if values.shape != self.action_space.shape:
-            raise ValueError(
-                f"action of shape {values.shape}: must have shape {self.action_space.shape}"
-            )
-        outcome = self.episodes.step(values[None])
+        outcome = self.episodes.step(checked_action(action, self.action_space.shape)[None])
         if self.render_mode == "human":
             self.render()
         return (
@@ -109,41 +86,13 @@ class SaverGoalEnv(GoalEnv):
         self.episodes.simulation.copy_into(0, data)
         return data
 
-    def compute_reward(
-        self,
-        achieved_goal: NDArray[np.floating],
-        desired_goal: NDArray[np.floating],
-        info: Any = None,
-    ) -> Any:
-        """Return the reward of goals (..., goal_size), shape (...); pure."""
-        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
-
     def compute_terminated(
         self,
         achieved_goal: NDArray[np.floating],
         desired_goal: NDArray[np.floating],
         info: Any = None,
     ) -> Any:
-        """Return False for each of the goals (..., goal_size): episodes never end early."""
+        """Return False for each of the goals (..., goal_size): only the clock ends episodes."""
         return np.zeros(np.shape(achieved_goal)[:-1], dtype=bool)[()]
 
-    def compute_truncated(
-        self,
-        achieved_goal: NDArray[np.floating],
-        desired_goal: NDArray[np.floating],
-        info: Any = None,
-    ) -> Any:
-        """Return False for each of the goals: the clock, not the goal, truncates."""
-        return np.zeros(np.shape(achieved_goal)[:-1], dtype=bool)[()]
-
-    def render(self) -> Any:
-        """Draw the scene.
-
-        :return: (height, width, 3) uint8 or (height, width) float32 metres; ``None`` in ``human``
-            mode, where a window shows it, and without a render mode.
-        """
-        return self._pictures.draw()
-
-    def close(self) -> None:
-        """Free window and graphics context."""
-        self._pictures.close()
+    compute_truncated = compute_terminated

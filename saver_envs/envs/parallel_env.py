@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -10,17 +10,15 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
-from saver_envs.control import InverseKinematics
-from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.control import checked_action
+from saver_envs.envs.single_episode import SingleEpisode
 from saver_envs.episodes import Outcome
-from saver_envs.registration import make_episodes
 
 Arrays = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]
 
 
-class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating]]):
+class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDArray[np.floating]]):
     """One episode of a registered id with an agent for every arm: ``arm_0``, ``arm_1``, ...
 
     An agent sees its own arm's block of the observation, what all arms share of it, its own
@@ -30,7 +28,7 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
     object, ``team_success``, ``goal_reached`` (every object is at its target), ``diverged`` and
     the costs, which are the team's.
 
-    It can be pickled and deep-copied in the midst of an episode: the copy goes on identically.
+    It can be pickled and deep-copied within an episode: the copy continues identically.
 
     :param env_id: a registered id.
     :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
@@ -45,28 +43,17 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
     :raises TypeError: for an unknown option.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
-        "is_parallelizable": True,
-    }
-
     def __init__(
         self,
         env_id: str,
         render_mode: str | None = None,
         max_cycles: int | None = None,
-        width: int = DEFAULT_SIZE[0],
-        height: int = DEFAULT_SIZE[1],
-        camera_name: str = DEFAULT_CAMERA,
-        inverse_kinematics: InverseKinematics | None = None,
         **options: Any,
     ) -> None:
         if max_cycles is not None:
             options["horizon"] = max_cycles
-        self.render_mode = render_mode
-        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
-        self.metadata = {**self.metadata, "name": env_id}  # type: ignore[misc]
+        super().__init__(env_id, render_mode, **options)
+        self.metadata = {**self.metadata, "is_parallelizable": True, "name": env_id}
         task = self.episodes.task
         self.possible_agents = [f"arm_{index}" for index in range(task.n_arms)]
         self.agents: list[str] = []
@@ -84,7 +71,6 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
         state_size = self.episodes.observation_size + 2 * self.episodes.goal_size
         self.state_space = spaces.Box(-np.inf, np.inf, (state_size,), np.float32)
         self._generator: np.random.Generator | None = None
-        self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
 
     def observation_space(self, agent: str) -> spaces.Box:
         """Return an agent's observation space, the same object at every call."""
@@ -148,13 +134,9 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
                 f"actions for {sorted(actions)}: one is needed for each of {self.agents}"
             )
         shape = (self.episodes.action_size_per_arm,)
-        blocks = [np.asarray(actions[agent], dtype=np.float64) for agent in self.agents]
-        for agent, block in zip(self.agents, blocks, strict=True):
-            if block.shape != shape:
-                raise ValueError(f"{agent}'s action has shape {block.shape}: must be {shape}")
-            if not np.isfinite(block).all():
-                raise ValueError(f"{agent}'s action is {block!r}: every value must be finite")
-        return np.concatenate(blocks)
+        return np.concatenate(
+            [checked_action(actions[agent], shape, f"{agent}'s action") for agent in self.agents]
+        )
 
     def _observations(self) -> Arrays:
         task, seen = self.episodes.task, self.episodes.observation()
@@ -185,14 +167,6 @@ class SaverParallelEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floating
         """Return what all agents together see: observation, achieved goal and desired goal."""
         seen = self.episodes.observation()
         return np.concatenate([seen.observation[0], seen.achieved_goal[0], seen.desired_goal[0]])
-
-    def render(self) -> Any:
-        """Draw the scene; see :meth:`saver_envs.envs.pictures.Pictures.draw`."""
-        return self._pictures.draw()
-
-    def close(self) -> None:
-        """Free window and graphics context."""
-        self._pictures.close()
 
 
 def parallel_env(env_id: str, **kwargs: Any) -> SaverParallelEnv:

@@ -1,9 +1,10 @@
-"""Pictures of episodes, as every adapter renders them."""
+"""Rendering of episodes, for every adapter."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from saver_envs.cameras.off_screen import camera_index
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
 from saver_envs.episodes import ACTION_DURATION, Episodes
 
@@ -23,7 +24,7 @@ class Pictures:
     :param width: pixels of a picture.
     :param height: pixels of a picture.
     :param camera: name of a camera of the scene.
-    :param valid_modes: the render modes that the adapter knows.
+    :param valid_modes: the render modes of the adapter.
     :raises ValueError: for an unknown render mode or camera; the message lists the valid ones.
     """
 
@@ -40,9 +41,7 @@ class Pictures:
             raise ValueError(
                 f"render_mode={render_mode!r}: valid modes are {', '.join(valid_modes)}"
             )
-        if camera not in episodes.scene.cameras:
-            cameras = ", ".join(episodes.scene.cameras)
-            raise ValueError(f"camera={camera!r}: this scene has the cameras {cameras}")
+        camera_index(episodes.scene.model, camera)
         self.render_mode = render_mode
         self._episodes = episodes
         self._view = (width, height, camera)
@@ -75,7 +74,7 @@ class Pictures:
         return None
 
     def close(self) -> None:
-        """Free window and graphics context."""
+        """Close the window and free the graphics context."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -1,4 +1,4 @@
-"""The camera's adapter: what the RGB-D camera over the bench sees, and nothing else."""
+"""The adapter whose observations are pictures of the RGB-D camera over the bench."""
 
 from __future__ import annotations
 
@@ -10,72 +10,51 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
+from saver_envs.cameras.off_screen import camera_index
+from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
-from saver_envs.control import InverseKinematics
 from saver_envs.envs.goal_env import SaverGoalEnv
-from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.people.bench import CAMERA
 from saver_envs.simulation import CONTACT_SAMPLES
 
 Picture = dict[str, NDArray[Any]]
 
-#: Tells the noise's source of randomness from that of the episode with the same seed.
+#: Separates the noise's random stream from that of the episode with the same seed.
 _NOISE_STREAM = 0x905E
-#: Actions and pictures meet at round times; this much (s) is rounding.
+#: Tolerance for rounding where actions and pictures coincide (s).
 _ROUNDING = 1e-9
 
 
 class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
-    """An episode of an id with a camera, seen as the camera sees it.
+    """An episode of an id with a camera, observed through that camera.
 
-    The observation is the newest picture: ``rgb`` (424, 512, 3) and ``depth`` (424, 512), in
-    metres along the view, with the Kinect's noise, and 0 where it measures nothing. The camera
-    takes 30 pictures a second and an agent acts 25 times, so a picture is up to 0.033 s old, which
-    ``info["picture_age"]`` tells. It shows the state at one of the four samples of an action, the
-    last before the picture is due.
+    The observation is the newest picture: ``rgb`` (424, 512, 3) and ``depth`` (424, 512), in metres
+    along the view, with the Kinect's noise, and 0 where it measures nothing. The camera takes 30
+    pictures per second and an agent acts 25 times, so a picture is up to 0.033 s old;
+    ``info["picture_age"]`` has its age. It shows the last of the four samples of an action before
+    the picture is due.
 
-    The goal is where the hips are, which the picture shows: there is no ``desired_goal``, and the
-    reward is that of the id behind. Episodes, actions, rewards and ``info`` are those of that id
-    from the same seed. It can be pickled and deep-copied in the midst of an episode.
+    The goal follows from the hips, which the picture shows, so there is no ``desired_goal``.
+    Episodes, actions, rewards and ``info`` are those of the underlying id from the same seed. It
+    can be pickled and deep-copied within an episode.
 
-    :param env_id: the id behind; ``gymnasium.make`` fills it in.
-    :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
-    :param width: pixels of a rendered picture.
-    :param height: pixels of a rendered picture.
-    :param camera_name: of rendered pictures.
+    :param env_id: the underlying id; ``gymnasium.make`` fills it in.
     :param depth_noise: whether depth has the sensor's noise.
-    :param inverse_kinematics: replaces damped least squares.
-    :param options: of :class:`saver_envs.registration.ControlOptions`, and the task's fields.
+    :param options: of :class:`SaverGoalEnv`; ``width``, ``height`` and ``camera_name`` are those of
+        rendered pictures, not of the observation.
     :raises ValueError: for an id without a camera, an unknown render mode or camera, or an option
         out of range.
     :raises TypeError: for an unknown option.
     """
 
-    metadata: dict[str, Any] = {  # noqa: RUF012  (Gymnasium's base class declares it like this)
-        "render_modes": list(RENDER_MODES),
-        "render_fps": RENDER_FPS,
-    }
+    metadata = SaverGoalEnv.metadata
 
-    def __init__(
-        self,
-        env_id: str,
-        render_mode: str | None = None,
-        width: int = DEFAULT_SIZE[0],
-        height: int = DEFAULT_SIZE[1],
-        camera_name: str = DEFAULT_CAMERA,
-        depth_noise: bool = True,
-        inverse_kinematics: InverseKinematics | None = None,
-        **options: Any,
-    ) -> None:
-        self.render_mode = render_mode
-        self._world = SaverGoalEnv(
-            env_id, render_mode, width, height, camera_name, inverse_kinematics, **options
-        )
+    def __init__(self, env_id: str, *, depth_noise: bool = True, **options: Any) -> None:
+        self._world = SaverGoalEnv(env_id, **options)
+        self.render_mode = self._world.render_mode
         self.episodes = self._world.episodes
-        if CAMERA not in self.episodes.scene.cameras:
-            raise ValueError(f"env_id={env_id!r}: the scene has no camera {CAMERA!r}")
+        camera_index(self.episodes.scene.model, CAMERA)
         self.episodes.simulation.keep_samples = True
         size = (KINECT_V2.height, KINECT_V2.width)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
@@ -102,7 +81,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
     ) -> tuple[Picture, dict[str, Any]]:
         """Start an episode; the first picture is taken at once.
 
-        :param seed: makes this and the following episodes reproducible, their noise as well.
+        :param seed: makes this and the following episodes reproducible, with their noise.
         :param options: none are known; given for the API's sake.
         :return: observation and info.
         """
@@ -144,7 +123,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         return {"rgb": self._eye.rgb(), "depth": seen}
 
     def render(self) -> Any:
-        """Draw the scene as the id behind does."""
+        """Draw the scene as the underlying id does."""
         return self._world.render()
 
     def close(self) -> None:

@@ -13,14 +13,43 @@ from stable_baselines3.common.vec_env import VecEnv
 from saver_envs.cameras.rendering import DEFAULT_CAMERA
 from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import Pictures
-from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.envs.spaces import GoalReward, action_space, observation_space
 from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
 
 DictObservation = dict[str, NDArray[np.float32]]
 
 
-class SaverVecEnv(VecEnv):
+class BatchVecEnv(VecEnv):
+    """A vector environment that steps all episodes as one batch, without environment objects."""
+
+    _actions: NDArray[np.floating]
+
+    def step_async(self, actions: NDArray[np.floating]) -> None:
+        """Keep the actions (n_envs, action_size) for :meth:`step_wait`."""
+        self._actions = actions
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute, the same for every episode asked for."""
+        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the whole vector."""
+        setattr(self, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method once and return its result for every episode asked for."""
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result] * len(list(self._get_indices(indices)))
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Return False for every episode: there are no single environments to wrap."""
+        return [False] * len(list(self._get_indices(indices)))
+
+
+class SaverVecEnv(GoalReward, BatchVecEnv):
     """n episodes of a registered id as one SB3 vector environment.
 
     Episode i is seeded with ``seed + i``. It is reset in the step that ends it, with the last
@@ -48,7 +77,6 @@ class SaverVecEnv(VecEnv):
         self.episodes = make_episodes(env_id, n_envs, threads, inverse_kinematics, **options)
         self._pictures: dict[str, Pictures] = {}
         super().__init__(n_envs, observation_space(self.episodes), action_space(self.episodes))
-        self._actions: NDArray[np.floating] | None = None
         if seed is not None:
             self.seed(seed)
 
@@ -73,15 +101,10 @@ class SaverVecEnv(VecEnv):
         self._seeds = [int(seed) for seed in seeds]
         return self.reset()
 
-    def step_async(self, actions: NDArray[np.floating]) -> None:
-        """Keep the actions (n_envs, action_size) for :meth:`step_wait`."""
-        self._actions = actions
-
     def step_wait(
         self,
     ) -> tuple[DictObservation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Apply the actions; episodes that end are reset at once."""
-        assert self._actions is not None
         outcome = self.episodes.step(self._actions)
         infos = self._infos(outcome)
         observation = self.episodes.observation().as_dict()
@@ -103,12 +126,6 @@ class SaverVecEnv(VecEnv):
         names = list(columns)
         return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
-    def compute_reward(
-        self, achieved_goal: NDArray[np.floating], desired_goal: NDArray[np.floating], info: Any
-    ) -> NDArray[np.float32]:
-        """Return the reward of goals (..., goal_size), shape (...); pure."""
-        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
-
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """Return a picture of every episode, (480, 640, 3) each."""
         return [self.picture(index) for index in range(self.num_envs)]
@@ -124,22 +141,3 @@ class SaverVecEnv(VecEnv):
         """Free the graphics contexts."""
         while self._pictures:
             self._pictures.popitem()[1].close()
-
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute, the same for every episode asked for."""
-        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
-
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the whole vector."""
-        setattr(self, attr_name, value)
-
-    def env_method(
-        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
-    ) -> list[Any]:
-        """Call a method once and return its result for every episode asked for."""
-        result = getattr(self, method_name)(*method_args, **method_kwargs)
-        return [result] * len(list(self._get_indices(indices)))
-
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Return False for every episode: there are no single environments to wrap."""
-        return [False] * len(list(self._get_indices(indices)))

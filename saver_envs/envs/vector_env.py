@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import RENDER_FPS, Pictures
-from saver_envs.envs.spaces import action_space, observation_space
+from saver_envs.envs.spaces import GoalReward, action_space, observation_space
 from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
+from saver_envs.validation import require
 
 DictObservation = dict[str, NDArray[np.float32]]
 Infos = dict[str, Any]
@@ -26,12 +27,12 @@ Infos = dict[str, Any]
 RENDER_MODES = ("rgb_array", "depth_array")
 
 
-class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[Any]]):
+class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating], NDArray[Any]]):
     """n episodes of a registered id behind Gymnasium's vector API.
 
     Episode i is seeded with ``seed + i`` and is bit for bit the one that :class:`SaverGoalEnv`
-    plays from that seed. A diverged episode ends before the others do; from then on they are out
-    of phase, and each is reset by itself. It can be pickled and deep-copied in mid-episode.
+    plays from that seed. A diverged episode ends before the others do; from then on they are out of
+    phase, and each is reset by itself. It can be pickled and deep-copied within an episode.
 
     :param env_id: a registered id; ``gymnasium.make_vec`` fills it in.
     :param num_envs: number of episodes.
@@ -55,7 +56,6 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
         "render_fps": RENDER_FPS,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    _mask_key: ClassVar[str] = "reset_mask"
 
     def __init__(
         self,
@@ -97,15 +97,15 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
         """Start episodes.
 
         :param seed: a number (episode i gets ``seed + i``), one for each episode, or ``None`` to
-            go on with the sources of randomness that there are.
+            continue with the current random generators.
         :param options: ``{"reset_mask": mask}`` resets those episodes alone whose entry of the
             boolean array (num_envs,) is True.
         :return: observations of all episodes, and infos of those that were reset.
         :raises ValueError: for another number of seeds or a mask that selects nothing.
         :raises TypeError: for a mask that is not a boolean array.
         """
-        mask = self._parse_mask(options)
-        seeds = self._parse_seeds(seed)
+        mask = reset_mask(options, self.num_envs)
+        seeds = seed_each(seed, self.num_envs)
         rows = np.flatnonzero(mask)
         for row in rows.tolist():
             if seeds[row] is not None or self._generators[row] is None:
@@ -137,13 +137,15 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
             self._over = outcome.truncated.copy()
         elif outcome.truncated.any():
             observation = self._reset_at_once(outcome, observation, infos)
-        return observation, *self._result(outcome), infos
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        reward = outcome.reward.astype(np.float64)
+        return observation, reward, terminated, outcome.truncated, infos
 
     def _step_and_reset(
         self, actions: NDArray[np.floating]
     ) -> tuple[DictObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
         """Step the episodes that go on; reset those that were over, whose actions are ignored."""
-        self.episodes.checked(actions)  # before anything changes, even where nothing goes on
+        self.episodes.checked(actions)  # before anything changes, even if no episode continues
         over = self._over
         going_on = np.flatnonzero(~over)
         reward = np.zeros(self.num_envs)
@@ -178,12 +180,6 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
         infos["final_info"], infos["_final_info"] = final_infos, ended.copy()
         return self.episodes.observation().as_dict()
 
-    def _result(
-        self, outcome: Outcome
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-        terminated = np.zeros(self.num_envs, dtype=bool)
-        return outcome.reward.astype(np.float64), terminated, outcome.truncated
-
     def _require_begun(self) -> None:
         never_begun = [row for row, made in enumerate(self._generators) if made is None]
         if never_begun:
@@ -191,41 +187,8 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             rows = np.flatnonzero(self._over).tolist()
             raise ResetNeeded(
-                f"episodes {rows} are over: reset them with "
-                f'reset(options={{"{self._mask_key}": mask}})'
+                f'episodes {rows} are over: reset them with reset(options={{"reset_mask": mask}})'
             )
-
-    def _parse_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        if not options or self._mask_key not in options:
-            return np.ones(self.num_envs, dtype=bool)
-        mask = options[self._mask_key]
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            raise TypeError(f"reset_mask={mask!r}: must be a NumPy array of booleans")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(
-                f"reset_mask={mask!r}: must have shape {(self.num_envs,)} and select an episode"
-            )
-        return mask
-
-    def _parse_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + row for row in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(
-                f"{len(seed)} seeds: one is needed for each of {self.num_envs} episodes"
-            )
-        return [None if one is None else int(one) for one in seed]
-
-    def compute_reward(
-        self,
-        achieved_goal: NDArray[np.floating],
-        desired_goal: NDArray[np.floating],
-        info: Any = None,
-    ) -> NDArray[np.float32]:
-        """Return the reward of goals (..., goal_size), shape (...); pure."""
-        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
 
     def render(self) -> tuple[Any, ...] | None:
         """Draw every episode.
@@ -242,6 +205,36 @@ class SaverVectorEnv(VectorEnv[DictObservation, NDArray[np.floating], NDArray[An
         self._pictures.close()
 
 
+def reset_mask(options: dict[str, Any] | None, n: int) -> NDArray[np.bool_]:
+    """Return which of n episodes (n,) the options of a reset select; all by default.
+
+    :raises ValueError: for a mask of another shape, or one that selects nothing.
+    :raises TypeError: for a mask that is not a boolean array.
+    """
+    if not options or "reset_mask" not in options:
+        return np.ones(n, dtype=bool)
+    mask = options["reset_mask"]
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        raise TypeError(f"reset_mask={mask!r}: must be a NumPy array of booleans")
+    selects = mask.shape == (n,) and bool(mask.any())
+    require("reset_mask", mask, selects, f"of shape {(n,)} and select an episode")
+    return mask
+
+
+def seed_each(seed: int | Sequence[int | None] | None, n: int) -> Sequence[int | None]:
+    """Return the seeds of n episodes: ``seed + i`` for a number, ``None`` for none.
+
+    :raises ValueError: for another number of seeds.
+    """
+    if seed is None:
+        return [None] * n
+    if isinstance(seed, int | np.integer):
+        return [int(seed) + row for row in range(n)]
+    if len(seed) != n:
+        raise ValueError(f"{len(seed)} seeds: one is needed for each of {n} episodes")
+    return [None if one is None else int(one) for one in seed]
+
+
 def _parse_mode(mode: AutoresetMode | str) -> AutoresetMode:
     """Return the mode of that value (``NextStep``) or name (``NEXT_STEP``)."""
     for member in AutoresetMode:
@@ -252,10 +245,10 @@ def _parse_mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def _infos(outcome: Outcome, present: NDArray[np.bool_]) -> Infos:
-    """Return infos in Gymnasium's format: ``key`` with values, ``_key`` with who has them.
+    """Return infos in Gymnasium's format: ``key`` with values, ``_key`` with the mask of owners.
 
     :param outcome: of all episodes.
-    :param present: (num_envs,) episodes that the infos tell of; the others read zero.
+    :param present: (num_envs,) episodes that have infos; the values of the others are zero.
     """
     infos: Infos = {}
     for name, values in outcome.info().items():

@@ -1,4 +1,4 @@
-"""Scripted experts: they solve the tasks from the observation alone, and prove that they can be."""
+"""Scripted experts that solve the tasks from the observation alone."""
 
 from saver_envs.experts.expert import Expert, make_expert
 

@@ -1,4 +1,4 @@
-"""Reads an observation into named parts, one row per arm; what every expert starts from."""
+"""Splits observations into named parts, one row per arm, for all experts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Arms in a row give way to one another: they look a few plans ahead and take the best.
+"""Coordination of arms in a row: they simulate plans ahead and follow the best.
 
 A plan says which of two neighbours goes first, whether the other follows close behind or waits on
-its own side, and on which side each hand passes its cube. Every plan is played through in a sketch
-of the world (discs that move discs) with the same rules by which the arms then act, and judged by
-success, contact and time.
+its own side, and on which side each hand passes its cube. Every plan is simulated in a simplified
+world (discs that move discs) under the rules by which the arms then act, and rated by success,
+contact and time.
 """
 
 from __future__ import annotations
@@ -83,31 +83,31 @@ Record = TypeVar("Record", ArmView, Plan)
 
 
 class Coordinator:
-    """Chooses among plans by playing them through, and carries out the best.
+    """Chooses among plans by simulating them, and follows the best.
 
-    A plan is kept until another is better by a margin, or two that are equally good would be
-    changed for one another for ever. New episodes are told by new targets, or a hand that jumped.
+    A plan is kept until another is better by a margin, which avoids switching between equally good
+    plans. A new target or a hand that jumped marks a new episode.
 
     :param skill: what each arm does by itself.
     :param base: (arms, 2) base positions of a row along y, metres.
     :param closed: how close two closed hands may come.
-    :param opened: how close hands may come of which one is open.
-    :param steps: how far to look ahead, actions.
+    :param steps: actions to simulate ahead.
     """
 
-    #: One that follows keeps this much more distance than it must (m): the leader's next step.
+    #: Extra distance that a following hand keeps for the leader's next step (m).
     BUFFER = 0.03
     #: Hands with a greater mean finger angle are closed (rad).
     CLOSED = 0.75
     #: Hands may hold their cubes this far beside the targets (m), which reach 0.05 m.
     SPREAD = 0.03
-    #: Weights of a plan: one that fails, a step in contact, the arms' mean time beside the last's.
+    #: Weights of a plan's cost: failure, a step in contact, the arms' mean time besides the
+    #: longest.
     FAILS, CONTACT, MEAN_TIME = 200.0, 10.0, 0.3
-    #: Contact that is no failure: a step of brushing another arm's cube, of two cubes touching.
+    #: Weights of lighter contacts: a step of brushing another arm's cube, of two cubes touching.
     BRUSH, CUBES = 0.05, 0.2
-    #: A hand that moved by more than this many steps at once is that of a new episode.
+    #: A hand that moved by more than this many steps at once belongs to a new episode.
     JUMP = 3.0
-    #: Plans are compared anew after so many actions, and changed for one that is this much better.
+    #: Actions between comparisons of plans, and the margin by which another must be better.
     PERIOD, MARGIN = 5, 6.0
 
     def __init__(
@@ -115,12 +115,11 @@ class Coordinator:
         skill: Skill,
         base: FloatArray,
         closed: Clearance = JACO_CLOSED,
-        opened: Clearance = JACO_OPEN,
         steps: int = 50,
     ) -> None:
         self.skill = skill
         self.base = np.asarray(base)
-        self.closed, self.opened = closed, opened
+        self.closed = closed
         self.steps = steps
         self._plans = self._all_plans(len(self.base))
         self._target: FloatArray = np.zeros((0, len(self.base), 3))
@@ -139,7 +138,7 @@ class Coordinator:
         return self._act(self._spread(view), _rows(self._plans, self._chosen))
 
     def _fresh(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which episodes (n,) have begun since the last call."""
+        """Return which episodes (n,) have begun since the last call."""
         n = len(view.target)
         if self._target.shape != view.target.shape:
             self._chosen, self._age = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
@@ -153,7 +152,7 @@ class Coordinator:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
         hands = view.fingers[:, right : right + 2].mean(axis=-1)
         both: NDArray[np.bool_] = (hands > self.CLOSED).all(axis=-1)
-        return np.where(both, self.closed(dx), self.opened(dx))
+        return np.where(both, self.closed(dx), JACO_OPEN(dx))
 
     def _spread(self, view: ArmView) -> ArmView:
         """Move targets apart that are so near each other that two hands do not fit."""
@@ -170,20 +169,20 @@ class Coordinator:
         return replace(view, target=target)
 
     def _choose(self, view: ArmView, rows: NDArray[np.intp], fresh: NDArray[np.bool_]) -> None:
-        """Compare plans in episodes ``rows``; ``fresh`` ones have none yet."""
+        """Compare plans in episodes ``rows``; ``fresh`` ones have no plan yet."""
         cost = self.costs(self._spread(_rows(view, rows)))
         kept = np.take_along_axis(cost, self._chosen[rows, None], axis=1)[:, 0]
         better = fresh | (cost.min(axis=1) < kept - self.MARGIN)
         self._chosen[rows] = np.where(better, cost.argmin(axis=1), self._chosen[rows])
 
     def costs(self, view: ArmView) -> FloatArray:
-        """Return what speaks against each plan, (n, plans)."""
+        """Return the cost of each plan, (n, plans)."""
         n, count = len(view.tool), len(self._plans.waits)
         plan = _rows(self._plans, np.tile(np.arange(count), n))
         return self._cost(_rows(view, np.repeat(np.arange(n), count)), plan).reshape(n, count)
 
     def _all_plans(self, arms: int) -> Plan:
-        """All orders, followers that go along or wait, and the ways round of one arm at a time."""
+        """Return all orders, followers that go along or wait, and ways round for one arm."""
         sides = [np.zeros(arms)]
         if arms <= 2:
             sides += [sign * np.eye(arms)[arm] for arm in range(arms) for sign in (1.0, -1.0)]
@@ -197,7 +196,7 @@ class Coordinator:
         return Plan(first.reshape(len(rows), arms - 1), waits, shoves, side)
 
     def _cost(self, view: ArmView, plan: Plan) -> FloatArray:
-        """Play plans through; return what speaks against each, (n,)."""
+        """Simulate plans; return their costs (n,)."""
         n, arms = view.tool.shape[:2]
         contact = np.zeros(n)
         time = np.zeros((n, arms))
@@ -246,7 +245,7 @@ class Coordinator:
     def _round_cubes(
         self, plan: Plan, hand: FloatArray, move: FloatArray, cube: FloatArray
     ) -> FloatArray:
-        """Lead hands round the other arms' cubes, unless the plan is to brush them aside."""
+        """Lead hands around the other arms' cubes, unless the plan is to brush them aside."""
         beside = move
         for other in range(1, hand.shape[1]):
             others = np.roll(cube, other, axis=1)
@@ -356,7 +355,6 @@ def alone_or_coordinated(
     settings: Settings,
     skill: Skill,
     closed: Clearance,
-    *,
     coordinated: bool,
     free_arm: int | None,
     own_last: bool,

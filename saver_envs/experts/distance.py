@@ -26,7 +26,8 @@ class DistanceExpert:
 
     :param base: (2, 2) base positions, metres.
     :param skill: how a hand comes to its cube.
-    :param pace: share of the top speed at which the cubes are carried; slower is followed better.
+    :param pace: share of the top speed at which the cubes are carried; arms track slower motion
+        better.
     """
 
     base: FloatArray
@@ -35,7 +36,7 @@ class DistanceExpert:
 
     #: Cubes on the table are carried this far above it (m), and come down on the last way (1).
     LIFT, DESCENT = 0.03, 0.5
-    #: Share of a wrong length that an action takes back.
+    #: Share of a length error that an action corrects.
     CORRECTION = 0.3
 
     def actions(self, view: ArmView) -> FloatArray:

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class PickSkill:
-    """What each arm would do if it were alone, and a sketch of what comes of it.
+    """What each arm does on its own, and a rough prediction of the result.
 
     :param step: longest displacement of an action, metres.
     :param grasp_offset: the tool grasps where this is its offset from the cube's centre, metres.
@@ -31,7 +31,7 @@ class PickSkill:
         narrower than an open hand, which would meet its neighbours.
     :param cruise: height at which cubes are carried, and hands travel above them, metres.
     :param object_size: edge of the cube, metres.
-    :param ring: 0: cubes are not in the way of hands that come from above.
+    :param ring: 0, since cubes do not block hands that come from above.
     """
 
     step: float = DEFAULT_SPEED * ACTION_DURATION
@@ -56,16 +56,16 @@ class PickSkill:
     FINGER_RATE = 0.13
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which cubes (n, arms) are where they are meant to be."""
+        """Return which cubes (n, arms) are where they are meant to be."""
         result: NDArray[np.bool_] = length(view.target - view.object) < self.DONE
         return result
 
     def between_fingers(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which cubes (n, arms) are near enough to be grasped or held."""
+        """Return which cubes (n, arms) are near enough to be grasped or held."""
         return length(self.place(view) - view.tool) < self.WITHIN
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which hands (n, arms) hold their cube."""
+        """Return which hands (n, arms) hold their cube."""
         closed: NDArray[np.bool_] = view.fingers.mean(axis=-1) > self.finger_held
         return closed & self.between_fingers(view)
 
@@ -77,7 +77,7 @@ class PickSkill:
         """Return actions (n, arms, 4) in [-1, 1] of arms that ignore one another.
 
         :param view: what the arms see.
-        :param side: not used: hands come from above, on whichever side.
+        :param side: not used: hands come from above.
         """
         place = self.place(view)
         gap = place - view.tool
@@ -125,7 +125,7 @@ class PickSkill:
         return action
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
-        """Return what the arms will see after ``actions``, roughly.
+        """Predict what the arms see after ``actions``, roughly.
 
         :param view: what they see now.
         :param actions: (n, arms, 4).
@@ -161,9 +161,7 @@ def expert(
     task: PickAndPlace, settings: Settings, coordinated: bool, free_arm: int | None
 ) -> Expert:
     """Build the expert of pick and place; see :func:`saver_envs.experts.make_expert`."""
+    skill = skill_for(task, settings)
     return alone_or_coordinated(
-        *(task, settings, skill_for(task, settings), JACO_HOLDING),
-        coordinated=coordinated,
-        free_arm=free_arm,
-        own_last=True,
+        task, settings, skill, JACO_HOLDING, coordinated, free_arm, own_last=True
     )

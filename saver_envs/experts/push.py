@@ -17,24 +17,24 @@ from saver_envs.tasks.push import Push
 
 FloatArray = NDArray[np.floating]
 
-#: Share of a commanded displacement that a hand makes in the action itself.
+#: Share of a commanded displacement that a hand makes within the action.
 TRACKING = 0.92
-#: How much of a touched cube's way is the hand's and not that out of its way: fingers are rough.
+#: How much the rough fingers drag a touched cube along, rather than pushing it aside.
 DRAG = 0.7
 #: A pitched hand's wrist is this much nearer to the base than its tool (m).
 WRIST = 0.08
-#: Where a sketched hand can be, x and y in the base frame (m): about where set-points are clipped.
+#: Range of predicted hands, x and y in the base frame (m): about that of set-points.
 HAND_LOWER, HAND_UPPER = np.array([0.25, -0.48]), np.array([0.60, 0.48])
 
 
 @dataclass(frozen=True)
 class PushSkill:
-    """What each arm would do if it were alone, and a sketch of what comes of it.
+    """What each arm does on its own, and a rough prediction of the result.
 
     :param object_size: edge of the cube, metres.
     :param step: longest displacement of an action, metres.
     :param hand_radius: half the width of the closed hand where it meets the cube, metres.
-    :param stop: the cube is left alone where it will come to rest this near its target, metres.
+    :param stop: a push ends if the cube will come to rest this near its target, metres.
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
@@ -51,7 +51,7 @@ class PushSkill:
     AIR = 0.021
     #: Sideways error within which a push may begin, and go on once in contact (m).
     ALIGNED, STILL_ALIGNED = 0.012, 0.025
-    #: Share of the sideways error that an action of pushing takes back; more drags the cube along.
+    #: Share of the sideways error that a pushing action corrects; more drags the cube along.
     CENTRING = 0.3
     #: A push advances by this share of what is left, so that the cube is slow when it arrives.
     GAIN = 0.4
@@ -61,12 +61,12 @@ class PushSkill:
     #: a share of what success allows (m), so that the hand finds room behind a cube gone too far.
     AIM_SHIFT = 0.015
     AIM_LOWER, AIM_UPPER = (0.315, -0.445), (0.535, 0.445)
-    #: An orbit whose way is that short takes it whatever side it is told (rad).
+    #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
 
     @property
     def ring(self) -> float:
-        """Radius round a cube on which a hand passes without touching it, metres."""
+        """Radius around a cube on which a hand passes without touching it, metres."""
         return self.object_size / 2 + self.hand_radius + self.AIR
 
     def aim(self, view: ArmView) -> FloatArray:
@@ -76,7 +76,7 @@ class PushSkill:
         return target + np.clip(inside - target, -self.AIM_SHIFT, self.AIM_SHIFT)
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which cubes (n, arms) lie where they are meant to."""
+        """Return which cubes (n, arms) lie where they are meant to."""
         result: NDArray[np.bool_] = length(self.aim(view) - view.object[..., :2]) < self.good_enough
         return result
 
@@ -111,7 +111,7 @@ class PushSkill:
     def _orbit(
         self, cube: FloatArray, relative: FloatArray, heading: FloatArray, side: FloatArray
     ) -> FloatArray:
-        """The place behind the cube if the way there is free, else a point round the ring."""
+        """Return the place behind the cube if the way there is free, else a point on the ring."""
         own = np.arctan2(relative[..., 1], relative[..., 0])
         goal = np.arctan2(-heading[..., 1], -heading[..., 0])
         turn = (goal - own + np.pi) % (2 * np.pi) - np.pi
@@ -141,11 +141,11 @@ class PushSkill:
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
     def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
-        """Return ``action``: a low closed hand has nothing to change when it is turned away."""
+        """Return ``action`` unchanged: a low closed hand needs no adaptation to turn away."""
         return action
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
-        """Return what the arms will see after ``actions``, roughly: discs that push discs.
+        """Predict what the arms see after ``actions``, roughly: discs that push discs.
 
         :param view: what they see now.
         :param actions: (n, arms, 3).
@@ -193,8 +193,5 @@ def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | No
         object_size=task.object_size,
     )
     return alone_or_coordinated(
-        *(task, settings, skill, JACO_CLOSED),
-        coordinated=coordinated,
-        free_arm=free_arm,
-        own_last=False,
+        task, settings, skill, JACO_CLOSED, coordinated, free_arm, own_last=False
     )

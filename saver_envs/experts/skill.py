@@ -1,4 +1,4 @@
-"""What an arm's skill offers, to whatever coordinates several of them."""
+"""The interface between an arm's skill and the coordination of several arms."""
 
 from __future__ import annotations
 
@@ -25,18 +25,19 @@ class Skill(Protocol):
 
     @property
     def ring(self) -> float:
-        """Radius round a cube on which a low hand passes without touching it, metres; 0 where
-        hands pass over cubes.
+        """Radius around a cube on which a low hand passes without touching it, metres.
+
+        It is 0 for hands that pass over cubes.
         """
 
     def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
         """Return the actions of arms that ignore one another."""
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
-        """Return what the arms will see after these actions."""
+        """Predict what the arms see after these actions."""
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
-        """Say which arms are done."""
+        """Return which arms are done."""
 
     def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
         """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted."""

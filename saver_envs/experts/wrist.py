@@ -21,8 +21,8 @@ FloatArray = NDArray[np.floating]
 class WristSkill:
     """What each arm does with the wrist at its side; the arms have no need to coordinate.
 
-    A forearm is long: it can be pressed across, hardly along, and it must not be gone round. So the
-    hand stays at the outer side, which the rules of the start put it on.
+    A forearm is long: it can be pushed sideways, hardly lengthwise, and the hand cannot go around
+    it. So the hand stays on the outer side, where it starts.
 
     :param step: longest displacement of an action, metres.
     :param inwards: (arms,) 1 where the person lies to the arm's left, -1 where to its right.
@@ -33,16 +33,16 @@ class WristSkill:
 
     #: Distance between the centres of hand and wrist where they touch, and air (m).
     TOUCH, AIR = 0.066, 0.012
-    #: Way of an action of pressing: longest, shortest (m), and share of what is left.
+    #: Displacement of a pressing action: longest, shortest (m), and share of the way left.
     FASTEST, SLOWEST, GAIN = 0.0040, 0.0016, 0.15
-    #: A wrist that near its target is let go (m); one that deviated is taken up again farther
-    #: off than that.
+    #: The hand lets go of a wrist this near its target, and pushes it again if it deviates by more
+    #: (m).
     LET_GO, TAKE_UP = 0.022, 0.035
-    #: The push's direction is at most that far from straight across the forearm (rad).
+    #: Largest angle of the push's direction from straight across the forearm (rad).
     OBLIQUE = np.radians(35.0)
     #: Error along the forearm with which a push may begin, and with which it goes on (m).
     ALIGNED, STILL_ALIGNED = 0.015, 0.030
-    #: Share of that error that an action of pressing takes back.
+    #: Share of that error that a pressing action corrects.
     CENTRING = 0.15
 
     def actions(self, view: ArmView) -> FloatArray:
@@ -59,7 +59,7 @@ class WristSkill:
         way = view.target[..., :2] - wrist
         left = length(way)[..., None]
         along, across = self._axes(view)
-        # Across the forearm first: what points along it is followed up to some angle.
+        # Mostly across the forearm: the direction along it is limited by an angle.
         forward = np.maximum(dot(way, across), 1e-3)
         sideways = dot(way, along)
         limit = np.tan(self.OBLIQUE) * forward
@@ -82,7 +82,7 @@ class WristSkill:
         clear = wrist + dot(relative, along)[..., None] * along - across * ring
         approach = np.where(outside, behind, clear)
         point = np.where(ready, push, approach)
-        # Let go, and keep off a little: the arm stays where it lies.
+        # Let go and keep a small distance, so that the arm stays where it lies.
         held = left < np.where(touching, self.LET_GO, self.TAKE_UP)
         inside = dot(way, across)[..., None] < 0.3 * self.LET_GO  # beyond: do not press on
         return np.where(held | inside, wrist - across * (ring + self.AIR), point)

@@ -1,4 +1,4 @@
-"""Functions that Numba compiles: loops over arms and joints that are slow in Python."""
+"""Compile loops over arms and joints with Numba."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(function: Function) -> Function:
-    """Return a function as machine code, compiled at its first call.
+    """Compile a function to machine code at its first call.
 
-    The code is kept on disk, beside the package or in the user's cache; where neither can be
-    written to, it is compiled anew in every process. Divisions are IEEE 754's, as in NumPy, and
-    nothing is reordered: results are those of the code as it is written.
+    The code is cached on disk, next to the package or in the user's cache folder; if neither is
+    writable, every process compiles again. Division follows IEEE 754, as in NumPy, and operations
+    are not reordered, so results match the written code.
     """
     try:
         return cast(Function, njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:  # no place for the cache
+    except RuntimeError:  # no writable cache folder
         return cast(Function, njit(error_model="numpy")(function))

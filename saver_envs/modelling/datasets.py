@@ -1,4 +1,4 @@
-"""The data sets of chapter 7, recorded with the twins.
+"""Record the data sets of chapter 7 with the twins, and read and write data files.
 
 A data set is recorded once per seed, in a minute or two, and kept in the user's cache folder. A
 file is plain NumPy (``.npz``, nothing pickled) with the columns of `recordings.COLUMNS`, each of
@@ -31,12 +31,10 @@ VERSION = 1
 class DataSet:
     """An arm's samples.
 
-    :param robot: the arm's name.
     :param train: the training trajectories, concatenated.
     :param test: the held-out trajectory.
     """
 
-    robot: str
     train: Recording
     test: Recording
 
@@ -79,7 +77,7 @@ def twin_data_set(
     if not path.exists():
         save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)
-    return DataSet(name, Recording.joined(recordings[:-1]), recordings[-1])
+    return DataSet(Recording.joined(recordings[:-1]), recordings[-1])
 
 
 def campaign_of(name: str) -> Campaign:
@@ -162,9 +160,9 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
         with np.load(path, allow_pickle=False) as file:
             content = {column: file[column] for column in file.files}
     except (OSError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is no complete data file: {error}") from error
-    except ValueError as error:  # NumPy takes unknown formats for pickles and suggests loading them
-        raise ValueError(f"{path} is no complete data file: it is no .npz of numbers") from error
+        raise ValueError(f"{path} is not a complete data file: {error}") from error
+    except ValueError as error:  # NumPy mistakes unknown formats for pickles
+        raise ValueError(f"{path} is not a complete data file: not an .npz of numbers") from error
     missing = [column for column in COLUMNS if column not in content]
     if missing:
         raise ValueError(f"{path} lacks the columns {', '.join(missing)}")
@@ -172,8 +170,8 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
     if robot != name:
         raise ValueError(f"{path} is of robot {robot!r}, not {name!r}")
     shape = content["position"].shape
-    for column, size in COLUMNS.items():
-        values, wanted = content[column], dof if size == "dof" else 3
+    for column in COLUMNS:
+        values, wanted = content[column], 3 if column == "hand" else dof
         if values.ndim != 3 or values.shape[-1] != wanted:
             needed = f"{name} needs (trajectories, samples, {wanted})"
             raise ValueError(f"{path}: {column} has shape {values.shape}; {needed}")

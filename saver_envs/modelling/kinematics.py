@@ -1,7 +1,7 @@
-"""Learned inverse kinematics for the environments: any inverse model as their solver.
+"""Use any inverse model as the inverse kinematics of the environments.
 
 A model predicts, Newton steps refine, and targets out of reach get the joints that bring the tool
-nearest. Joints stay within their limits whatever the model predicts.
+nearest. Joints stay within their limits for any prediction.
 """
 
 from __future__ import annotations

@@ -46,19 +46,18 @@ def inverse_dynamics(
     torque = np.empty(shape)
     for start in range(0, shape[0], _ROWS):
         part = slice(start, start + _ROWS)
-        torque[part] = _part(
-            chain, links, position[part], velocity[part], acceleration[part], gravity
-        )
+        motion = (one[part] for one in (position, velocity, acceleration))
+        torque[part] = _part(chain, links, gravity, *motion)
     return torque
 
 
 def _part(
     chain: Chain,
     links: Links,
+    gravity: float,
     position: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
-    gravity: float,
 ) -> FloatArray:
     frames = chain.frames(position)
     n, dof = position.shape

@@ -10,14 +10,8 @@ from saver_envs.modelling.arms import Processing
 from saver_envs.modelling.chain import Chain, FloatArray
 from saver_envs.modelling.twin import Record
 
-#: Columns of a data file and their sizes: one number per joint, or a point.
-COLUMNS = {
-    "position": "dof",
-    "velocity": "dof",
-    "acceleration": "dof",
-    "torque": "dof",
-    "hand": "3",
-}
+#: Columns of a data file: fields of :class:`Recording`.
+COLUMNS = ("position", "velocity", "acceleration", "torque", "hand")
 #: Passes of the moving average. Position is differentiated twice, with a pass before each time; all
 #: quantities get the same number of passes, so that torque and motion stay aligned.
 _PASSES = 3

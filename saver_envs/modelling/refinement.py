@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from saver_envs.modelling.arms import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.compiled import compiled
+from saver_envs.modelling.solvers import rotation_of
 
 #: A refined guess with a larger error is discarded (m, rad).
 POSITION_ENOUGH, ORIENTATION_ENOUGH = 0.008, 0.03
@@ -118,7 +119,9 @@ class Refinement:
         :raises ValueError: for mismatched shapes.
         """
         self._check(len(targets), guess=guess, present=present)
-        return _refine(targets, guess, present, self._joints, steps)
+        poses = targets.shape[1] == 6
+        rotations = rotation_of(targets[:, 3:]) if poses else np.empty((len(targets), 3, 3))
+        return _refine(targets, rotations, guess, present, self._joints, steps)
 
     def _check(self, n: int, **arrays: FloatArray) -> None:
         """Check shapes: compiled code does not notice that it reads beyond an array's end."""
@@ -130,7 +133,12 @@ class Refinement:
 
 @compiled
 def _refine(
-    targets: FloatArray, guess: FloatArray, present: FloatArray, arm: _Joints, steps: int
+    targets: FloatArray,
+    rotations: FloatArray,
+    guess: FloatArray,
+    present: FloatArray,
+    arm: _Joints,
+    steps: int,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return joints (n, dof), and which targets are missed (n,); see `Refinement.__call__`."""
     (n, rows), dof = targets.shape, present.shape[1]
@@ -148,7 +156,7 @@ def _refine(
     )
     for index in range(n):
         target, now, best = targets[index], present[index], joints[index]
-        _orientation(target, scratch.orientation)
+        scratch.orientation[:] = rotations[index]
         best[:] = guess[index]
         _settle(best, now, arm, True)
         near = _distance(best, now, arm) <= _FAR
@@ -221,9 +229,7 @@ def _approach(
 def _forward(joints: FloatArray, arm: _Joints, scratch: _Scratch) -> None:
     """Write the tool's frame, the joints' axes, into columns[:, 3:], and their anchors."""
     frame, dof = scratch.frame, len(joints)
-    for row in range(3):
-        for column in range(4):
-            frame[row, column] = 1.0 if row == column else 0.0
+    frame[:] = np.eye(3, 4)
     for joint in range(dof + 1):
         link = arm.fixed[joint]
         sine, cosine, slide, direction = 0.0, 1.0, 0.0, 1.0
@@ -283,28 +289,6 @@ def _pose_error(target: FloatArray, scratch: _Scratch) -> float:
     for row in range(len(error)):
         worst = max(worst, abs(error[row]))
     return worst
-
-
-@compiled
-def _orientation(target: FloatArray, orientation: FloatArray) -> None:
-    """Write the rotation matrix of a pose's rotation vector (Rodrigues)."""
-    for row in range(3):
-        for column in range(3):
-            orientation[row, column] = 1.0 if row == column else 0.0
-    if len(target) < 6:
-        return
-    x, y, z = target[3], target[4], target[5]
-    angle = np.sqrt(x * x + y * y + z * z)
-    if angle < 1e-12:
-        return
-    x, y, z = x / angle, y / angle, z / angle
-    sine, rest = np.sin(angle), 1.0 - np.cos(angle)
-    orientation[0, 0] -= rest * (y * y + z * z)
-    orientation[1, 1] -= rest * (x * x + z * z)
-    orientation[2, 2] -= rest * (x * x + y * y)
-    orientation[0, 1], orientation[1, 0] = rest * x * y - sine * z, rest * x * y + sine * z
-    orientation[0, 2], orientation[2, 0] = rest * x * z + sine * y, rest * x * z - sine * y
-    orientation[1, 2], orientation[2, 1] = rest * y * z - sine * x, rest * y * z + sine * x
 
 
 @compiled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, Final
@@ -86,7 +86,7 @@ def search(
     generator = np.random.default_rng(training.seed)
 
     def objective(trial: optuna.Trial) -> float:
-        settings = _suggested(trial, space)
+        settings = _settings(space, trial.suggest_categorical)
         if settings not in untried:
             another = untried[generator.integers(len(untried))]
             trial.study.enqueue_trial(_without_dash(another))
@@ -131,29 +131,24 @@ def search(
 
 
 def _all_settings(space: Space) -> list[dict[str, Any]]:
-    """Return every combination, in the form of :func:`_suggested`."""
+    """Return every combination that differs from the others."""
     distinct: list[dict[str, Any]] = []
     for values in product(*space.values()):
-        settings = dict(zip(space, values, strict=True))
-        if _leakless(settings):
-            settings["leak"] = "-"
+        given = dict(zip(space, values, strict=True))
+        settings = _settings(space, lambda name, _, given=given: given[name])
         if settings not in distinct:
             distinct.append(settings)
     return distinct
-
-
-def _leakless(settings: Mapping[str, Any]) -> bool:
-    return "activation" in settings and settings["activation"] != "leaky_relu"
 
 
 def _without_dash(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in settings.items() if value != "-"}
 
 
-def _suggested(trial: Any, space: Space) -> dict[str, Any]:
-    """Return a trial's settings; the leak is ``-`` for activations without one."""
+def _settings(space: Space, choose: Callable[..., Any]) -> dict[str, Any]:
+    """Choose a value for every setting; the leak is ``-`` for activations without one."""
     settings: dict[str, Any] = {}
     for name, values in space.items():
-        leakless = name == "leak" and _leakless(settings)
-        settings[name] = "-" if leakless else trial.suggest_categorical(name, values)
+        leakless = name == "leak" and settings["activation"] != "leaky_relu"
+        settings[name] = "-" if leakless else choose(name, values)
     return settings

@@ -1,4 +1,4 @@
-"""Inverse models shipped with the package: a weight file for each arm and task."""
+"""Load the inverse models shipped with the package, one weight file per arm and task."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from saver_envs.modelling.arms import TASK_NAMES, Task
 from saver_envs.modelling.models import InverseModel, load_model
 
 WEIGHTS = Path(__file__).parent / "weights"
-#: Names the shipped adversarial models of inverse kinematics, beside the default networks.
+#: Selects the shipped adversarial model of inverse kinematics instead of the default network.
 GAN = "gan"
 
 

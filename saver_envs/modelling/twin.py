@@ -1,4 +1,4 @@
-"""The twin: a simulated arm that differs from its data sheet as real arms do."""
+"""Simulate an arm that differs from its data sheet as a real arm does: its twin."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def nominal_model(name: str) -> mujoco.MjModel:
 
 
 class Twin:
-    """The perturbed plant with its sensors and its low-level controller.
+    """A perturbed arm with its sensors and low-level controller.
 
     It has no contacts: way-points are free of collisions.
 
@@ -75,14 +75,10 @@ class Twin:
 
     def __init__(self, name: str, parameters: TwinParameters | None = None) -> None:
         self.arm = arm_named(name)
-        self.model = nominal_model(name)
-        parameters = parameters or self.arm.twin
-        assert parameters is not None  # arms with a torque-driven model have a twin
-        self.parameters = parameters
-        self._perturb()
-
-    def _perturb(self) -> None:
-        model, given = self.model, self.parameters
+        self.model = model = nominal_model(name)
+        given = parameters or self.arm.twin
+        assert given is not None  # arms with a torque-driven model have a twin
+        self.parameters = given
         joints = [model.joint(joint).id for joint in self.arm.robot.arm_joints]
         dofs, bodies = model.jnt_dofadr[joints], model.jnt_bodyid[joints]
         for body, scale in zip(bodies, given.mass_scale, strict=True):
@@ -102,10 +98,9 @@ class Twin:
 
         :param gain: factor of the stiffness; the damping is scaled by its square root.
         """
-        given = self.parameters
-        stiffness = tuple(gain * one for one in given.stiffness)
-        damping = tuple(gain**0.5 * one for one in given.controller_damping)
-        changed = replace(given, stiffness=stiffness, controller_damping=damping)
+        stiffness = tuple(gain * one for one in self.parameters.stiffness)
+        damping = tuple(gain**0.5 * one for one in self.parameters.controller_damping)
+        changed = replace(self.parameters, stiffness=stiffness, controller_damping=damping)
         return Twin(self.arm.name, changed)
 
     def track(

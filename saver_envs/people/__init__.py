@@ -1,1 +1,1 @@
-"""People: their bodies, how they lie, and what they feel."""
+"""People: bodies, postures, and the loads on them."""

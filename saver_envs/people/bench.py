@@ -1,9 +1,9 @@
 """A person on a stretcher between two arms, under the camera of Table 8.1.
 
-The stretcher's top is level with the plane on which the arms stand: an arm of the person's can be
-pushed off and onto it, and lies where the arms' hands push cubes in the other scenes. Head, legs
-and pelvis are one rigid part, since nothing of the task moves them against each other; the trunk
-slides, turns and bends against friction, the arms move at shoulder, elbow and wrist.
+The stretcher's top is level with the plane on which the arms stand: the person's arms can be pushed
+off and onto it, and lie where the robots push cubes in the other scenes. Head, legs and pelvis are
+one rigid part, since the task does not move them against each other; the trunk slides, turns and
+bends against friction, and the arms move at shoulder, elbow and wrist.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from saver_envs.people.manikin import (
     total_mass,
 )
 from saver_envs.people.stretcher import add_stretcher
-from saver_envs.scenes import COLLISION, Arms, Scene, add_contact_counters, add_target
+from saver_envs.scenes import COLLISION, Arms, Scene, add_contact_sensor, add_target
 
 #: Name of the RGB-D camera.
 CAMERA: Final = "kinect"
@@ -34,17 +34,19 @@ CAMERA: Final = "kinect"
 HIPS: Final = (0.35, 0.0, 0.0)
 #: The table under a whole person: from behind a base to before it (m).
 TABLE_DEPTH: Final = (-0.95, 1.55)
-#: Segments that nothing of the task moves.
+#: Segments that the task does not move.
 RIGID: Final = ("head", "thigh", "shank", "foot")
-#: Arm i pushes the arm of the person's at its side: the first base stands at -y, at the right.
+#: Arm i pushes the person's arm at its side: the first base stands at -y, on the right.
 SIDE_OF_ARM: Final = ("right", "left")
+#: Joints of the trunk: along x, along y, its turn, its bend.
+TRUNK_JOINTS: Final = ("slide_x", "slide_y", "turn", "torso")
 #: Geoms whose contact counts as pressing the torso.
 TORSO_GEOMS: Final = ("pelvis_0", "torso_0", "torso_1")
 #: Mean distance of the chest's weight from where the trunk bends (m): its lever of friction.
 _CHEST_LEVER: Final = 0.2
-#: Contacts between two bodies whose forces are added up; the strongest come first.
+#: Number of contacts between two bodies whose forces are summed, the strongest ones.
 _CONTACTS: Final = 3
-#: Size of the marks that show targets (m).
+#: Radius of the marks that show targets (m).
 _TARGET_RADIUS: Final = 0.028
 #: First part of the names of sensors that measure forces on the torso.
 _FORCE: Final = "force_"
@@ -52,7 +54,7 @@ _FORCE: Final = "force_"
 
 @dataclass(frozen=True)
 class PersonAddresses:
-    """Where to find the person in a scene's models, which differ in the person's body alone.
+    """Addresses of the person in a scene's models, which differ only in the person's body.
 
     :param arms: (bodies, arms) geometry of the arm that arm i of the scene pushes.
     :param trunk_qpos: (4,) of the trunk: along x, along y, its turn, how far it bends.
@@ -95,20 +97,20 @@ def add_person(spec: mujoco.MjSpec, arms: Arms, body: int, decorated: bool) -> N
     :param spec: of a scene with two arms.
     :param arms: the arms.
     :param body: which of :data:`saver_envs.people.bodies.BODIES`.
-    :param decorated: with skins and a stretcher, which are only seen.
+    :param decorated: whether to add skins and a stretcher, which are only drawn.
     """
     KINECT_V2.add_to(spec, CAMERA, BENCH_POSE)
     appearance = BODIES[body]
     add_manikin(spec, appearance, HIPS, rigid=RIGID, skins=decorated)
     for name in limb_geoms():
-        # Cloth and skin decide how they slide, on rubber pads as on the stretcher.
+        # Their friction, of cloth and skin, takes precedence over that of pads and stretcher.
         spec.geom(name).priority = 1
     for side in SIDES:  # hands lie flat, in line with the forearms
         spec.body(f"{side}_hand").quat = arm_of(appearance, side).straightened
     if decorated:
         add_stretcher(spec, appearance=appearance, position=HIPS)
     chest = total_mass(appearance) * (MASS_SHARE["torso"] + MASS_SHARE["head"])
-    # As if the chest's weight lay on the stretcher, which the planar joints of the trunk carry.
+    # The planar joints carry the chest; this is the friction of its weight on the stretcher.
     spec.joint("torso").frictionloss = TRUNK_FRICTION * chest * 9.81 * _CHEST_LEVER
     for index in range(2):
         add_target(spec, index, _TARGET_RADIUS, (0.4, 0.1 * index, _TARGET_RADIUS))
@@ -117,11 +119,13 @@ def add_person(spec: mujoco.MjSpec, arms: Arms, body: int, decorated: bool) -> N
 
 
 def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
-    """Count contacts between arms, with the table, and with all of the person but the own side."""
-    body, geom = int(mujoco.mjtObj.mjOBJ_XBODY), int(mujoco.mjtObj.mjOBJ_GEOM)
+    """Count contacts between arms, and of arms with the table and with the person.
+
+    Contact of an arm with the person's arm at its side does not count.
+    """
+    body, geom = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_GEOM
     bases = [arms.body(index) for index in range(2)]
-    pairs = [(f"{COLLISION}arms", body, bases[0], body, bases[1])]
-    own = {side: f"{side}_upper_arm" for side in SIDES}
+    add_contact_sensor(spec, f"{COLLISION}arms", bases[0], body, bases[1])
     elsewhere = [
         one.name
         for one in spec.geoms
@@ -129,11 +133,12 @@ def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
         or any(f"_{part}_" in one.name for part in ("thigh", "shank", "foot"))
     ]
     for index, base in enumerate(bases):
-        pairs.append((f"{COLLISION}arm{index}_table", body, base, geom, "table"))
-        stranger = own[SIDE_OF_ARM[1 - index]]
-        pairs.append((f"{COLLISION}arm{index}_{stranger}", body, base, body, stranger))
-        pairs += [(f"{COLLISION}arm{index}_{name}", body, base, geom, name) for name in elsewhere]
-    add_contact_counters(spec, pairs)
+        name = f"{COLLISION}arm{index}"
+        add_contact_sensor(spec, f"{name}_table", base, geom, "table")
+        stranger = f"{SIDE_OF_ARM[1 - index]}_upper_arm"
+        add_contact_sensor(spec, f"{name}_{stranger}", base, body, stranger)
+        for other in elsewhere:
+            add_contact_sensor(spec, f"{name}_{other}", base, geom, other)
 
 
 def _add_sensors(spec: mujoco.MjSpec, arms: Arms) -> None:
@@ -146,22 +151,14 @@ def _add_sensors(spec: mujoco.MjSpec, arms: Arms) -> None:
                 objtype=mujoco.mjtObj.mjOBJ_SITE,
                 objname=f"joint_{side}_{part}",
             )
-    # The robots' arms press it themselves, or by way of the person's own arms.
+    # The robots' arms press it directly, or through the person's own arms.
     pressing = [arms.body(index) for index in range(2)]
     pressing += [f"{side}_forearm" for side in SIDES]
-    force = int(1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE))
-    strongest_first = 2
+    kind, strongest_first = mujoco.mjtObj.mjOBJ_GEOM, 2
+    reading = (1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), strongest_first, _CONTACTS)
     for body in pressing:
         for geom in TORSO_GEOMS:
-            spec.add_sensor(
-                name=f"{_FORCE}{body}_{geom}",
-                type=mujoco.mjtSensor.mjSENS_CONTACT,
-                objtype=mujoco.mjtObj.mjOBJ_XBODY,
-                objname=body,
-                reftype=mujoco.mjtObj.mjOBJ_GEOM,
-                refname=geom,
-                intprm=(force, strongest_first, _CONTACTS),
-            )
+            add_contact_sensor(spec, f"{_FORCE}{body}_{geom}", body, kind, geom, reading)
 
 
 @lru_cache(maxsize=8)
@@ -169,19 +166,17 @@ def person_addresses(scene: Scene) -> PersonAddresses:
     """Look up the person in a scene that :func:`add_person` made."""
     model = scene.model
 
-    def joint(name: str) -> int:
-        return int(model.joint(name).qposadr[0])
+    def addresses(name: str) -> NDArray[np.intp]:
+        joints = [model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
+        return np.array([int(joint.qposadr[0]) for joint in joints])
 
-    def site(name: str) -> int:
-        return int(model.site(f"joint_{name}").id)
+    def sites(name: str) -> NDArray[np.intp]:
+        return np.array([model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM])
 
-    def sensor(name: str) -> int:
-        return int(model.sensor(name).adr[0])
+    def velocities(side: str) -> list[NDArray[np.intp]]:
+        sensors = [model.sensor(f"velocity_{side}_{part}") for part in ("wrist", "elbow")]
+        return [sensor.adr[0] + np.arange(3) for sensor in sensors]
 
-    velocity = [
-        [sensor(f"velocity_{side}_{part}") + np.arange(3) for part in ("wrist", "elbow")]
-        for side in SIDE_OF_ARM
-    ]
     forces = [
         model.sensor_adr[index] + 3 * contact  # the normal comes first of the three
         for index in range(model.nsensor)
@@ -196,17 +191,15 @@ def person_addresses(scene: Scene) -> PersonAddresses:
     ]
     return PersonAddresses(
         arms=tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES),
-        trunk_qpos=np.array([joint(name) for name in ("slide_x", "slide_y", "turn", "torso")]),
-        shoulder_qpos=np.array(
-            [joint(f"{side}_upper_arm") + np.arange(4) for side in SIDE_OF_ARM], dtype=np.intp
-        ),
-        elbow_qpos=np.array([joint(f"{side}_forearm") for side in SIDE_OF_ARM]),
-        hand_qpos=np.array([joint(f"{side}_hand") for side in SIDE_OF_ARM]),
-        wrist_site=np.array([site(f"{side}_wrist") for side in SIDE_OF_ARM]),
-        elbow_site=np.array([site(f"{side}_elbow") for side in SIDE_OF_ARM]),
-        hip_site=np.array([site(f"{side}_hip") for side in SIDE_OF_ARM]),
-        neck_site=site("neck"),
-        velocity_sensor=np.array(velocity, dtype=np.intp),
+        trunk_qpos=np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS]),
+        shoulder_qpos=addresses("upper_arm")[:, None] + np.arange(4),
+        elbow_qpos=addresses("forearm"),
+        hand_qpos=addresses("hand"),
+        wrist_site=sites("wrist"),
+        elbow_site=sites("elbow"),
+        hip_site=sites("hip"),
+        neck_site=model.site("joint_neck").id,
+        velocity_sensor=np.array([velocities(side) for side in SIDE_OF_ARM], dtype=np.intp),
         force_sensor=np.array(forces, dtype=np.intp),
         limb_geoms=np.array([model.geom(name).id for name in limb_geoms()]),
         limb_dofs=np.array(dofs, dtype=np.intp),

@@ -18,7 +18,7 @@ from saver_envs.people.surface import Appearance, body_shape
 
 #: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
 _PER_SPLIT: Final = {"test": 8, "validation": 4, "train": 4}
-#: Seed of these bodies: which ones they are is part of the environments' version.
+#: Seed of these bodies, which are part of the environments' version.
 _SEED: Final = 8
 
 
@@ -31,10 +31,10 @@ def _bodies() -> tuple[Appearance, ...]:
     )
 
 
-#: Air under an arm that lies (m), so that it starts free of contact.
+#: Gap under a resting arm (m), so that it starts without contact.
 _AIR: Final = 0.0005
 
-#: Points of a forearm whose distance from the trunk is looked at.
+#: Number of points of a forearm at which its distance from the trunk is measured.
 _POINTS: Final = 5
 
 #: Who may lie on the bench: women and men of 1.5 to 1.95 m, slim to heavy.
@@ -49,7 +49,7 @@ class PersonArm:
     :param upper: (3,) from shoulder to elbow.
     :param fore: (3,) from elbow to wrist, with the elbow's angle at 0.
     :param axis: (3,) unit axis of the elbow, at a right angle to ``upper``.
-    :param bent: how far the elbow is bent where its angle is 0, radians.
+    :param bent: bend of the elbow at joint angle 0, radians.
     :param hip: (3,) hip joint's centre at that side.
     :param radius: of the upper arm, of the forearm and of the hand, metres.
     :param trunk: the capsule of the trunk at that side.
@@ -75,7 +75,7 @@ class PersonArm:
 
     @property
     def hand_share(self) -> float:
-        """Length of the hand, by that of the forearm."""
+        """Length of the hand relative to that of the forearm."""
         return float(np.linalg.norm(self.hand) / np.linalg.norm(self.fore))
 
     @property
@@ -89,7 +89,7 @@ class PersonArm:
 
     @property
     def straightened(self) -> NDArray[np.float64]:
-        """The turn of the hand (quaternion, w first) that lays it on the forearm's line."""
+        """Rotation of the hand (quaternion, w first) that aligns it with the forearm."""
         first, second = (one / np.linalg.norm(one) for one in (self.hand, self.fore))
         half = np.append(1.0 + first @ second, np.cross(first, second))
         turn: NDArray[np.float64] = half / np.linalg.norm(half)
@@ -134,7 +134,7 @@ class PersonArm:
     def gap_to_trunk(
         self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the air (k,) between forearm and trunk, metres, measured at some points."""
+        """Return the gap (k,) between forearm and trunk, metres, measured at some points."""
         begin, end, radius = self.trunk
         shares = np.linspace(0.0, 1.0, _POINTS)[:, None, None]
         points = elbow + shares * (wrist - elbow)

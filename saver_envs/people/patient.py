@@ -1,4 +1,4 @@
-"""The person in n simulations: put there at a reset, and what agents and costs read of it."""
+"""The person in n simulations: placement at resets, readings for observations and costs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from saver_envs.simulation import ObjectState, Simulation, cross
 
 Arrays = dict[str, NDArray[Any]]
 
-#: Fields of a model that vary by the simulation and not by the body.
+#: Model fields that vary per simulation, not per body.
 _FRICTION, _DAMPING = "geom_friction", "dof_damping"
 
 
@@ -62,7 +62,7 @@ class People:
 
 
 def joined(people: list[People]) -> People:
-    """Return the rows of several in one."""
+    """Concatenate the rows of several."""
     names = people[0].fields()
     return People(
         **{name: np.concatenate([getattr(one, name) for one in people]) for name in names}
@@ -133,7 +133,7 @@ class Patient:
     def _turned_off(self, people: People) -> NDArray[np.float64]:
         """Return by how much (k, 2) the turn of the pelvis moves the middle of the hips, metres.
 
-        It turns about its own joint, which is some millimetres away.
+        The pelvis turns about its own joint, which is some millimetres away.
         """
         pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
@@ -161,8 +161,8 @@ class Patient:
     def wrists(self) -> ObjectState:
         """Return the state of the wrists, which take the place of cubes.
 
-        A wrist's x axis points from the elbow to the wrist, and its y axis is level: what a
-        skeleton tells of it. Its angular velocity is that of the forearm, across the forearm.
+        A wrist's x axis points from the elbow to the wrist, and its y axis is level: as a skeleton
+        gives them. Its angular velocity is that of the forearm, across the forearm.
         """
         where = self._where
         sites, sensors = self._simulation.site_position, self._simulation.sensors
@@ -172,7 +172,7 @@ class Patient:
         velocity = velocities[:, :, 0]
         squared = (along * along).sum(axis=-1, keepdims=True)
         angular = cross(along, velocity - velocities[:, :, 1]) / squared
-        # The bases are not turned: their frames differ from the world's by where they are alone.
+        # The bases are not rotated: their frames differ from the world's by a translation.
         position = wrist - self._scene.base_position
         return ObjectState(position, heading(along), velocity, angular, wrist)
 
@@ -181,7 +181,7 @@ class Patient:
         return self._simulation.site_position.take(self._where.hip_site, 1)
 
     def readings(self, memory: Arrays) -> dict[str, NDArray[np.float64]]:
-        """Return what the arms have done to the torso, (n,) each.
+        """Return the load on the torso, (n,) each.
 
         ``torso_force``: sum of the normal forces on torso and pelvis, of the robots' arms and of
         the person's own that they push, newtons; the highest of an action's samples.
@@ -221,5 +221,5 @@ def heading(along: NDArray[np.float64]) -> NDArray[np.float64]:
     yaw = np.arctan2(along[..., 1], along[..., 0]) / 2
     pitch = np.arctan2(-along[..., 2], level) / 2
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
-    # Half of the yaw is within a quarter turn, so that w is never negative.
+    # Half of the yaw is within a quarter turn, so w is never negative.
     return np.stack([cy * cp, -sy * sp, cy * sp, sy * cp], axis=-1)

@@ -1,4 +1,4 @@
-"""Random people: what they look like, and how they lie."""
+"""Random appearances and postures of people."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from saver_envs.people.manikin import SIDES
 from saver_envs.people.surface import Appearance, Colour, Pattern
 
-#: Splits by body: people of these cells of (gender, heaviness), each in quarters, are in the
-#: held-out test alone, or in the validation alone; everybody else is trained with.
+#: Splits by body: people of these cells of (gender, heaviness), in quarters, belong to the held-out
+#: test set or to the validation set; all others belong to the training set.
 TEST_CELLS: Final = frozenset({(0, 2), (3, 1), (2, 3)})
 VALIDATION_CELLS: Final = frozenset({(1, 0), (3, 3)})
-#: And by texture: this pattern of clothes is in the test alone.
+#: Split by texture: only the test set has this pattern of clothes.
 TEST_PATTERN: Final[Pattern] = "mottled"
 _TRAIN_PATTERNS: Final[tuple[Pattern, ...]] = ("plain", "plain", "stripes", "checks")
 
@@ -114,7 +114,7 @@ def _about(
 
 
 def _then(*turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the turns done one after the other, in the parent's frame."""
+    """Compose rotations in the parent's frame, in this order."""
     total = np.array([1.0, 0.0, 0.0, 0.0])
     for turn in turns:
         product = np.empty(4)
@@ -129,7 +129,7 @@ def random_posture(
     qpos: NDArray[np.float64],
     prefix: str = "",
 ) -> None:
-    """Write the joint angles of somebody on the back into ``qpos``; limbs may float.
+    """Write random joint angles of a person on the back into ``qpos``; limbs may float.
 
     :param random: source.
     :param model: with a manikin.
@@ -181,7 +181,7 @@ def _random_arm(
     else:  # beside the head
         from_feet, lift = random.uniform(85, 150), random.uniform(-5, 25)
     swing = _about((0, 0, 1), sign * math.radians(from_feet - at_rest))
-    # Up is a turn about the axis that is level and across the arm.
+    # Raising is a rotation about the level axis across the arm.
     raised = _about(np.cross(along, (0, 0, 1.0)), math.radians(lift))
     twist = _about(along, math.radians(random.normal(0, 45)))
     put(f"{side}_upper_arm", _then(twist, raised, swing))

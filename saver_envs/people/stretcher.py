@@ -1,4 +1,4 @@
-"""What a victim lies on: canvas between two poles, with a support for head and neck."""
+"""The stretcher: canvas between two poles, with a support for head and neck."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.people.surface import AVERAGE_MAN, Appearance, body_shape
-from saver_envs.robots.description import VISUAL_GROUP
+from saver_envs.robots.description import DRAWN_ONLY
 
 POLE_RADIUS: Final = 0.016  # m
 CANVAS_THICKNESS: Final = 0.012  # m
@@ -43,8 +43,8 @@ def add_stretcher(
 ) -> None:
     """Add a stretcher under a person.
 
-    :param spec: gets one body with geoms that are only seen: its top is at ``position``'s height,
-        where the scene has a table to lie on.
+    :param spec: gets one body with visual geoms: its top is at ``position``'s height, where the
+        scene has a table to lie on.
     :param stretcher: sizes and colours.
     :param appearance: of the person, whose head the support has to fit.
     :param position: of the point between the person's hip joints, metres.
@@ -71,25 +71,20 @@ def add_stretcher(
             pos=centre,
             size=size,
             rgba=(*colour, 1),
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
+            **DRAWN_ONLY,
         )
 
     canvas = (half, stretcher.width / 2, CANVAS_THICKNESS / 2)
     box((middle, 0, 0.001 - CANVAS_THICKNESS / 2), canvas, stretcher.colour)
     for side in (-1, 1):
-        y = side * (stretcher.width / 2 + POLE_RADIUS)
+        y, z = side * (stretcher.width / 2 + POLE_RADIUS), -0.5 * POLE_RADIUS
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=(middle - half - 0.12, y, -0.5 * POLE_RADIUS, middle + half + 0.12, y,
-                    -0.5 * POLE_RADIUS),
+            fromto=(middle - half - 0.12, y, z, middle + half + 0.12, y, z),
             size=(POLE_RADIUS, 0, 0),
             rgba=(0.62, 0.63, 0.65, 1),
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
-        )  # fmt: skip
+            **DRAWN_ONLY,
+        )
     head = shape.owned("head")
     rise = max(float(np.percentile(head[:, 2], 2)), 0.012)
     crown, nape = float(head[:, 0].min()), float(shape.head("head")[0])
@@ -97,8 +92,5 @@ def add_stretcher(
     box((centre, 0, rise / 2), (reach, 0.13, rise / 2), stretcher.support)
     wide = float(np.abs(head[:, 1]).max())
     for side in (-1, 1):
-        box(
-            (centre, side * (wide + 0.045), 0.055),
-            (0.7 * reach, 0.028, 0.055),
-            stretcher.support,
-        )
+        cushion = (centre, side * (wide + 0.045), 0.055)
+        box(cushion, (0.7 * reach, 0.028, 0.055), stretcher.support)

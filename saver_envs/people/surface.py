@@ -1,4 +1,4 @@
-"""How the manikin looks: its body's shape, skin, hair and clothes, as MuJoCo skins."""
+"""Appearance of the manikin: shape, skin, hair and clothes, as MuJoCo skins."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any, Final, Literal
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+
+from saver_envs.validation import require
 
 Colour = tuple[float, float, float]
 Pattern = Literal["plain", "stripes", "checks", "mottled"]
@@ -71,8 +73,7 @@ class Appearance:
             "stature": STATURE_RANGE,
         }.items():
             value = getattr(self, name)
-            if not least <= value <= most:
-                raise ValueError(f"{name}={value!r}: must be between {least} and {most}")
+            require(name, value, least <= value <= most, f"between {least} and {most}")
 
 
 AVERAGE_MAN: Final = Appearance()
@@ -158,48 +159,39 @@ def _normals(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> NDArray[
     return normals
 
 
-def add_skins(
-    spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, prefix: str
-) -> tuple[str, ...]:
-    """Clothe bodies that are in a specification.
+def add_skins(spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, prefix: str) -> None:
+    """Add skins and clothes to the bodies of a specification.
 
     :param spec: gets textures, materials and skins.
     :param shape: the body.
     :param appearance: colours and cut.
     :param prefix: of the bodies' names, and of the new names.
-    :return: names of the skins.
     """
     layers = np.array([_layer(part, appearance) for part in shape.parts])[shape.face_part]
     patterns = {
         "shirt": (appearance.shirt_pattern, appearance.shirt_second),
         "trousers": (appearance.trousers_pattern, appearance.trousers_second),
     }
-    names = []
     for layer in np.unique(layers):
         name = f"{prefix}{layer}"
         pattern, second = patterns.get(str(layer), ("plain", (0.0, 0.0, 0.0)))
         _add_material(spec, name, _colour(str(layer), appearance), pattern, second)
         _add_skin(spec, shape, layers == layer, name, _STANDOFF.get(str(layer), 0.0), prefix)
-        names.append(name)
-    return tuple(names)
 
 
 def _layer(part: str, appearance: Appearance) -> str:
     """Return what covers a part of the body: skin, hair, lips, eyes, shirt, trousers or shoes."""
     covered = {
+        "face": "skin",
+        "hand": "skin",
         "hair": "skin" if appearance.bald else "hair",
-        "brows": "brows",
-        "lips": "lips",
-        "eyes": "eyes",
-        "shirt": "shirt",
         "sleeve": "skin" if appearance.sleeves == "none" else "shirt",
         "long_sleeve": "shirt" if appearance.sleeves == "long" else "skin",
-        "trousers": "trousers",
         "long_trousers": "trousers" if appearance.trouser_legs == "long" else "skin",
         "shank": "trousers" if appearance.trouser_legs == "long" else "skin",
         "shoe": "skin" if appearance.shoes is None else "shoes",
     }
-    return covered.get(part, "skin")
+    return covered.get(part, part)
 
 
 def _colour(layer: str, appearance: Appearance) -> Colour:
@@ -265,7 +257,7 @@ def _add_skin(
 ) -> None:
     used, faces = np.unique(shape.faces[chosen], return_inverse=True)
     elsewhere = np.unique(shape.faces[~chosen])
-    # The rim stays on the skin, so that nobody looks in between.
+    # The rim stays on the skin, so that no gap is visible.
     lift = np.where(np.isin(used, elsewhere), 0.0, standoff)
     vertices = shape.vertices[used] + lift[:, None] * shape.normals[used]
     weights = shape.weights[used]
@@ -274,7 +266,7 @@ def _add_skin(
     skin = spec.add_skin(name=name, material=name)
     skin.vert = vertices.astype(np.float32).ravel()
     skin.face = faces.astype(np.int32).ravel()
-    # Cloth runs round the body: along it, and across it as seen from above.
+    # Cloth runs around the body: along it, and across it as seen from above.
     skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
     skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
     skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()

@@ -1,1 +1,1 @@
-"""Seeing people: camera, skeleton, fields, network, parsing, data and training."""
+"""Human pose estimation: skeleton, fields, network, parsing, data and training."""

@@ -56,10 +56,10 @@ class _Residual(nn.Module):
 
 
 class LightBackbone(nn.Module):
-    """A small residual network for one processor core, ours.
+    """Our small residual network for one processor core.
 
-    It reduces the picture to 1/32, where the receptive field of a cell covers the whole person,
-    which tells left from right, and upsamples to 1/8, adding the finer maps' features.
+    It reduces the picture to 1/32, where the receptive field of a cell covers the whole person and
+    left can be distinguished from right, and upsamples to 1/8, adding the finer maps' features.
     """
 
     #: Channels at 1/2, 1/4, 1/8, 1/16, 1/32, and of the upsampling path.

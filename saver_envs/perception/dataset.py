@@ -32,7 +32,7 @@ _FILLERS: Final = {"pixels": np.nan, "visibility": 0, "positions": np.nan, "boxe
 
 @dataclass(frozen=True)
 class Example:
-    """A picture to learn from.
+    """A labelled picture for training.
 
     :param image: (height, width, 3) uint8.
     :param joints: (people, 14, 2) pixels.
@@ -197,8 +197,7 @@ class RenderedDataset:
 
     def visibility(self, index: int) -> NDArray[np.uint8]:
         """Return the visibility (people, 14) of the joints of a picture."""
-        visibility: NDArray[np.uint8] = self._labels(index)["visibility"]
-        return visibility
+        return self._labels(index)["visibility"]
 
     def _place(self, index: int) -> tuple[int, int]:
         if not 0 <= index < len(self):

@@ -85,7 +85,7 @@ class PoseEstimator:
         picture, scale, offset = normalised(np.rot90(pixels, self.turn), self.size)
         poses = parse(self.fields(picture), self.limbs, self.options)
         joints = _turned_back((poses.joints - offset) / scale, self.turn, height, width)
-        # Joints in the margin beside the picture are dropped.
+        # Joints in the margins around the picture are dropped.
         inside = np.all((joints >= 0) & (joints <= (width, height)), axis=-1)
         joints = np.where(inside[..., None], joints, np.nan)
         return Poses(joints, np.where(inside, poses.scores, 0.0), poses.person_scores)

@@ -9,7 +9,6 @@ coordinates, and the centre of cell (row, column) of a field of stride 8 is at
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,19 +22,11 @@ STRIDE: Final = 8
 AFFINITY_X, AFFINITY_Y, HEAT, N_CHANNELS = 0, 1, 2, 3
 #: Smallest value of a Gaussian that is drawn.
 _FAINTEST: Final = 1e-4
-
-
-@dataclass(frozen=True)
-class FieldShape:
-    """Widths of joints and limbs in cells of the field. The paper gives no numbers.
-
-    :param sigma: of exp(-d^2 / sigma^2), equation 4.4. At 1.2 a peak covers the 3 x 3 cells from
-        which its position between cells is computed, and joints 3 cells apart stay separate.
-    :param half_width: half the width of a limb's band, equation 4.5.
-    """
-
-    sigma: float = 1.2
-    half_width: float = 1.0
+#: Sigma of exp(-d^2 / sigma^2), equation 4.4, and half the width of a limb's band, equation 4.5, in
+#: cells. The paper gives no numbers. A peak of this width covers the 3 x 3 cells from which its
+#: position between cells is computed, and joints 3 cells apart stay separate.
+SIGMA: Final = 1.2
+HALF_WIDTH: Final = 1.0
 
 
 def encode(
@@ -43,7 +34,6 @@ def encode(
     annotated: NDArray[np.bool_],
     size: tuple[int, int],
     limbs: Sequence[int],
-    shape: FieldShape = FieldShape(),
 ) -> NDArray[np.float32]:
     """Draw the fields of all people in a picture.
 
@@ -56,7 +46,6 @@ def encode(
         are known, a peak if its joint is.
     :param size: height and width of the picture in pixels, multiples of 8.
     :param limbs: indices into :data:`~.skeleton.LIMBS`.
-    :param shape: widths of peaks and bands.
     :return: (limbs, 3, height / 8, width / 8): affinity x, affinity y, heat. The heat is +1 at
         proximal and -1 at distal joints.
     :raises ValueError: for a size that is no multiple of 8.
@@ -72,28 +61,26 @@ def encode(
     proximal, distal = (list(joint) for joint in zip(*(LIMBS[k].ends for k in limbs), strict=True))
     begin, end = cells[:, proximal], cells[:, distal]
     has_begin, has_end = annotated[:, proximal], annotated[:, distal]
-    high = _gaussians(x - begin[..., :1], y - begin[..., 1:], has_begin, shape.sigma)
-    low = _gaussians(x - end[..., :1], y - end[..., 1:], has_end, shape.sigma)
+    from_begin = x - begin[..., :1], y - begin[..., 1:]
+    high = _gaussians(*from_begin, has_begin)
+    low = _gaussians(x - end[..., :1], y - end[..., 1:], has_end)
     # The largest absolute value is kept, with its sign.
     fields[:, HEAT] = np.where(high >= low, high, -low)
-    fields[:, :HEAT] = _affinities(
-        x - begin[..., :1], y - begin[..., 1:], end - begin, has_begin & has_end, shape.half_width
-    )
+    fields[:, :HEAT] = _affinities(*from_begin, end - begin, has_begin & has_end)
     return fields
 
 
 def _gaussians(
-    x: NDArray[np.float64], y: NDArray[np.float64], present: NDArray[np.bool_], sigma: float
+    x: NDArray[np.float64], y: NDArray[np.float64], present: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Return the largest Gaussian (limbs, rows, columns) in every cell (eq. 4.4).
 
     :param x: (people, limbs, columns) from a joint to the columns, cells.
     :param y: (people, limbs, rows) from a joint to the rows, cells.
     :param present: (people, limbs) whether the joint is known.
-    :param sigma: width, cells.
     """
     # A Gaussian is the product of a Gaussian along x and a Gaussian along y.
-    along_x, along_y = np.exp(-((x / sigma) ** 2)), np.exp(-((y / sigma) ** 2))
+    along_x, along_y = np.exp(-((x / SIGMA) ** 2)), np.exp(-((y / SIGMA) ** 2))
     peaks = along_y[..., :, None] * along_x[..., None, :] * present[..., None, None]
     largest: NDArray[np.float64] = peaks.max(axis=0)
     largest[largest < _FAINTEST] = 0.0
@@ -105,7 +92,6 @@ def _affinities(
     y: NDArray[np.float64],
     along: NDArray[np.float64],
     present: NDArray[np.bool_],
-    half_width: float,
 ) -> NDArray[np.float64]:
     """Return the mean direction (limbs, 2, rows, columns) of the limbs in a cell (eq. 4.5, 4.6).
 
@@ -113,7 +99,6 @@ def _affinities(
     :param y: (people, limbs, rows) from the proximal joint to the rows, cells.
     :param along: (people, limbs, 2) from the proximal to the distal joint, cells.
     :param present: (people, limbs) whether both joints are known.
-    :param half_width: of the band, cells.
     """
     length = np.linalg.norm(along, axis=-1)
     direction = along / np.maximum(length, 1e-9)[..., None]
@@ -121,7 +106,7 @@ def _affinities(
     forward = unit_x * x[..., None, :] + unit_y * y[..., :, None]
     sideways = unit_x * y[..., :, None] - unit_y * x[..., None, :]
     covered = (forward >= 0) & (forward <= length[..., None, None])
-    covered &= (np.abs(sideways) <= half_width) & present[..., None, None]
+    covered &= (np.abs(sideways) <= HALF_WIDTH) & present[..., None, None]
     count = np.maximum(covered.sum(axis=0), 1)
     total = np.einsum("plc,plrw->lcrw", direction, covered.astype(np.float64))
     mean: NDArray[np.float64] = total / count[:, None]

@@ -200,7 +200,5 @@ def field_loss(
     weights = truth.new_ones(N_CHANNELS)
     weights[HEAT] = heat_weight
     weighted = mask[:, :, None] * weights[:, None, None]
-    total = truth.new_zeros(())
-    for fields in stages:
-        total = total + (weighted * (fields - truth) ** 2).sum()
-    return total / len(truth)
+    errors = ((weighted * (fields - truth) ** 2).sum() for fields in stages)
+    return sum(errors, truth.new_zeros(())) / len(truth)

@@ -119,8 +119,6 @@ def parse(
     proximal = _find_peaks(heat, options)
     distal = _find_peaks(-heat, options)
     pairs = _pair(fields, proximal, distal, options)
-    if len(pairs.limb) == 0:
-        return Poses.none()
     people = _assemble(pairs, proximal, distal, limbs, options.merge_distance)
     return _poses(people, len(joints_of(limbs)), options)
 

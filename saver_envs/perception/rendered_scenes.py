@@ -135,13 +135,11 @@ class RenderedScene:
         positions = np.stack([joint_centres(model, data, prefix) for prefix in self._prefixes])
         pixels, distance = self._camera.camera.project(positions, pose)
         masks = self._masks()
-        visibility = [
-            _visibility(*person, picture.depth)
-            for person in zip(pixels, distance, masks, strict=True)
-        ]
+        people = zip(pixels, distance, masks, strict=True)
+        visibility = np.stack([_visibility(*person, picture.depth) for person in people])
         boxes = np.stack([_box(mask) for mask in masks])
         return LabelledPicture(
-            picture.rgb, picture.depth, pixels, np.stack(visibility), positions, pose, boxes
+            picture.rgb, picture.depth, pixels, visibility, positions, pose, boxes
         )
 
     def close(self) -> None:

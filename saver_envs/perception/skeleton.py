@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 class Visibility(IntEnum):
-    """How a joint is annotated, with COCO's numbers."""
+    """Visibility of an annotated joint, with COCO's numbers."""
 
     MISSING = 0
     OCCLUDED = 1

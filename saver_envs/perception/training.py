@@ -116,7 +116,7 @@ class PoseTrainer:
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay
         )
-        self._average = {name: value.clone() for name, value in self._state().items()}
+        self._average = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.frames, self.seconds = 0, 0.0
         if (folder / CHECKPOINT).is_file():
             self._restore()
@@ -173,7 +173,7 @@ class PoseTrainer:
         """Write the checkpoint, and the averaged network as a weight file."""
         from safetensors.torch import save as to_bytes
 
-        tensors = {f"network/{name}": value for name, value in self._state().items()}
+        tensors = {f"network/{name}": value for name, value in self.network.state_dict().items()}
         tensors |= {f"average/{name}": value for name, value in self._average.items()}
         for name, parameter in self.network.named_parameters():
             for key, value in self._optimiser.state[parameter].items():
@@ -202,10 +202,6 @@ class PoseTrainer:
         for name, value in parts["optimiser"].items():
             parameter, _, key = name.rpartition("/")
             self._optimiser.state[parameters[parameter]][key] = value
-
-    def _state(self) -> dict[str, Tensor]:
-        state: dict[str, Tensor] = self.network.state_dict()
-        return state
 
     def _batches(self) -> Iterator[list[Example]]:
         """Yield augmented pictures that depend only on the seed and the number of frames."""
@@ -259,7 +255,7 @@ class PoseTrainer:
         steps = self.frames / self.options.batch
         keep = min(self.options.average, (1 + steps) / (10 + steps))
         with torch.no_grad():
-            for name, value in self._state().items():
+            for name, value in self.network.state_dict().items():
                 if value.is_floating_point():
                     self._average[name].lerp_(value, 1 - keep)
                 else:

@@ -1,4 +1,4 @@
-"""Robot arms, one file each, and the table that names them."""
+"""Robot arms, one file each, and the table of their names."""
 
 from saver_envs.robots.description import Robot
 from saver_envs.robots.jaco import JACO

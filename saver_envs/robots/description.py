@@ -13,6 +13,8 @@ import mujoco
 VISUAL_GROUP = 2
 #: Geom group of the collision primitives, hidden in renderings.
 COLLISION_GROUP = 3
+#: Arguments of a geom that is drawn and never collided with.
+DRAWN_ONLY = {"contype": 0, "conaffinity": 0, "group": VISUAL_GROUP}
 
 
 class Fingers(Enum):
@@ -46,10 +48,9 @@ class Robot:
     :param finger_closed: finger joint angle of a closed hand, radians.
     :param holds_orientation: whether the arm can keep its hand pointing down at a fixed yaw.
     :param reach: greatest horizontal distance of objects and targets from the base, metres.
-    :param off_table_geoms: collision geoms that never collide with the table, since they stand
-        on it.
-    :param hand_reach: greatest distance of set-points from the shoulder, metres; an arm whose
-        hand pitches as it reaches out needs one, others are kept in by their box.
+    :param off_table_geoms: collision geoms that stand on the table and never collide with it.
+    :param hand_reach: greatest distance of set-points from the shoulder, metres, for an arm whose
+        hand pitches as it reaches out; for others the box is enough.
     :param shoulder_height: height of the shoulder above the base, metres.
     """
 

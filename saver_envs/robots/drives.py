@@ -1,4 +1,4 @@
-"""What moves a robot's joints: position servos, or torques in their place."""
+"""Actuators of a robot's joints: position servos, or torque motors in their place."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def add_servo(
 def drive_by_torques(
     spec: mujoco.MjSpec, names: Sequence[str], joints: Sequence[str], limits: Sequence[float]
 ) -> None:
-    """Take away all that is not the links' inertia, and drive joints by torques.
+    """Reduce a robot to its links' inertia, and drive its joints by torques.
 
-    Servos, armature and gravity compensation go.
+    Servos, armature and gravity compensation are removed.
 
     :param spec: of the robot, its fingers locked; changed in place.
     :param names: of the actuators; actuator i drives joint i.

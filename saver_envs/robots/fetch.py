@@ -1,10 +1,11 @@
 """The 8-DOF Fetch: torso lift and seven arm joints, its head fixed.
 
 Model and meshes are those of the gymnasium-robotics wheel (``envs/assets/fetch``; NOTICE says under
-which terms), read by path when the arm is built: the package's simulator code is not imported. What
-made that model a mocap puppet is taken out: the weld, the base's three slides, joint damping of 50
-to 1e7, armature of 1, fingers of 4 kg. Servo gains, armature and damping are ours; torque and speed
-limits are the maker's (fetch_description 0.8.3, ``robots/fetch.urdf``: effort and velocity).
+which terms), read by path when the arm is built: the package's simulator code is not imported. The
+parts that make that model a mocap puppet are removed: the weld, the base's three slides, joint
+damping of 50 to 1e7, armature of 1, fingers of 4 kg. Servo gains, armature and damping are ours;
+torque and speed limits are the maker's (fetch_description 0.8.3, ``robots/fetch.urdf``: effort and
+velocity).
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ FINGER_STIFFNESS, FINGER_DAMPING, FINGER_FORCE = 500.0, 20.0, 60.0  # N/m, N s/m
 HOME = (0.15, 0.0, 0.6, 0.0, 1.0, 0.0, -1.6, 0.0)
 
 _REMOVED_JOINTS = ("slide0", "slide1", "slide2", "head_pan_joint", "head_tilt_joint")
-#: Fixed parts whose hulls overlap the moving ones at every posture.
+#: Fixed parts whose hulls overlap moving ones in every posture.
 _NOT_COLLIDED = ("torso_fixed_link", "estop_link", "laser_link", "head_pan_link", "head_tilt_link")
 
 
@@ -76,13 +77,13 @@ def _files() -> tuple[dict[str, bytes], dict[str, bytes]]:
 
 
 def _world() -> mujoco.MjSpec:
-    """The wheel's robot by itself, as it is."""
+    """Return the wheel's robot by itself."""
     xml, meshes = _files()
     world = (
         '<mujoco model="fetch"><compiler angle="radian"/>'
         '<include file="shared.xml"/><worldbody><include file="robot.xml"/></worldbody></mujoco>'
     )
-    # The texture's picture is of no use without a cube to put it on.
+    # The texture's file is not needed without its cube.
     shared = re.sub(rb'<texture name="texture_block"[^>]*>(</texture>)?', b"", xml["shared.xml"])
     spec = mujoco.MjSpec.from_string(
         world, include={"shared.xml": shared, "robot.xml": xml["robot.xml"]}, assets=meshes

@@ -1,11 +1,10 @@
-"""A robot from any MuJoCo model of an arm: what the model can tell is derived from it."""
+"""A robot from any MuJoCo model of an arm, from which limits and postures are derived."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -15,9 +14,9 @@ from numpy.typing import NDArray
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
 from saver_envs.robots.drives import add_servo
 
-#: Name of the site that is added where set-points refer to.
+#: Name of the added site that set-points refer to.
 TOOL_SITE = "saver_tool"
-#: Limits of joints whose model says nothing: N m, rad/s.
+#: Limits of joints without limits in the model: N m, rad/s.
 TORQUE_LIMIT, SPEED_LIMIT = 50.0, 1.5
 #: Stiffness of our servos by torque limit: a joint that is 1/80 rad off gets all of its torque.
 _STIFFNESS = 80.0
@@ -31,24 +30,24 @@ Source = str | Path | Callable[[], mujoco.MjSpec]
 
 @dataclass(frozen=True)
 class ModelArm:
-    """Builds an arm from a model, with servos, gravity compensation and a tool site of ours.
+    """Builds an arm from a model, with our servos, gravity compensation and tool site.
 
     :param source: path of an MJCF file, or a function of a module that returns a specification.
-    :param base_body: name of the body that all of the arm is below.
+    :param base_body: name of the arm's root body.
     :param tool: name of the site or body that the tool point belongs to.
     :param tool_offset: (3,) of the tool point in that frame, metres.
     :param tool_quaternion: (4,) of the tool's axes in that frame, w first.
     :param arm_joints: from base to wrist.
     :param finger_joints: of the hand.
     :param finger_closed: where locked fingers are held, rad or m.
-    :param torque_limits: one a joint, N m.
+    :param torque_limits: one per joint, N m.
     """
 
     source: Source
     base_body: str
     tool: str
-    tool_offset: tuple[float, float, float]
-    tool_quaternion: tuple[float, float, float, float]
+    tool_offset: tuple[float, ...]
+    tool_quaternion: tuple[float, ...]
     arm_joints: tuple[str, ...]
     finger_joints: tuple[str, ...]
     finger_closed: float
@@ -70,11 +69,11 @@ class ModelArm:
             body.gravcomp = 1
         parent, position, quaternion = _frame(spec, self.tool)
         offset = np.zeros(3)
-        mujoco.mju_rotVecQuat(offset, np.asarray(self.tool_offset, dtype=float), quaternion)
+        mujoco.mju_rotVecQuat(offset, np.array(self.tool_offset), quaternion)
         parent.add_site(
             name=TOOL_SITE,
             pos=position + offset,
-            quat=_product(quaternion, np.asarray(self.tool_quaternion, dtype=float)),
+            quat=_product(quaternion, np.array(self.tool_quaternion)),
             size=(0.005, 0, 0),
             group=4,
         )
@@ -106,13 +105,13 @@ def robot_from_model(
 ) -> Robot:
     """Describe an arm from its model; give the result to :func:`saver_envs.register_robot`.
 
-    Joint limits and torque limits are the model's. Its actuators give way to position servos of
-    ours. Geoms that collide stay as they are. The home posture has the hand pointing down over the
-    middle of the workspace; the tool's axes are those of the base there.
+    Joint limits and torque limits are the model's. Our position servos replace its actuators.
+    Collision geoms are kept. The home posture has the hand pointing down over the middle of the
+    workspace; the tool's axes are those of the base there.
 
     :param name: lower-case name of the robot.
     :param source: path of an MJCF file, or a function of a module that returns a specification.
-    :param base_body: name of the body that all of the arm is below; it is put at the origin.
+    :param base_body: name of the arm's root body; it is put at the origin.
     :param tool: name of a site or a body of the hand.
     :param arm_joints: hinges and slides from base to wrist.
     :param finger_joints: of the hand, driven together by one gripper command.
@@ -120,13 +119,13 @@ def robot_from_model(
     :param finger_closed: finger joint position of a closed hand, rad or m.
     :param tool_offset: (3,) point between the fingertips in the frame of ``tool``, metres.
     :param approach: (3,) direction in that frame in which the hand points.
-    :param home: joint positions of the home posture, rad or m; searched for where ``None``.
+    :param home: joint positions of the home posture, rad or m; found by search if ``None``.
     :param joint_torque_limits: N m; the model's where ``None``, or 50.
     :param joint_speed_limits: rad/s; 1.5 where ``None``.
     :return: the robot.
     :raises ValueError: where the model has no such body, site or joint, limits are not as many as
-        the joints, or the hand cannot point down over the workspace; the message names what is
-        wanted.
+        the joints, or the hand cannot point down over the workspace; the message says what is
+        wrong.
     """
     spec = read_model(source)
     _require(spec, base_body, tool, (*arm_joints, *finger_joints))
@@ -138,7 +137,7 @@ def robot_from_model(
         source=source,
         base_body=base_body,
         tool=tool,
-        tool_offset=(float(tool_offset[0]), float(tool_offset[1]), float(tool_offset[2])),
+        tool_offset=tuple(float(one) for one in tool_offset),
         tool_quaternion=(1.0, 0.0, 0.0, 0.0),
         arm_joints=joints,
         finger_joints=tuple(finger_joints),
@@ -148,27 +147,24 @@ def robot_from_model(
     posture = _Posture(arm(Fingers.LOCKED).compile(), joints, np.asarray(approach, dtype=float))
     holds = len(joints) >= 6
     found = np.asarray(home, dtype=float) if home is not None else posture.home(holds)
-    if found.shape != (len(joints),):
-        raise ValueError(f"home={home!r}: must have a position for each of {len(joints)} joints")
-    limited = [bool(model.joint(joint).id in _limited(model)) for joint in joints]
-    ranges = [model.jnt_range[model.joint(joint).id] for joint in joints]
+    lower, upper = _bounds(model, joints, math.inf)
+    if found.shape != (len(joints),) or not ((lower <= found) & (found <= upper)).all():
+        raise ValueError(
+            f"home={home!r}: must have a position for each of {len(joints)} joints, within their "
+            f"limits {np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()}"
+        )
     return Robot(
         name=name,
-        build=_with_tool_frame(arm, posture.rotation(found)),
+        build=replace(arm, tool_quaternion=posture.tool_quaternion(found)),
         base_body=base_body,
         tool_site=TOOL_SITE,
         arm_joints=joints,
         finger_joints=arm.finger_joints,
         arm_actuators=tuple(f"servo_{joint}" for joint in joints),
         finger_actuators=tuple(f"servo_{joint}" for joint in arm.finger_joints),
-        home=tuple(float(one) for one in found),
-        joint_lower=tuple(
-            float(one[0]) if bound else -math.inf
-            for one, bound in zip(ranges, limited, strict=True)
-        ),
-        joint_upper=tuple(
-            float(one[1]) if bound else math.inf for one, bound in zip(ranges, limited, strict=True)
-        ),
+        home=tuple(found.tolist()),
+        joint_lower=tuple(lower.tolist()),
+        joint_upper=tuple(upper.tolist()),
         joint_speed_limits=speeds,
         joint_torque_limits=torques,
         finger_open=finger_open,
@@ -193,7 +189,7 @@ def read_model(source: Source) -> mujoco.MjSpec:
 
 
 class _Posture:
-    """Kinematics of the arm by itself, to find a home posture and what follows from it."""
+    """Kinematics of the arm by itself, which find a home posture and derive data from it."""
 
     def __init__(
         self, model: mujoco.MjModel, joints: Sequence[str], approach: NDArray[np.float64]
@@ -201,9 +197,7 @@ class _Posture:
         self._model, self._data = model, mujoco.MjData(model)
         ids = [model.joint(joint).id for joint in joints]
         self._qpos, self._dof = model.jnt_qposadr[ids], model.jnt_dofadr[ids]
-        limited = _limited(model)
-        bounds = [model.jnt_range[one] if one in limited else (-np.pi, np.pi) for one in ids]
-        self._lower, self._upper = np.array(bounds).T
+        self._lower, self._upper = _bounds(model, joints, np.pi)
         self._site = model.site(TOOL_SITE).id
         self._approach = approach / np.linalg.norm(approach)
 
@@ -212,16 +206,17 @@ class _Posture:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
 
-    def rotation(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the tool's axes (3, 3) in the base frame."""
+    def tool_quaternion(self, joints: NDArray[np.float64]) -> tuple[float, ...]:
+        """Return the quaternion that aligns the tool's axes with the base's in a posture."""
         self._set(joints)
-        axes: NDArray[np.float64] = self._data.site_xmat[self._site].reshape(3, 3).copy()
-        return axes
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site].reshape(3, 3).T.flatten())
+        return tuple(quaternion.tolist())
 
     def home(self, points_down: bool) -> NDArray[np.float64]:
         """Find joints that put the tool over the workspace, links above the table.
 
-        Of several the one nearest to the middle of the joints' ranges is taken.
+        Of several solutions, the one nearest to the middle of the joints' ranges is returned.
 
         :param points_down: whether the hand has to point down there.
         :raises ValueError: where none are found.
@@ -241,7 +236,7 @@ class _Posture:
         return min(found, key=lambda one: one[0])[1]
 
     def _solved(self, joints: NDArray[np.float64], points_down: bool) -> NDArray[np.float64] | None:
-        """Damped least squares from a start, or ``None`` where they do not get there."""
+        """Iterate damped least squares from a guess; ``None`` if it does not converge."""
         jacobian = np.zeros((6, self._model.nv))
         for _ in range(_ITERATIONS):
             self._set(joints)
@@ -284,19 +279,6 @@ class _Posture:
         return tuple(standing)
 
 
-@cache
-def _with_tool_frame_of(arm: ModelArm, quaternion: tuple[float, ...]) -> ModelArm:
-    w, x, y, z = quaternion
-    return ModelArm(**{**arm.__dict__, "tool_quaternion": (w, x, y, z)})
-
-
-def _with_tool_frame(arm: ModelArm, rotation: NDArray[np.float64]) -> ModelArm:
-    """Turn the tool's axes so that they are the base's where they now have ``rotation``."""
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, rotation.T.flatten())
-    return _with_tool_frame_of(arm, tuple(quaternion.tolist()))
-
-
 def _require(spec: mujoco.MjSpec, base_body: str, tool: str, joints: Sequence[str]) -> None:
     if spec.body(base_body) is None:
         names = [body.name for body in spec.bodies]
@@ -336,8 +318,14 @@ def _torques(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _limited(model: mujoco.MjModel) -> set[int]:
-    return set(np.flatnonzero(model.jnt_limited).tolist())
+def _bounds(
+    model: mujoco.MjModel, joints: Sequence[str], unlimited: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lower and upper joint limits; those of continuous joints are -/+ ``unlimited``."""
+    ids = [model.joint(joint).id for joint in joints]
+    limited = model.jnt_limited[ids].astype(bool)[:, None]
+    lower, upper = np.where(limited, model.jnt_range[ids], (-unlimited, unlimited)).T
+    return lower, upper
 
 
 def _frame(
@@ -354,7 +342,7 @@ def _frame(
 
 
 def _lock(spec: mujoco.MjSpec, name: str, position: float) -> None:
-    """Take a finger's joint away, its body where the joint would hold it."""
+    """Remove a finger's joint and fix its body at the joint's position."""
     joint = spec.joint(name)
     body, axis = joint.parent, np.asarray(joint.axis, dtype=float)
     axis = axis / np.linalg.norm(axis)

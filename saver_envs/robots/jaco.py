@@ -2,9 +2,9 @@
 
 Kinematics, masses, meshes and limits are those of dm-control's ``third_party/kinova``
 (``jaco_arm.xml``, ``jaco_hand.xml``, ``manipulators/kinova``); NOTICE names the licences. The
-meshes are drawn, and give the links their inertia; contact is made by capsules fitted to them.
-Servo gains, armature and damping are ours: dm-control's armature of 4 and 2 kg m^2 would dwarf
-the links' own inertia.
+meshes are drawn and define the links' inertia; capsules fitted to them collide. Servo gains,
+armature and damping are ours: dm-control's armature of 4 and 2 kg m^2 would dwarf the links' own
+inertia.
 """
 
 from __future__ import annotations
@@ -16,32 +16,39 @@ from importlib import resources
 import mujoco
 import numpy as np
 
-from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_servo
+from saver_envs.robots.kinova import (
+    DARK,
+    LIGHT,
+    TOOL_SITE,
+    add_capsule,
+    add_finger_hinge,
+    add_finger_servos,
+    add_hinge,
+    add_ring,
+)
 
 ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 7))
 FINGER_JOINTS = tuple(f"finger_{index}" for index in range(1, 4))
 HAND_BODY = "hand"
-TOOL_SITE = "tool"
 
-#: Joints 2 and 3 are limited by the mechanics, the others turn for ever (radians).
+#: The mechanics limit joints 2 and 3; the others are continuous (radians).
 JOINT_LOWER = (-math.inf, 0.820305, 0.331613, -math.inf, -math.inf, -math.inf)
 JOINT_UPPER = (math.inf, 5.462881, 5.951573, math.inf, math.inf, math.inf)
-#: Large actuators (joints 1 to 3) and small ones (4 to 6), from dm-control's kinova package.
-LARGE_TORQUE, SMALL_TORQUE, FINGER_TORQUE = 30.5, 6.8, 1.0  # N m
-LARGE_SPEED, SMALL_SPEED = math.radians(36.0), math.radians(48.0)  # rad/s
+#: Large actuators move joints 1 to 3, small ones joints 4 to 6 (dm-control's kinova package).
+JOINT_TORQUES = (30.5,) * 3 + (6.8,) * 3  # N m
+JOINT_SPEEDS = (math.radians(36.0),) * 3 + (math.radians(48.0),) * 3  # rad/s
 
 FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
 FINGER_OPEN, FINGER_CLOSED = 0.20, 1.30  # rad
 
 #: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
-LARGE_ARMATURE, SMALL_ARMATURE, FINGER_ARMATURE = 0.25, 0.06, 0.01
-#: Position servo stiffness (N m/rad). The damping ratio is 1 at the home posture.
-LARGE_STIFFNESS, SMALL_STIFFNESS, FINGER_STIFFNESS = 3000.0, 500.0, 5.0
-FINGER_DAMPING = 0.3  # N m s/rad
+ARMATURE = (0.25,) * 3 + (0.06,) * 3
+#: Position servo stiffness (N m/rad). The damping ratio is 1 at the zero posture.
+STIFFNESS = (3000.0,) * 3 + (500.0,) * 3
 #: One input drives the hand: fingers 2 and 3 together press as much as finger 1, which faces them.
 FINGER_SHARES = (1.0, 0.5, 0.5)
-FINGER_FRICTION = (1.5, 0.05, 0.001)  # sliding, torsional (m), rolling (m): rubber pads
 
 #: A tool-down posture with the elbow up, tool near x = 0.45 m (rad).
 HOME = (-3.27, 3.827, 1.365, -0.206, 0.791, -0.04)
@@ -57,10 +64,9 @@ _MESHES = (
     "finger_proximal",
     "finger_distal",
 )
-_DARK = (0.12, 0.12, 0.13, 1.0)
-_LIGHT = (0.72, 0.72, 0.74, 1.0)
 
-#: Serial chain: body, position (m), quaternion, mesh, mass (kg), grey ring radius and half-height.
+#: Serial chain: body, position (m), quaternion, mesh, mass (kg), radius and half-height of the ring
+#: at its joint (m).
 _LINKS = (
     ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205, (0.044, 0.011)),
     (
@@ -123,38 +129,14 @@ def _mesh_bytes() -> dict[str, bytes]:
 
 
 def _add_mesh_geom(
-    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = _DARK
+    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = DARK
 ) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=f"jaco_{mesh}",
         mass=mass,
-        contype=0,
-        conaffinity=0,
-        group=VISUAL_GROUP,
         rgba=rgba,
-    )
-
-
-def _add_capsule(
-    body: mujoco.MjsBody,
-    name: str,
-    start: tuple[float, ...],
-    end: tuple[float, ...],
-    radius: float,
-    condim: int = 3,
-    friction: tuple[float, float, float] = (0.8, 0.02, 0.001),
-) -> None:
-    body.add_geom(
-        name=name,
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius, 0, 0),
-        mass=0,
-        condim=condim,
-        friction=friction,
-        group=COLLISION_GROUP,
-        rgba=(0.9, 0.3, 0.2, 0.4),
+        **DRAWN_ONLY,
     )
 
 
@@ -162,34 +144,16 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base, six links and the hand's body; return the hand."""
     body = spec.worldbody.add_body(name="base")
     _add_mesh_geom(body, "base", _BASE_MASS)
-    for index, (name, position, quaternion, mesh, mass, ring) in enumerate(_LINKS):
+    hinges = zip(ARM_JOINTS, JOINT_LOWER, JOINT_UPPER, JOINT_TORQUES, ARMATURE, strict=True)
+    for (name, position, quaternion, mesh, mass, ring), hinge in zip(_LINKS, hinges, strict=True):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        lower, upper = JOINT_LOWER[index], JOINT_UPPER[index]
-        limited = math.isfinite(lower)
-        body.add_joint(
-            name=ARM_JOINTS[index],
-            axis=(0, 0, 1),
-            limited=limited,
-            range=(lower, upper) if limited else (0, 0),
-            armature=LARGE_ARMATURE if index < 3 else SMALL_ARMATURE,
-            actgravcomp=1,
-            actfrclimited=True,
-            actfrcrange=(-_torque_limit(index), _torque_limit(index)),
-        )
+        add_hinge(body, *hinge)
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=(*ring, 0),
-            mass=0,
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
-            rgba=_LIGHT,
-        )
+        add_ring(body, *ring)
     hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
-    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, _LIGHT)
+    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, LIGHT)
     hand.add_site(name=TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
     return hand
 
@@ -202,37 +166,16 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
             name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
         )
         if fingers is Fingers.ACTUATED:
-            proximal.add_joint(
-                name=FINGER_JOINTS[index - 1],
-                axis=(0, 0, 1),
-                limited=True,
-                range=(FINGER_LOWER, FINGER_UPPER),
-                armature=FINGER_ARMATURE,
-                damping=(0.05, 0, 0),
-            )
-        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, _LIGHT)
-        _add_capsule(
-            proximal,
-            f"proximal_{index}",
-            (0.005, -0.006, 0),
-            (0.044, -0.007, 0),
-            0.010,
-            4,
-            FINGER_FRICTION,
-        )
+            add_finger_hinge(proximal, FINGER_JOINTS[index - 1], FINGER_LOWER, FINGER_UPPER)
+        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, LIGHT)
+        name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
+        add_capsule(proximal, name, start, end, 0.010, pad=True)
         distal = proximal.add_body(
             name=f"finger_distal_{index}", pos=(0.044, -0.003, 0), gravcomp=1
         )
-        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, _LIGHT)
-        _add_capsule(
-            distal,
-            f"distal_{index}",
-            (0, -0.004, 0),
-            (0.036, -0.005, 0),
-            0.008,
-            4,
-            FINGER_FRICTION,
-        )
+        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, LIGHT)
+        name, start, end = f"distal_{index}", (0, -0.004, 0), (0.036, -0.005, 0)
+        add_capsule(distal, name, start, end, 0.008, pad=True)
 
 
 def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
@@ -241,27 +184,6 @@ def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
     result = np.empty(4)
     mujoco.mju_mulQuat(result, np.asarray(quaternion, dtype=float), turn)
     return result
-
-
-def _torque_limit(index: int) -> float:
-    return LARGE_TORQUE if index < 3 else SMALL_TORQUE
-
-
-def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
-    for index, joint in enumerate(ARM_JOINTS):
-        stiffness = LARGE_STIFFNESS if index < 3 else SMALL_STIFFNESS
-        add_servo(spec, f"servo_{joint}", joint, _torque_limit(index), stiffness)
-    if fingers is Fingers.LOCKED:
-        return
-    for joint, share in zip(FINGER_JOINTS, FINGER_SHARES, strict=True):
-        add_servo(
-            spec,
-            f"servo_{joint}",
-            joint,
-            limit=share * FINGER_TORQUE,
-            stiffness=share * FINGER_STIFFNESS,
-            damping=share * FINGER_DAMPING,
-        )
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -279,8 +201,11 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        _add_capsule(spec.body(body), name, start, end, radius)
-    _add_servos(spec, fingers)
+        add_capsule(spec.body(body), name, start, end, radius)
+    for joint, limit, stiffness in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, strict=True):
+        add_servo(spec, f"servo_{joint}", joint, limit, stiffness)
+    if fingers is Fingers.ACTUATED:
+        add_finger_servos(spec, FINGER_JOINTS, FINGER_SHARES)
     return spec
 
 
@@ -296,8 +221,8 @@ JACO = Robot(
     home=HOME,
     joint_lower=JOINT_LOWER,
     joint_upper=JOINT_UPPER,
-    joint_speed_limits=(LARGE_SPEED,) * 3 + (SMALL_SPEED,) * 3,
-    joint_torque_limits=(LARGE_TORQUE,) * 3 + (SMALL_TORQUE,) * 3,
+    joint_speed_limits=JOINT_SPEEDS,
+    joint_torque_limits=JOINT_TORQUES,
     finger_open=FINGER_OPEN,
     finger_closed=FINGER_CLOSED,
     holds_orientation=True,

@@ -1,9 +1,9 @@
 """The 4-DOF Kinova MICO (m1n4s200) with its two-finger hand.
 
 Joint origins, limits, speeds, torques, masses and inertia are the maker's: ``m1n4s200.xacro``,
-``kinova_finger_set.xacro`` and ``kinova_inertial.xacro`` of Kinovarobotics/kinova-ros (BSD-3).
-No meshes are used: the links that are drawn and the links that touch are the same capsules, of the
-chain's lengths. Servo gains, armature, damping and the fingers' shape are ours.
+``kinova_finger_set.xacro`` and ``kinova_inertial.xacro`` of Kinovarobotics/kinova-ros (BSD-3). No
+meshes are used: the same capsules, of the chain's lengths, are drawn and collide. Servo gains,
+armature, damping and the fingers' shape are ours.
 
 The forearm and the hand lie on one line, on which joint 4 turns. So joint 4 never moves the tool,
 and with only three joints left the hand's pitch follows from its position.
@@ -15,22 +15,31 @@ import math
 
 import mujoco
 
-from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
+from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_servo, drive_by_torques
+from saver_envs.robots.kinova import (
+    DARK,
+    LIGHT,
+    TOOL_SITE,
+    Point,
+    add_capsule,
+    add_finger_hinge,
+    add_finger_servos,
+    add_hinge,
+    add_ring,
+)
 
 ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 5))
 FINGER_JOINTS = ("finger_1", "finger_2")
 HAND_BODY = "link_4"  # the maker joins hand and last link
-TOOL_SITE = "tool"
 #: The maker's end effector, 0.16 m along the hand: the point of the DH table (SPEC 4.1).
 END_EFFECTOR_SITE = "end_effector"
 
-#: Joints 2 and 3 are limited by the mechanics, the others turn for ever (radians).
+#: The mechanics limit joints 2 and 3; the others are continuous (radians).
 JOINT_LOWER = (-math.inf, math.radians(50), math.radians(35), -math.inf)
 JOINT_UPPER = (math.inf, math.radians(310), math.radians(325), math.inf)
 JOINT_TORQUES = (40.0, 80.0, 40.0, 20.0)  # N m
 JOINT_SPEEDS = tuple(math.radians(speed) for speed in (36.0, 36.0, 36.0, 48.0))  # rad/s
-FINGER_TORQUE = 1.0  # N m, the Jaco's
 
 #: Finger angles (rad): range, open, and closed, where the fingertips just meet.
 FINGER_LOWER, FINGER_UPPER = 0.0, 1.40
@@ -40,18 +49,13 @@ FINGER_OPEN, FINGER_CLOSED = 0.20, 1.15
 ARMATURE = (0.15, 0.15, 0.15, 0.05)
 #: Position servos: stiffness (N m/rad), and damping (N m s/rad) that is critical at ``HOME``.
 STIFFNESS, DAMPING = (3000.0, 3000.0, 2000.0, 500.0), (60.0, 61.0, 38.0, 10.0)
-FINGER_ARMATURE, FINGER_STIFFNESS, FINGER_DAMPING = 0.01, 5.0, 0.3  # kg m^2, N m/rad, N m s/rad
-LINK_FRICTION = (0.8, 0.02, 0.001)  # sliding, torsional (m), rolling (m)
-FINGER_FRICTION = (1.5, 0.05, 0.001)  # rubber pads
 
 #: A posture with the elbow up and the hand steep, tool at x = 0.40, z = 0.20 m (rad).
 HOME = (0.0, 2.2499, 4.7966, 0.0)
-#: Set-points stay within this distance of the shoulder (m), of the 0.601 m that the arm has when it
-#: is stretched out: the nearer to that, the flatter the hand, which would lie on the cube.
+#: Set-points stay within this distance of the shoulder (m). Stretched out, the arm reaches 0.601 m;
+#: the nearer to that, the flatter the hand, which would lie on the cube.
 HAND_REACH = 0.565
 
-_DARK = (0.12, 0.12, 0.13, 1.0)
-_LIGHT = (0.72, 0.72, 0.74, 1.0)
 _HALF = math.sqrt(0.5)
 
 #: Serial chain: body, position (m), quaternion, grey ring radius and half-height (m).
@@ -111,57 +115,33 @@ def _set_inertia(
 def _add_capsule(
     body: mujoco.MjsBody,
     name: str,
-    start: tuple[float, ...],
-    end: tuple[float, ...],
+    start: Point,
+    end: Point,
     radius: float,
-    rgba: tuple[float, ...],
-    condim: int = 3,
-    friction: tuple[float, float, float] = LINK_FRICTION,
+    rgba: tuple[float, ...] = DARK,
+    pad: bool = False,
 ) -> None:
-    """Add a capsule twice: once to be seen, once to be touched."""
-    shape = {
-        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
-        "fromto": (*start, *end),
-        "size": (radius, 0, 0),
-    }
-    body.add_geom(**shape, contype=0, conaffinity=0, group=VISUAL_GROUP, rgba=rgba)
+    """Add a capsule twice: once to be drawn, once to collide."""
     body.add_geom(
-        **shape,
-        name=name,
-        condim=condim,
-        friction=friction,
-        group=COLLISION_GROUP,
-        rgba=(0.9, 0.3, 0.2, 0.4),
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=(*start, *end),
+        size=(radius, 0, 0),
+        rgba=rgba,
+        **DRAWN_ONLY,
     )
+    add_capsule(body, name, start, end, radius, pad)
 
 
 def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base and four links; return the last, which is the hand."""
     body = spec.worldbody.add_body(name="base")
     _set_inertia(body, *_INERTIA["base"])
-    for index, (name, position, quaternion, ring) in enumerate(_LINKS):
+    hinges = zip(ARM_JOINTS, JOINT_LOWER, JOINT_UPPER, JOINT_TORQUES, ARMATURE, strict=True)
+    for (name, position, quaternion, ring), hinge in zip(_LINKS, hinges, strict=True):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
         _set_inertia(body, *_INERTIA[name])
-        lower, upper = JOINT_LOWER[index], JOINT_UPPER[index]
-        limited = math.isfinite(lower)
-        body.add_joint(
-            name=ARM_JOINTS[index],
-            axis=(0, 0, 1),
-            limited=limited,
-            range=(lower, upper) if limited else (0, 0),
-            armature=ARMATURE[index],
-            actgravcomp=1,
-            actfrclimited=True,
-            actfrcrange=(-JOINT_TORQUES[index], JOINT_TORQUES[index]),
-        )
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=(*ring, 0),
-            contype=0,
-            conaffinity=0,
-            group=VISUAL_GROUP,
-            rgba=_LIGHT,
-        )
+        add_hinge(body, *hinge)
+        add_ring(body, *ring)
     # With the hand straight down and joints 1 and 4 at 0, this half turn makes the tool's axes
     # parallel to the base's.
     body.add_site(
@@ -186,24 +166,9 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
         proximal.alt.xyaxes = (*along, *across)
         _set_inertia(proximal, *_FINGER_INERTIA)
         if fingers is Fingers.ACTUATED:
-            proximal.add_joint(
-                name=FINGER_JOINTS[index - 1],
-                axis=(0, 0, 1),
-                limited=True,
-                range=(FINGER_LOWER, FINGER_UPPER),
-                armature=FINGER_ARMATURE,
-                damping=(0.05, 0, 0),
-            )
-        _add_capsule(
-            proximal,
-            f"proximal_{index}",
-            (0.004, 0, 0),
-            _KNUCKLE,
-            0.010,
-            _LIGHT,
-            condim=4,
-            friction=FINGER_FRICTION,
-        )
+            add_finger_hinge(proximal, FINGER_JOINTS[index - 1], FINGER_LOWER, FINGER_UPPER)
+        name = f"proximal_{index}"
+        _add_capsule(proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, LIGHT, pad=True)
         distal = proximal.add_body(
             name=f"finger_distal_{index}",
             pos=_KNUCKLE,
@@ -211,26 +176,8 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
             gravcomp=1,
         )
         _set_inertia(distal, *_FINGER_INERTIA)
-        _add_capsule(
-            distal,
-            f"distal_{index}",
-            (0, 0, 0),
-            (_DISTAL_LENGTH, 0, 0),
-            0.009,
-            _DARK,
-            condim=4,
-            friction=FINGER_FRICTION,
-        )
-
-
-def _add_servos(spec: mujoco.MjSpec, fingers: Fingers) -> None:
-    for index, joint in enumerate(ARM_JOINTS):
-        limit, stiffness, damping = JOINT_TORQUES[index], STIFFNESS[index], DAMPING[index]
-        add_servo(spec, f"servo_{joint}", joint, limit, stiffness, damping)
-    if fingers is Fingers.LOCKED:
-        return
-    for joint in FINGER_JOINTS:
-        add_servo(spec, f"servo_{joint}", joint, FINGER_TORQUE, FINGER_STIFFNESS, FINGER_DAMPING)
+        name = f"distal_{index}"
+        _add_capsule(distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -245,8 +192,11 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        _add_capsule(spec.body(body), name, start, end, radius, _DARK)
-    _add_servos(spec, fingers)
+        _add_capsule(spec.body(body), name, start, end, radius)
+    for joint, *gains in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, DAMPING, strict=True):
+        add_servo(spec, f"servo_{joint}", joint, *gains)
+    if fingers is Fingers.ACTUATED:
+        add_finger_servos(spec, FINGER_JOINTS, (1.0, 1.0))
     return spec
 
 

@@ -1,1 +1,1 @@
-"""Tasks: what is to be done, how starts are drawn, what is rewarded and what costs."""
+"""Tasks: their bodies, starts, observations, goals, rewards and costs."""

@@ -7,7 +7,7 @@ Arrays lead with n, the number of episodes; a single environment is n = 1 of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
 from saver_envs.robots.description import Fingers
-from saver_envs.scenes import Arms, Scene
+from saver_envs.scenes import Arms, Bases, Content, Scene
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.layout import Layout, Part
-from saver_envs.world import TABLE_DEPTH
+from saver_envs.validation import require
 
 if TYPE_CHECKING:
     import mujoco
@@ -29,7 +29,7 @@ RewardType = Literal["sparse", "dense"]
 FloatArray = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 Rows = NDArray[np.intp]
-#: Arrays (n, ...) of a task's own, by name; copied and pickled with the episodes.
+#: Arrays (n, ...) that a task keeps, by name; copied and pickled with the episodes.
 Memory = dict[str, NDArray[Any]]
 #: Parts of an observation by name.
 Seen = dict[str, NDArray[np.float64]]
@@ -52,13 +52,13 @@ class Start:
 
 @dataclass(frozen=True)
 class TaskPage:
-    """What a task's page says, in Markdown; each text stands where the page's template has it.
+    """What a task's page says, in Markdown; in the places of the page template.
 
     :param thing: what an arm moves, such as ``cube``.
-    :param succeeds: when an episode succeeds, half a sentence.
-    :param start: what the sampler guarantees, a sentence each.
+    :param succeeds: when an episode succeeds, a clause.
+    :param start: what the sampler guarantees, one sentence each.
     :param reward: of the sparse id.
-    :param dense: of the dense id, half a sentence.
+    :param dense: of the dense id, a clause.
     :param costs: cost -> when it is 1.
     :param goal: part of the goal -> what it means.
     :param facts: rows of the table of facts, name and value.
@@ -77,7 +77,7 @@ class TaskPage:
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(Content):
     """Base of all tasks; a subclass overrides what differs.
 
     :param n_arms: number of arms.
@@ -112,23 +112,15 @@ class Task:
     reward_stages: ClassVar[tuple[str, ...]] = ()
     #: Scripted policy that solves it, as ``module:function``.
     expert: ClassVar[str | None] = None
-    #: How many models there are that differ in the task's bodies; an episode has one of them.
-    variants: ClassVar[int] = 1
-    #: Table under the arms, from behind a base to before it (m).
-    table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
     #: Whether the simulation keeps the highest sample of each sensor in an action.
     keeps_peaks: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if self.reward_type not in ("sparse", "dense"):
-            raise ValueError(
-                f"reward_type={self.reward_type!r}: valid types are 'sparse' and 'dense'"
-            )
-        if not 0 < self.success_threshold < LEAST_WAY:
-            raise ValueError(
-                f"success_threshold={self.success_threshold!r}: must lie between 0 and "
-                f"{LEAST_WAY:.2f} m, the least distance of a start from its target"
-            )
+        known = self.reward_type in ("sparse", "dense")
+        require("reward_type", self.reward_type, known, "'sparse' or 'dense'")
+        within = f"between 0 and {LEAST_WAY:.2f} m, the least distance of a start from its target"
+        threshold = self.success_threshold
+        require("success_threshold", threshold, 0 < threshold < LEAST_WAY, within)
 
     # ---------------------------------------------------------------- what agents see
 
@@ -155,29 +147,17 @@ class Task:
     # ---------------------------------------------------------------- the scene
 
     @property
-    def bases(self) -> Literal["row", "ring"]:
+    def bases(self) -> Bases:
         """How the arms' bases stand."""
         return "row"
 
-    def scene_key(self) -> Hashable:
-        """Tell scenes apart: tasks with equal keys build the same bodies."""
-        return self
-
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
-        """Add the task's bodies, sensors and sites to a scene that has its arms already.
+        """Add the task's bodies, sensors and sites; see :meth:`saver_envs.scenes.Content.build`.
 
         Sensors whose names begin with ``collision_`` count what ``cost_collision`` counts. Sites
         called ``target0``, ``target1``, ... show the points of :meth:`targets`.
-
-        :param spec: of the scene; the arms' names begin with ``arm0_``, ``arm1_``, ...
-        :param arms: which arms there are and where they stand.
-        :param variant: which of :attr:`variants` models.
-        :param decorated: whether the model is drawn; what is only seen may be left out otherwise.
         """
         raise NotImplementedError
-
-    def compiled(self, model: mujoco.MjModel) -> None:
-        """Adjust the compiled model, for what a specification cannot say."""
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
@@ -190,7 +170,7 @@ class Task:
         return {}
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> Start:
-        """Draw a start; contacts are looked at by :meth:`valid`.
+        """Draw a start; :meth:`valid` checks contacts.
 
         :param generator: the episode's source of randomness.
         :param scene: of these arms and this task.
@@ -200,7 +180,7 @@ class Task:
     def place(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
     ) -> None:
-        """Put everything where the starts of episodes ``rows`` say, and bring it up to date."""
+        """Place everything as the starts of episodes ``rows`` say, and refresh the simulation."""
         raise NotImplementedError
 
     @property
@@ -211,20 +191,20 @@ class Task:
     def valid(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
     ) -> Bools:
-        """Say which of the episodes that were just placed may begin; others are drawn again.
+        """Return which of the episodes just placed may begin; the others are drawn again.
 
-        By default nothing may touch but what rests on the table.
+        By default nothing may have contact except what rests on the table.
         """
         return ~simulation.touching(rows, self.resting)
 
     def restore(self, simulation: Simulation, memory: Memory) -> None:
-        """Give the models what the memory says, before a state is taken over."""
+        """Restore model fields from the memory, before a state is set."""
 
     def drive(self, simulation: Simulation, memory: Memory, rows: Rows | slice) -> None:
-        """Move what moves by itself, such as a bed: called before each action."""
+        """Move what moves on its own, such as a bed; called before each action."""
 
     def observe(self, simulation: Simulation, memory: Memory, arms: ArmState) -> Seen:
-        """Return every part of the observation, unscaled; more than the parts does no harm.
+        """Return every part of the observation, unscaled; further entries are ignored.
 
         :param arms: the arms' state.
         :return: part -> (n, arms, size), or (n, size) for a shared one.
@@ -249,7 +229,7 @@ class Task:
     ) -> tuple[NDArray[np.float32], Bools]:
         """Return rewards and where the goal is reached, shape of the leading dimensions.
 
-        Relabelling calls it with other goals: it knows nothing but its arguments.
+        Relabelling calls it with other goals, so it depends on its arguments alone.
 
         :param achieved: (..., goal size).
         :param desired: (..., goal size).
@@ -309,7 +289,7 @@ class Task:
         return 0
 
     def decorate(self, model: mujoco.MjModel, memory: Memory, row: int) -> None:
-        """Adapt the model that is drawn to episode ``row``."""
+        """Adapt a drawing model to episode ``row``."""
 
     def page(self, scene: Scene) -> TaskPage:
         """Return the text of the task's page."""

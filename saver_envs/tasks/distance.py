@@ -16,6 +16,7 @@ from saver_envs.tasks.contract import Bools, FloatArray, Memory, Seen, TaskPage
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.pick_and_place import CarryTask
 from saver_envs.tasks.sampling import StartRules, TableStart
+from saver_envs.validation import require
 
 RewardStage = Literal["goal", "constrained"]
 RewardCombination = Literal["min", "linear", "shaped"]
@@ -24,7 +25,7 @@ RewardCombination = Literal["min", "linear", "shaped"]
 REQUIRED_DISTANCE, DISTANCE_TOLERANCE = 0.35, 0.015
 #: Starts and targets are drawn this far inside the band (m).
 _START_MARGIN = 0.005
-#: A shaped constraint costs the more the farther the distance is off, up to this many tolerances.
+#: A shaped constraint falls linearly up to a deviation of this many tolerances.
 _SHAPED_TOLERANCES = 4.0
 
 
@@ -56,21 +57,13 @@ class Distance(CarryTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.n_arms != 2:
-            raise ValueError(f"n_arms={self.n_arms!r}: the distance task needs exactly 2 arms")
-        if self.reward_stage not in ("goal", "constrained"):
-            raise ValueError(
-                f"reward_stage={self.reward_stage!r}: valid stages are 'goal' and 'constrained'"
-            )
-        if self.reward_combination not in get_args(RewardCombination):
-            raise ValueError(
-                f"reward_combination={self.reward_combination!r}: must be one of "
-                f"{', '.join(get_args(RewardCombination))}"
-            )
-        if not (math.isfinite(self.constraint_weight) and self.constraint_weight > 0):
-            raise ValueError(
-                f"constraint_weight={self.constraint_weight!r} must be a finite number above 0"
-            )
+        require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2")
+        choices = {"reward_stage": RewardStage, "reward_combination": RewardCombination}
+        for name, choice in choices.items():
+            value, valid = getattr(self, name), get_args(choice)
+            require(name, value, value in valid, f"one of {', '.join(valid)}")
+        weight = self.constraint_weight
+        require("constraint_weight", weight, 0 < weight < math.inf, "a finite number above 0")
 
     @property
     def goal(self) -> tuple[Part, ...]:
@@ -98,7 +91,7 @@ class Distance(CarryTask):
     def reward_and_reached(
         self, achieved: FloatArray, desired: FloatArray
     ) -> tuple[NDArray[np.float32], Bools]:
-        """Return the reward of the stage in force and where both cubes are at their targets."""
+        """Return the reward of the current stage, and where both cubes are at their targets."""
         reward, reached = super().reward_and_reached(achieved, desired)
         if self.reward_stage == "goal":
             return reward, reached
@@ -121,7 +114,7 @@ class Distance(CarryTask):
         return -1.0 - self.constraint_weight if summed else -1.0
 
     def constraint_met(self, achieved: FloatArray, desired: FloatArray) -> Bools:
-        """Say where the distance is within its tolerance (...), eq. 6.3."""
+        """Return where the distance is within its tolerance (...), eq. 6.3."""
         return self.deviation(achieved, desired) <= DISTANCE_TOLERANCE
 
     def measure(

@@ -1,4 +1,4 @@
-"""How a closed hand holds a cube: found once by simulation, then used to start with it in hand."""
+"""How a closed hand holds a cube: simulated once, for starts with a cube in hand."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, compose, free_bodies
-from saver_envs.tasks.cubes import CubeProperties, Cubes, cube_name
+from saver_envs.tasks.cubes import Cubes
 
 _HAND_POSITION = (0.45, 0.0, 0.20)  # m, base frame: free of the table
 _SETTLING_STEPS = 500  # 1 s
@@ -34,16 +34,16 @@ class Grasp:
 
 
 @lru_cache(maxsize=16)
-def settled_grasp(robot: Robot, cube: CubeProperties) -> Grasp:
+def settled_grasp(robot: Robot, cube: Cubes) -> Grasp:
     """Close the hand on a weightless cube between its fingers and read where both come to rest.
 
     :param robot: an arm with actuated fingers.
-    :param cube: the cube.
+    :param cube: one cube.
     :return: the grasp.
     :raises RuntimeError: when the hand cannot hold such a cube.
     """
-    scene = compose(Arms(robot, 1, Fingers.ACTUATED), Cubes(1, cube))
-    address = free_bodies(scene, (cube_name(0),)).qpos[0]
+    scene = compose(Arms(robot, 1, Fingers.ACTUATED), cube)
+    address = free_bodies(scene, cube.names).qpos[0]
     model = copy.copy(scene.model)
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)

@@ -1,8 +1,8 @@
-"""Where the parts of an observation or a goal lie: declared once, by the task."""
+"""Where the parts of an observation or a goal lie, as the task declares them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ Array = NDArray[Any]
 class Part:
     """A named piece of an observation or a goal.
 
-    :param name: what tables call it, such as ``object position``.
+    :param name: in tables, such as ``object position``.
     :param size: how many numbers.
     :param unit: of the numbers before scaling, such as ``m`` or ``m/s``.
     :param scale: the numbers are multiplied by it, which brings them to the order of positions in
@@ -45,28 +45,29 @@ class Layout:
 
     @cached_property
     def block(self) -> int:
-        """Numbers of one arm."""
+        """Size of an arm's block."""
         return sum(part.size for part in self.parts if not part.shared)
 
     @cached_property
     def shared(self) -> int:
-        """Numbers that all arms share."""
+        """Size of the shared parts."""
         return sum(part.size for part in self.parts if part.shared)
 
     @cached_property
     def size(self) -> int:
-        """Numbers in all."""
+        """Size of the whole vector."""
         return self.block * self.n_arms + self.shared
 
     @cached_property
-    def _own(self) -> dict[str, slice]:
-        """Slices of the parts within an arm's block."""
-        return _slices([part for part in self.parts if not part.shared])
-
-    @cached_property
-    def _common(self) -> dict[str, slice]:
-        """Slices of the shared parts within what follows the blocks."""
-        return _slices([part for part in self.parts if part.shared])
+    def _slices(self) -> dict[str, slice]:
+        """Slices of the parts within an arm's block, or within the shared parts."""
+        found = {}
+        end = {False: 0, True: 0}
+        for part in self.parts:
+            start = end[part.shared]
+            end[part.shared] += part.size
+            found[part.name] = slice(start, end[part.shared])
+        return found
 
     def part(self, name: str) -> Part:
         """Return a part.
@@ -88,13 +89,13 @@ class Layout:
         return vector[..., self.block * self.n_arms :]
 
     def get(self, vector: Array, name: str) -> Array:
-        """Return a part of vectors (..., size) as a view, as it is scaled.
+        """Return a part of vectors (..., size) as a view, in scaled units.
 
         :return: (..., n_arms, size of the part), or (..., size of the part) for a shared one.
         """
         if self.part(name).shared:
-            return self.tail(vector)[..., self._common[name]]
-        return self.blocks(vector)[..., self._own[name]]
+            return self.tail(vector)[..., self._slices[name]]
+        return self.blocks(vector)[..., self._slices[name]]
 
     def join(self, values: Mapping[str, Array]) -> Array:
         """Scale parts and put them in order.
@@ -118,11 +119,3 @@ class Layout:
     def of_agent(self, vector: Array, arm: int) -> Array:
         """Return what one arm sees of vectors (..., size): its block, then the shared parts."""
         return np.concatenate([self.blocks(vector)[..., arm, :], self.tail(vector)], axis=-1)
-
-
-def _slices(parts: Sequence[Part]) -> dict[str, slice]:
-    edges = np.cumsum([0, *(part.size for part in parts)])
-    return {
-        part.name: slice(int(start), int(end))
-        for part, start, end in zip(parts, edges[:-1], edges[1:], strict=True)
-    }

@@ -8,6 +8,7 @@ from typing import ClassVar
 from saver_envs.robots.description import Fingers
 from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
 from saver_envs.tasks.table import TableTask
+from saver_envs.validation import require
 
 #: Half of the targets are in the air, up to this height (m).
 AIR_SHARE, AIR_HEIGHT = 0.5, 0.25
@@ -28,8 +29,8 @@ class CarryTask(TableTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.in_hand_probability <= 1:
-            raise ValueError(f"in_hand_probability={self.in_hand_probability!r}: must be 0 to 1")
+        probability = self.in_hand_probability
+        require("in_hand_probability", probability, 0 <= probability <= 1, "0 to 1")
 
     def start_rules(self) -> StartRules:
         """Return the rules of a start: hands above the table, half of the targets in the air."""

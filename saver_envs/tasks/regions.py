@@ -21,7 +21,7 @@ OBJECT_HALF_WIDTH = 0.42
 OUTSIDE = 0.10
 #: ... and this far beyond the middle line between the two arms (m).
 OVERLAP = 0.12
-#: Round the table the boxes are narrower, since the arms face each other (m).
+#: Around the table the boxes are narrower, since the arms face each other (m).
 RING_HALF_WIDTH = 0.25
 
 

@@ -1,7 +1,7 @@
-"""Draws starts that a task can be solved from: hands, objects and targets in base frames.
+"""Draws solvable starts: hands, objects and targets in base frames.
 
-Candidates are drawn in blocks and the first that keeps every rule is taken. Each rule is a
-boolean mask over the block, so that what a start guarantees can be read here.
+Candidates are drawn in blocks, and the first one that satisfies every rule is used. Each rule is a
+boolean mask over the block.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ CONTESTED_SHARE = 0.4
 #: In a contested start the ways of two neighbours' objects cross, so that arms which ignore one
 #: another usually collide. The first arm's object is drawn this near the middle line (m).
 CONTEST_BAND = 0.20
-#: To push an object its hand must get behind it: that far from its centre plus half its width (m).
+#: To push an object, its hand must get behind it: this far from its face (m).
 PUSH_STANDOFF = 0.03
 _BLOCK = 128
-#: Of so many crossings of two ways about fourteen keep the rules between two arms. Each is laid in
-#: that many places: few, or crossings with room in few places would be drawn too often.
+#: Of so many crossings of two ways about fourteen satisfy the rules between two arms. Each is tried
+#: in so many places; with more, crossings that fit in few places would be overrepresented.
 _CROSSINGS, _PLACES = 4096, 4
 _MOST_BLOCKS = 200
-#: Large cubes may leave no room for a contest: after so many blocks the start is an ordinary one.
+#: Large cubes may leave no room for a contest: after so many blocks an ordinary start is drawn.
 _MOST_CONTESTED_BLOCKS = 50
 #: Candidates of a block for which hands are drawn.
 _TRIES = 8
@@ -75,7 +75,7 @@ class StartRules:
     :param hand_height: lowest and highest start of a hand above the table, metres.
     :param air_share: share of targets in the air.
     :param air_height: highest target, metres.
-    :param success_threshold: no object starts this near its target, metres.
+    :param success_threshold: no object starts nearer to its target, metres.
     :param pushes: whether a hand must have room behind its object.
     :param separation: required distance between the objects of two arms and between their targets,
         lowest and highest (m), or ``None``.
@@ -129,8 +129,8 @@ class StartSampler:
 
         :param generator: the episode's source of randomness.
         :return: the start.
-        :raises RuntimeError: when no candidate of many blocks keeps the rules, which means that
-            the scene's regions or object size leave no room.
+        :raises RuntimeError: when no candidate of many blocks satisfies the rules: the regions or
+            the object size leave no room.
         """
         contest = self._draw_contest(generator)
         for attempt in range(_MOST_BLOCKS):
@@ -155,8 +155,8 @@ class StartSampler:
     def _draw_contest(self, generator: np.random.Generator) -> int | None:
         """Draw whether the start is contested: the right one of two neighbours, or ``None``.
 
-        Only arms in a row have neighbours; those round the table face one another. Arms of short
-        reach have no common ground.
+        Only arms in a row have neighbours; those around the table face one another. Arms of short
+        reach share no region.
         """
         if self._n_arms == 1 or not self._ordered or not self._contestable:
             return None
@@ -245,7 +245,7 @@ class StartSampler:
         return ways[self._pair_valid(ways[:, 0], ways[:, 1])]
 
     def _ways_valid(self, objects: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
-        """Say which objects and targets (block, arms, 3) keep every rule, (block,)."""
+        """Return which objects and targets (block, arms, 3) keep every rule, (block,)."""
         ways = np.stack([objects, target], axis=1)
         valid = np.logical_and.reduce(self._in_region(ways), axis=1)
         way = target - objects
@@ -271,7 +271,7 @@ class StartSampler:
         return per_start
 
     def _needs_every_arm(self, behind: FloatArray) -> NDArray[np.bool_]:
-        """Say where no arm has room for all of another's push, (block,).
+        """Return where no arm has room for all of another's push, (block,).
 
         :param behind: (block, 2, arms, 3) hands behind objects and behind objects at their targets,
             world frame.
@@ -285,7 +285,7 @@ class StartSampler:
         return valid
 
     def _pair_valid(self, first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-        """Say which ways keep the rules between two arms, (block,).
+        """Return which ways keep the rules between two arms, (block,).
 
         :param first: (block, 2, 3) object and target of one arm, world frame.
         :param second: the same of an arm to its left.
@@ -305,7 +305,7 @@ class StartSampler:
         return valid
 
     def _one_can_go_first(self, first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:
-        """Say where one of two arms can finish without blocking the other, (block,).
+        """Return where one of two arms can finish without blocking the other, (block,).
 
         Its way is clear of the other's object, and its target is clear of the other's way.
 
@@ -325,7 +325,7 @@ class StartSampler:
         return can
 
     def _hands_valid(self, hand: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
-        """Say which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
+        """Return which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
         possible = self._hand_can_be_at(hand)
         valid: NDArray[np.bool_] = np.logical_and.reduce(possible, axis=-1)
         world_hand, world_objects = self._scene.to_world(hand), self._scene.to_world(objects)
@@ -361,7 +361,7 @@ def _at_distance(
 ) -> FloatArray:
     """Points (block, arms, 3) at given heights, at a random distance and angle from centres.
 
-    The distance is that in space; where the height alone exceeds it the point lies above.
+    The distance is that in space; a point whose height alone exceeds it lies above its centre.
     """
     rise = height - centre[..., 2]
     least = np.clip(np.abs(rise), distance[0], distance[1])

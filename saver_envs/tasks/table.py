@@ -1,11 +1,10 @@
-"""What the tasks at a table have in common: a cube for each arm, and a target for each cube."""
+"""Base of the tasks at a table: a cube for each arm, and a target for each cube."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -13,16 +12,17 @@ from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
 from saver_envs.reachability import reachability_map
-from saver_envs.scenes import Arms, FreeBodies, Scene, free_bodies
+from saver_envs.scenes import Arms, Bases, FreeBodies, Scene, free_bodies
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, hand_parts, object_parts
 from saver_envs.tasks.contract import Memory, Rows, Seen, Task, TaskPage
-from saver_envs.tasks.cubes import CUBE_SIZE, CubeProperties, Cubes
+from saver_envs.tasks.cubes import CUBE_SIZE, Cubes
 from saver_envs.tasks.grasping import settled_grasp
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.regions import OVERLAP, Regions, regions
 from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart
 from saver_envs.tasks.table_page import table_page
+from saver_envs.validation import require
 
 
 @dataclass(frozen=True)
@@ -37,34 +37,29 @@ class TableTask(Task):
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     """
 
-    object_size: float = CubeProperties.size
-    object_mass: float = CubeProperties.mass
-    object_friction: float = CubeProperties.friction
-    object_damping: float = CubeProperties.damping
-    layout: Literal["row", "ring"] = "row"
+    object_size: float = Cubes.size
+    object_mass: float = Cubes.mass
+    object_friction: float = Cubes.friction
+    object_damping: float = Cubes.damping
+    layout: Bases = "row"
     overlap: float = OVERLAP
 
     def __post_init__(self) -> None:
         super().__post_init__()
         least, greatest = CUBE_SIZE
-        checks = {
-            "object_size": (least <= self.object_size <= greatest, f"{least} to {greatest} m"),
-            "object_mass": (0 < self.object_mass < np.inf, "above 0 kg"),
-            "object_friction": (0 <= self.object_friction < np.inf, "at least 0"),
-            "object_damping": (0 <= self.object_damping < np.inf, "at least 0 N s/m"),
-            "overlap": (0 <= self.overlap <= 0.2, "0 to 0.2 m"),
-        }
-        for name, (holds, valid) in checks.items():
-            if not holds:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+        size, mass = self.object_size, self.object_mass
+        friction, damping = self.object_friction, self.object_damping
+        require("object_size", size, least <= size <= greatest, f"{least} to {greatest} m")
+        require("object_mass", mass, 0 < mass < np.inf, "above 0 kg")
+        require("object_friction", friction, 0 <= friction < np.inf, "at least 0")
+        require("object_damping", damping, 0 <= damping < np.inf, "at least 0 N s/m")
+        require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
 
     @cached_property
     def cubes(self) -> Cubes:
         """The cubes of the scene."""
-        properties = CubeProperties(
-            self.object_size, self.object_mass, self.object_friction, self.object_damping
-        )
-        return Cubes(self.n_arms, properties)
+        size, mass = self.object_size, self.object_mass
+        return Cubes(self.n_arms, size, mass, self.object_friction, self.object_damping)
 
     @property
     def observation(self) -> tuple[Part, ...]:
@@ -72,7 +67,7 @@ class TableTask(Task):
         return ARM_AND_OBJECT
 
     @property
-    def bases(self) -> Literal["row", "ring"]:
+    def bases(self) -> Bases:
         """How the arms' bases stand."""
         return self.layout
 
@@ -126,7 +121,7 @@ class TableTask(Task):
         quaternion = np.zeros((len(rows), self.n_arms, 4))
         quaternion[..., 0] = 1
         if held.any():
-            grasp = settled_grasp(robot, self.cubes.cube)
+            grasp = settled_grasp(robot, replace(self.cubes, n=1))
             position[held] = hand[held] + grasp.object_offset
             quaternion[held] = grasp.object_quaternion
             fingers[held] = grasp.finger_position
@@ -142,7 +137,7 @@ class TableTask(Task):
     def valid(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[TableStart]
     ) -> NDArray[np.bool_]:
-        """Nothing may touch but the cubes the table; a hand that holds its cube touches it."""
+        """Return which starts have contacts only of cubes with the table, or hold a cube."""
         held = np.array([start.held.any() for start in starts])
         return super().valid(simulation, memory, rows, starts) | held
 
@@ -168,7 +163,7 @@ class TableTask(Task):
 
     def page(self, scene: Scene) -> TaskPage:
         """Return the text that tasks with cubes share."""
-        return table_page(self, self.cubes.cube, self.start_rules(), self.regions(scene.arms))
+        return table_page(self, self.cubes, self.start_rules(), self.regions(scene.arms))
 
 
 @lru_cache(maxsize=64)

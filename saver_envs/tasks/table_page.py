@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from saver_envs.tasks.contract import Task, TaskPage
-from saver_envs.tasks.cubes import CubeProperties
+from saver_envs.tasks.cubes import Cubes
 from saver_envs.tasks.regions import Regions
 from saver_envs.tasks.sampling import (
     CLEARANCE_WIDTHS,
@@ -15,20 +15,21 @@ from saver_envs.tasks.sampling import (
 )
 
 
-def table_page(task: Task, cube: CubeProperties, rules: StartRules, boxes: Regions) -> TaskPage:
+def table_page(task: Task, cubes: Cubes, rules: StartRules, boxes: Regions) -> TaskPage:
     """Return the page of a task with cubes.
 
     :param task: the task.
-    :param cube: its cubes' properties.
+    :param cubes: its cubes.
     :param rules: of its starts.
     :param boxes: of hands, cubes and targets.
     """
     centimetres = f"{100 * task.success_threshold:g} cm"
-    cubes = "the cube is" if task.n_arms == 1 else "every cube is"
+    subject = "the cube is" if task.n_arms == 1 else "every cube is"
     where = " on the table" if task.held_height is not None else ", on the table or in the air"
+    facts = f"{100 * cubes.size:g} cm, {cubes.mass:g} kg, friction {cubes.friction:g}"
     return TaskPage(
         thing="cube",
-        succeeds=f"{cubes} within {centimetres} of its target{where}",
+        succeeds=f"{subject} within {centimetres} of its target{where}",
         start=_start(task, rules, boxes),
         reward="0 where every cube is within the threshold of its target, else -1.",
         dense="minus the sum of the cubes' distances to their targets, in metres.",
@@ -39,12 +40,7 @@ def table_page(task: Task, cube: CubeProperties, rules: StartRules, boxes: Regio
             )
         },
         goal={"object position": "centre of the cube (achieved), its target (desired)"},
-        facts=(
-            (
-                "cubes",
-                f"{100 * cube.size:g} cm, {cube.mass:g} kg, friction {cube.friction:g}",
-            ),
-        ),
+        facts=(("cubes", facts),),
     )
 
 

@@ -44,17 +44,18 @@ from saver_envs.tasks.wrist_starts import (
     WristStart,
     WristStartSampler,
 )
+from saver_envs.validation import require
 
-#: Readings of what the torso is put through.
+#: Readings of the load on the torso.
 READINGS: Final = ("torso_force", "torso_displacement")
 
 
 @dataclass(frozen=True)
 class WristPush(Task):
-    """Both wrists at the hips' sides, hands closed and held at pushing height.
+    """Both wrists to the sides of the hips, hands closed and held at pushing height.
 
-    The reward knows the goal alone, so that it can be computed again for any goal. Success asks
-    as well that the torso was never pressed nor moved too far since the episode began.
+    The reward depends on the goal alone, so that relabelling can recompute it. Success also
+    requires that the torso was never pressed too hard nor moved too far in the episode.
 
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     """
@@ -73,7 +74,7 @@ class WristPush(Task):
     variants: ClassVar[int] = len(BODIES)
     table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
     keeps_peaks: ClassVar[bool] = True
-    #: Limits of what the torso may be put through (SPEC 5.6): newtons, metres.
+    #: Limits of the force on the torso (N) and of its displacement (m), SPEC 5.6.
     torso_force_limit: ClassVar[float] = 50.0
     torso_displacement_limit: ClassVar[float] = 0.020
     #: Lateral distance of a target from its hip joint, metres.
@@ -81,10 +82,8 @@ class WristPush(Task):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.n_arms != 2:
-            raise ValueError(f"n_arms={self.n_arms!r}: a person's two wrists need exactly 2 arms")
-        if not 0 <= self.overlap <= 0.2:
-            raise ValueError(f"overlap={self.overlap!r}: must be 0 to 0.2 m")
+        require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2, one for each wrist")
+        require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
 
     @property
     def observation(self) -> tuple[Part, ...]:
@@ -99,7 +98,7 @@ class WristPush(Task):
     # ---------------------------------------------------------------- the scene
 
     def scene_key(self) -> Hashable:
-        """All benches with a person are alike."""
+        """Return one key: all benches with a person are equal."""
         return "person"
 
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
@@ -113,7 +112,7 @@ class WristPush(Task):
     # ---------------------------------------------------------------- episodes
 
     def memory(self, n: int) -> Memory:
-        """Remember who lies there, and where the torso was at the reset."""
+        """Return the memory of who lies there, and where the torso was at the reset."""
         return person_memory(n)
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> WristStart:
@@ -132,7 +131,7 @@ class WristPush(Task):
         patient.place(memory, rows, people, joints.reshape(len(rows), self.n_arms, -1))
 
     def restore(self, simulation: Simulation, memory: Memory) -> None:
-        """Give the models the bodies of who lies there."""
+        """Restore the bodies of the people in the memory."""
         everybody = np.arange(simulation.n)
         simulation.keep(Patient).give_bodies(everybody, people_in(memory))
 

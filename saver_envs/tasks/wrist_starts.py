@@ -21,13 +21,13 @@ from saver_envs.tasks.sampling import HAND_TO_OBJECT, distance_to_segment
 
 FloatArray = NDArray[np.float64]
 
-#: How far beside its hip joint a wrist is to lie (m): the arms' motion stops that far from the
+#: Lateral distance of a wrist's target from its hip joint (m): the arms stop that far from the
 #: body, so as not to squeeze it (SPEC 5.5).
 STANDOFF: Final = 0.15
 #: Distance of a wrist to its target (m), and where the middle between the hips lies (SPEC 5.6).
 WRIST_TO_TARGET: Final = (0.10, 0.25)
 HIPS_SPREAD: Final = (0.05, 0.03)
-#: The person lies along the stretcher but for this angle (rad), ours.
+#: Largest angle between the person and the stretcher (rad), ours.
 YAW: Final = 0.05
 #: A wrist starts away from the trunk, within this angle of straight outwards (rad), ours.
 OUTWARDS: Final = np.radians(60.0)
@@ -39,11 +39,11 @@ BEHIND: Final = np.radians(70.0)
 ROOM_BEHIND: Final = 0.07
 #: The person's arm starts clear of the robots' bases, and a hand clear of the person's (m).
 BASE_RADIUS, HAND_RADIUS, CLEARANCE = 0.040, 0.040, 0.010
-#: An elbow that points away from the trunk is bent no further than this, since the push bends it
-#: more, and one that lies towards the trunk no further than that (rad); ours.
+#: Largest bend of an elbow that points away from the trunk, which the push bends further, and of
+#: one that points towards it (rad); ours.
 MOST_BENT_OUTWARDS, MOST_BENT = np.radians(35.0), np.radians(60.0)
-#: Air between forearm and trunk at the start (m), and that which there would be if the arm were
-#: swung to the target as it is bent: a little less than nothing, which the trunk straightens.
+#: Smallest gap between forearm and trunk (m): at the start, and after swinging the bent arm to the
+#: target; that one is slightly negative, because the trunk straightens the arm.
 AIR_AT_START, AIR_AT_END = 0.005, -0.010
 #: Friction of the limbs, and the factor of the friction and the damping in their joints.
 FRICTION: Final = (0.25, 0.6)
@@ -84,7 +84,7 @@ class WristStartSampler:
 
         :param generator: the episode's source of randomness.
         :return: the start.
-        :raises RuntimeError: when no start is found, which no combination of options leads to.
+        :raises RuntimeError: when no start is found; no combination of options leads to that.
         """
         for _ in range(_MOST_PEOPLE):
             body = int(generator.integers(len(self._arms)))
@@ -118,7 +118,7 @@ class WristStartSampler:
     ) -> list[tuple[FloatArray, ...]]:
         """Draw one arm: target and hand in the base frame, shoulder and elbow angles.
 
-        The person stays: where an arm has no room for a distance, another one is drawn.
+        The person stays the same: if a distance leaves no room, another one is drawn.
 
         :return: one, or none where no distance was found.
         """
@@ -162,7 +162,7 @@ class WristStartSampler:
         return goal, hand[first], quaternion, np.asarray(bend)
 
     def _to_base(self, points: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
-        """Turn points (k, 3) of the manikin's frame into ones in the base frame of ``arm``."""
+        """Transform points (k, 3) from the manikin's frame to the base frame of ``arm``."""
         cosine, sine = np.cos(yaw), np.sin(yaw)
         x, y = points[:, 0], points[:, 1]
         turned = np.stack([cosine * x - sine * y, sine * x + cosine * y, points[:, 2]], axis=-1)
@@ -171,7 +171,7 @@ class WristStartSampler:
         return moved
 
     def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
-        """Turn a point (3,) of the base frame of ``arm`` into one of the manikin's frame."""
+        """Transform a point (3,) from the base frame of ``arm`` to the manikin's frame."""
         cosine, sine = np.cos(yaw), np.sin(yaw)
         x, y = (point + self._base[arm])[:2] - hips
         return np.array([cosine * x + sine * y, cosine * y - sine * x, point[2]])
@@ -185,7 +185,7 @@ class WristStartSampler:
 
 @dataclass(frozen=True)
 class _Proposals:
-    """Ways for one arm to lie, and a hand beside its wrist, in the person's frame.
+    """Candidate poses of one arm, with a hand beside its wrist, in the person's frame.
 
     :param target: (3,) of the wrist.
     :param wrist: (k, 3).
@@ -227,7 +227,7 @@ def _proposed(arm: PersonArm, generator: np.random.Generator, distance: float) -
 
 
 def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:
-    """Say in which proposals (k,) the elbow can be there, not too bent and off the trunk."""
+    """Return which proposals (k,) have a possible elbow, not too bent and off the trunk."""
     elbow, wrist = drawn.elbow, drawn.wrist
     most_bent = np.where(drawn.outwards, MOST_BENT_OUTWARDS, MOST_BENT)
     valid = np.isfinite(elbow[:, 0]) & (arm.bend(elbow, wrist) <= most_bent)
@@ -240,7 +240,7 @@ def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:
 
 
 def _robot_clear(arm: PersonArm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
-    """Say in which proposals (k,) the arm is clear of the robot's base (3,) and of its hand."""
+    """Return which proposals (k,) keep the arm clear of the robot's base (3,) and of its hand."""
     elbow, wrist, fingers = drawn.elbow, drawn.wrist, drawn.fingers
     shoulder = np.broadcast_to(arm.shoulder, wrist.shape)
     upper, fore, palm = arm.radius

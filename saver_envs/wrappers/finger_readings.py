@@ -1,4 +1,4 @@
-"""Finger angles of one hand as another hand would read them."""
+"""Conversion of finger readings from one hand to another."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from saver_envs.tasks.layout import Layout
 def translated_fingers(
     observation: NDArray[np.floating], layout: Layout, source: Robot, target: Robot
 ) -> NDArray[np.float32]:
-    """Express finger readings in another hand's angles, so that open is open and closed is closed.
+    """Convert finger readings to another hand's angles: open to open, closed to closed.
 
-    A policy knows the angles of the hand that it was trained with. The MICO's fingers meet at
-    another angle than the Jaco's, and in the push tasks, where the fingers are locked, that angle
-    is all that three inputs ever read: untranslated they are 0.15 rad from anything in training.
+    A policy is trained with the angles of one hand. The MICO's fingers close at another angle than
+    the Jaco's. In the push tasks, where the fingers are locked, three inputs always have that
+    angle, which is 0.15 rad off the training data without conversion.
 
     :param observation: (n, observation size) of a robot ``source``; not modified.
     :param layout: of the observation.
-    :param source: whose readings they are.
-    :param target: whose readings they shall look like.
+    :param source: the robot of the readings.
+    :param target: the robot whose readings they are converted to.
     :return: (n, observation size), with finger positions mapped linearly from the range between
         open and closed of the one to that of the other, and velocities by the same factor.
     """

@@ -10,12 +10,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_envs.episodes import ACTION_DURATION, RATED_SPEED, Episodes
+from saver_envs.control import checked_action
+from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
 from saver_envs.modelling.kinematics import REFINEMENT, LearnedInverseKinematics
 from saver_envs.modelling.models import InverseModel
+from saver_envs.wrappers.sensor_noise import episodes_of
 
-#: Entries of ``info``: which arms' set-points are out of reach, and how far from them the tool is
-#: bound to stay (m).
+#: Entries of ``info``: which arms' set-points are out of reach, and the distance to them that
+#: remains (m).
 UNREACHABLE, REACH_ERROR = "ik_unreachable", "ik_error"
 
 
@@ -25,15 +27,15 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
     The action is that of the same id with ``control="cartesian"``: for each arm a displacement of
     its set-point, and the gripper's command where there is one. Set-points obey the same box, top
     speed and height. A learned model turns them into joints, and these into joint displacements,
-    which the environment bounds by its joint speeds. Targets out of reach get the nearest point
-    that is not, and ``info["ik_unreachable"]`` says which arms have one.
+    which the environment bounds by its joint speeds. Targets out of reach are replaced by the
+    nearest reachable point; ``info["ik_unreachable"]`` tells for which arms.
 
     :param env: made with ``control="joints"``.
     :param model: a fitted model, the path of a weight file, ``gan`` for the shipped adversarial
         model, or None for the shipped network.
-    :param refinement: Newton steps behind the model's guess.
+    :param refinement: Newton steps after the model's estimate.
     :raises ValueError: for an environment in Cartesian control, or a model of another robot.
-    :raises TypeError: for an environment that has no arms of ours.
+    :raises TypeError: for an environment of another package.
     """
 
     def __init__(
@@ -43,9 +45,7 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         refinement: int = REFINEMENT,
     ) -> None:
         super().__init__(env)
-        episodes = getattr(env.unwrapped, "episodes", None)
-        if not isinstance(episodes, Episodes):
-            raise TypeError(f"env={env!r}: must be an environment of saver_envs")
+        episodes = episodes_of(env)
         if episodes.settings.control != "joints":
             raise ValueError("env: must be made with control='joints'")
         self._episodes = episodes
@@ -64,15 +64,9 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
 
         :raises ValueError: for a wrong shape or a value that is not finite.
         """
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != self._cartesian.shape:
-            raise ValueError(
-                f"action of shape {values.shape}: must have shape {self._cartesian.shape}"
-            )
-        if not np.isfinite(values).all():
-            raise ValueError(f"action={values!r}: every value must be finite")
         episodes = self._episodes
-        blocks = np.clip(values, -1, 1).reshape(1, episodes.task.n_arms, -1)
+        values = checked_action(action, self._cartesian.shape)
+        blocks = values.reshape(1, episodes.task.n_arms, -1)
         arms = episodes.simulation.arm_state()
         target = episodes.moved_set_point(blocks[..., :3])
         present = arms.joint_position.reshape(-1, arms.joint_position.shape[-1])

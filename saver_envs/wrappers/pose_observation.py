@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, Camera, camera_of, measured_depth, pose_of
+from saver_envs.envs.vector_env import reset_mask, seed_each
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import N_JOINTS, limb_indices
+from saver_envs.validation import require
 from saver_envs.wrappers.pose_stream import PoseReading, PoseStream
 
 Estimator = Callable[[NDArray[np.uint8]], Poses]
@@ -33,7 +35,7 @@ NEVER: Final = 1e3
 class PoseObservation(
     gymnasium.Wrapper[dict[str, Any], Any, dict[str, Any], Any], RecordConstructorArgs
 ):
-    """Adds the joints of the person that is seen most surely.
+    """Adds the joints of the person with the highest confidence.
 
     The observation gains ``pose_2d`` (14, 2) in pixels, ``pose_3d`` (14, 3) in metres in the world
     frame, ``pose_scores`` (14,) and ``pose_scores_3d`` (14,), confidences in [0, 1], and
@@ -42,17 +44,17 @@ class PoseObservation(
 
     :param env: an environment of this package, with dictionary observations.
     :param camera: name of one of its cameras.
-    :param limbs: which limbs the network looks for, all 13 where ``None``.
+    :param limbs: limbs that the network detects; all 13 by default.
     :param estimator: from a picture (height, width, 3) to people; the shipped network where
         ``None``, which imports torch.
     :param rate: pictures per second.
     :param latency: seconds from a picture to its result: a slow network gives stale poses.
-    :param turn: quarter turns after which heads are about at the top of the picture.
+    :param turn: quarter turns that put heads roughly at the top of the picture.
     :param depth_noise: whether depth has the sensor's noise.
     :param width: of the pictures, pixels.
     :param height: of the pictures, pixels.
-    :raises TypeError: for observations that are no dictionary.
-    :raises ValueError: for an unknown camera or limb, or a rate or latency that cannot be.
+    :raises TypeError: for observations that are not dictionaries.
+    :raises ValueError: for an unknown camera or limb, or a rate or latency out of range.
     """
 
     def __init__(
@@ -61,57 +63,34 @@ class PoseObservation(
         camera: str,
         limbs: Sequence[str] | None = None,
         estimator: Estimator | None = None,
-        rate: float = 25.0,
-        latency: float = 0.0,
-        turn: int = 0,
-        depth_noise: bool = True,
-        width: int = KINECT_V2.width,
-        height: int = KINECT_V2.height,
+        **options: Any,
     ) -> None:
         RecordConstructorArgs.__init__(
-            self,
-            _disable_deepcopy=True,
-            camera=camera,
-            limbs=limbs,
-            estimator=estimator,
-            rate=rate,
-            latency=latency,
-            turn=turn,
-            depth_noise=depth_noise,
-            width=width,
-            height=height,
+            self, _disable_deepcopy=True, camera=camera, limbs=limbs, estimator=estimator, **options
         )
         gymnasium.Wrapper.__init__(self, env)
-        self.observation_space = _extended(env.observation_space, width, height)
-        self._eye = _Eye(env, camera, limbs, estimator, turn, depth_noise, width, height)
-        _check_timing(rate, latency)
-        self._stream = PoseStream(rate, latency)
-        self._time = 0.0
+        self._eye = _Eye(env, camera, limbs, estimator, **options)
+        self.observation_space = self._eye.extended(env.observation_space)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Start an episode; the first picture is taken at once."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._eye.seed(0, seed)
-        self._stream.reset()
-        self._time = 0.0
-        return self._with_pose(observation), info
+        self._eye.begin(0, seed)
+        return {**observation, **self._eye.entries(0)}, info
 
     def step(self, action: Any) -> tuple[dict[str, Any], Any, bool, bool, dict[str, Any]]:
         """Apply an action."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._time += ACTION_DURATION
-        return self._with_pose(observation), reward, terminated, truncated, info
+        self._eye.times += ACTION_DURATION
+        seen = {**observation, **self._eye.entries(0)}
+        return seen, reward, terminated, truncated, info
 
     def close(self) -> None:
         """Free the graphics context as well."""
         self._eye.close()
         super().close()
-
-    def _with_pose(self, observation: dict[str, Any]) -> dict[str, Any]:
-        reading = self._stream.read(self._time, partial(self._eye.look, 0))
-        return {**observation, **_entries(reading, self._time)}
 
 
 class VectorPoseObservation(VectorWrapper):
@@ -119,41 +98,19 @@ class VectorPoseObservation(VectorWrapper):
 
     :param env: a vector of this package that resets at the next step, or leaves it to the caller.
     :param camera: name of one of its cameras.
-    :param limbs: see :class:`PoseObservation`.
-    :param estimator: see there.
-    :param rate: see there.
-    :param latency: see there.
-    :param turn: see there.
-    :param depth_noise: see there.
-    :param width: see there.
-    :param height: see there.
+    :param options: further arguments of :class:`PoseObservation`.
     :raises ValueError: for a vector that resets in the step that ends an episode: the last picture
-        of an episode could not be taken any more.
+        of an episode could not be taken.
     """
 
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        camera: str,
-        limbs: Sequence[str] | None = None,
-        estimator: Estimator | None = None,
-        rate: float = 25.0,
-        latency: float = 0.0,
-        turn: int = 0,
-        depth_noise: bool = True,
-        width: int = KINECT_V2.width,
-        height: int = KINECT_V2.height,
-    ) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], camera: str, **options: Any) -> None:
         super().__init__(env)
         self._mode = env.metadata.get("autoreset_mode")
         if self._mode is AutoresetMode.SAME_STEP:
             raise ValueError("autoreset_mode='SameStep': must be 'NextStep' or 'Disabled'")
-        self.single_observation_space = _extended(env.single_observation_space, width, height)
+        self._eye = _Eye(env, camera, **options)
+        self.single_observation_space = self._eye.extended(env.single_observation_space)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
-        self._eye = _Eye(env, camera, limbs, estimator, turn, depth_noise, width, height)
-        _check_timing(rate, latency)
-        self._streams = [PoseStream(rate, latency) for _ in range(env.num_envs)]
-        self._times = np.zeros(env.num_envs)
         self._over = np.zeros(env.num_envs, dtype=bool)
 
     def reset(
@@ -165,15 +122,11 @@ class VectorPoseObservation(VectorWrapper):
         """Start episodes, all or those of ``options["reset_mask"]``."""
         given: Any = seed  # Gymnasium's own type leaves out what its vectors take
         observation, info = self.env.reset(seed=given, options=options)
-        mask = np.ones(self.num_envs, dtype=bool)
-        if options and "reset_mask" in options:
-            mask = options["reset_mask"]
-        for row in np.flatnonzero(mask).tolist():
-            if isinstance(seed, int | np.integer):
-                self._eye.seed(row, int(seed) + row)
-            else:
-                self._eye.seed(row, seed[row] if seed is not None else None)
-        self._begin(mask)
+        seeds = seed_each(seed, self.num_envs)
+        rows = np.flatnonzero(reset_mask(options, self.num_envs))
+        for row in rows.tolist():
+            self._eye.begin(row, seeds[row])
+        self._over[rows] = False
         return self._with_poses(observation), info
 
     def step(
@@ -181,9 +134,10 @@ class VectorPoseObservation(VectorWrapper):
     ) -> tuple[dict[str, Any], NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Apply one action to every environment."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
-        self._times += ACTION_DURATION
+        self._eye.times += ACTION_DURATION
         if self._mode is AutoresetMode.NEXT_STEP:
-            self._begin(self._over)
+            for row in np.flatnonzero(self._over).tolist():
+                self._eye.begin(row)
         self._over = np.asarray(terminated) | np.asarray(truncated)
         return self._with_poses(observation), reward, terminated, truncated, info
 
@@ -192,53 +146,72 @@ class VectorPoseObservation(VectorWrapper):
         self._eye.close()
         super().close(**kwargs)
 
-    def _begin(self, mask: NDArray[np.bool_]) -> None:
-        for row in np.flatnonzero(mask):
-            self._streams[row].reset()
-        self._times[mask] = 0.0
-        self._over[mask] = False
-
     def _with_poses(self, observation: dict[str, Any]) -> dict[str, Any]:
-        rows = []
-        for row, (stream, time) in enumerate(zip(self._streams, self._times, strict=True)):
-            reading = stream.read(float(time), partial(self._eye.look, row))
-            rows.append(_entries(reading, float(time)))
+        rows = [self._eye.entries(row) for row in range(self.num_envs)]
         return {**observation, **{key: np.stack([one[key] for one in rows]) for key in KEYS}}
 
 
 class _Eye:
-    """Camera and estimator, looking at the episodes of an environment."""
+    """Camera, estimator and a stream of poses for each episode of an environment.
+
+    :param env: a single environment or a vector.
+
+    See :class:`PoseObservation` for the other arguments.
+    """
 
     def __init__(
         self,
         env: Any,
         camera: str,
-        limbs: Sequence[str] | None,
-        estimator: Estimator | None,
-        turn: int,
-        depth_noise: bool,
-        width: int,
-        height: int,
+        limbs: Sequence[str] | None = None,
+        estimator: Estimator | None = None,
+        rate: float = 25.0,
+        latency: float = 0.0,
+        turn: int = 0,
+        depth_noise: bool = True,
+        width: int = KINECT_V2.width,
+        height: int = KINECT_V2.height,
     ) -> None:
+        require("rate", rate, 0 < rate < math.inf, "above 0 pictures per second")
+        require("latency", latency, 0 <= latency < math.inf, "at least 0 seconds")
         limb_indices(limbs)  # an unknown name is found out here
         self._episodes = env.unwrapped.episodes
         self._name, self._noise = camera, depth_noise
         scene = self._episodes.scene
         self._camera: Camera = camera_of(scene.model, camera, width, height)
         self._renderer = SceneRenderer(scene, width, height, camera)
-        self._random = [np.random.default_rng(row) for row in range(self._episodes.n)]
+        n = self._episodes.n
+        self._random = [np.random.default_rng(row) for row in range(n)]
+        self._streams = [PoseStream(rate, latency) for _ in range(n)]
+        #: (n,) seconds since the episodes began.
+        self.times = np.zeros(n)
         if estimator is None:
             from saver_envs.perception.estimator import PoseEstimator
 
             estimator = PoseEstimator.shipped(list(limbs) if limbs else None, turn=turn)
         self._estimator = estimator
 
-    def seed(self, row: int, seed: int | None) -> None:
-        """Set the source of an episode's noise; ``None`` leaves it."""
+    def begin(self, row: int, seed: int | None = None) -> None:
+        """Begin an episode, with depth noise from its seed; ``None`` keeps its generator."""
         if seed is not None:
             self._random[row] = np.random.default_rng([seed, 0x905E])
+        self._streams[row].reset()
+        self.times[row] = 0.0
 
-    def look(self, row: int, now: float) -> PoseReading:
+    def entries(self, row: int) -> dict[str, NDArray[np.float32]]:
+        """Return what is added to the observation of an episode now."""
+        time = float(self.times[row])
+        reading = self._streams[row].read(time, partial(self._look, row))
+        age = min(time - reading.taken, NEVER)
+        return {
+            "pose_2d": reading.joints_2d.copy(),
+            "pose_3d": reading.joints_3d.copy(),
+            "pose_scores": reading.scores_2d.copy(),
+            "pose_scores_3d": reading.scores_3d.copy(),
+            "pose_age": np.array([age], dtype=np.float32),
+        }
+
+    def _look(self, row: int, now: float) -> PoseReading:
         """Take a picture of an episode and find the person in it."""
         self._renderer.update(self._episodes, row)
         poses = self._estimator(self._renderer.rgb())
@@ -256,44 +229,25 @@ class _Eye:
             now,
         )
 
+    def extended(self, space: Any) -> spaces.Dict:
+        """Return the observation space of an episode with what is added to it."""
+        if not isinstance(space, spaces.Dict):
+            raise TypeError(f"observation space {space}: must be a dictionary")
+
+        def box(low: Any, high: Any, *shape: int) -> spaces.Box:
+            return spaces.Box(low, high, shape, np.float32)
+
+        size = np.array([self._camera.width, self._camera.height], dtype=np.float32)
+        pixels = np.tile(size, (N_JOINTS, 1))
+        added = {
+            "pose_2d": spaces.Box(np.zeros_like(pixels), pixels, dtype=np.float32),
+            "pose_3d": box(-np.inf, np.inf, N_JOINTS, 3),
+            "pose_scores": box(0.0, 1.0, N_JOINTS),
+            "pose_scores_3d": box(0.0, 1.0, N_JOINTS),
+            "pose_age": box(0.0, NEVER, 1),
+        }
+        return spaces.Dict({**space.spaces, **added})
+
     def close(self) -> None:
         """Free the graphics context."""
         self._renderer.close()
-
-
-def _check_timing(rate: float, latency: float) -> None:
-    if not 0 < rate < math.inf:
-        raise ValueError(f"rate={rate!r}: must be more than 0 pictures per second")
-    if not 0 <= latency < math.inf:
-        raise ValueError(f"latency={latency!r}: must be 0 seconds or more")
-
-
-def _extended(space: Any, width: int, height: int) -> spaces.Dict:
-    if not isinstance(space, spaces.Dict):
-        raise TypeError(f"observation space {space}: must be a dictionary")
-
-    def box(low: Any, high: Any, *shape: int) -> spaces.Box:
-        return spaces.Box(low, high, shape, np.float32)
-
-    size = np.array([width, height], dtype=np.float32)
-    added = {
-        "pose_2d": spaces.Box(
-            np.zeros((N_JOINTS, 2), np.float32), np.tile(size, (N_JOINTS, 1)), dtype=np.float32
-        ),
-        "pose_3d": box(-np.inf, np.inf, N_JOINTS, 3),
-        "pose_scores": box(0.0, 1.0, N_JOINTS),
-        "pose_scores_3d": box(0.0, 1.0, N_JOINTS),
-        "pose_age": box(0.0, NEVER, 1),
-    }
-    return spaces.Dict({**space.spaces, **added})
-
-
-def _entries(reading: PoseReading, time: float) -> dict[str, NDArray[np.float32]]:
-    age = min(time - reading.taken, NEVER)
-    return {
-        "pose_2d": reading.joints_2d.copy(),
-        "pose_3d": reading.joints_3d.copy(),
-        "pose_scores": reading.scores_2d.copy(),
-        "pose_scores_3d": reading.scores_3d.copy(),
-        "pose_age": np.array([age], dtype=np.float32),
-    }

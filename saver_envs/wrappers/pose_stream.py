@@ -1,4 +1,4 @@
-"""Poses as a robot gets them: a picture now and then, its result a while later."""
+"""Poses at a limited rate and with latency, as on a robot."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PoseReading:
 
     @staticmethod
     def nothing(taken: float = -math.inf) -> PoseReading:
-        """Return no joint at all: what is known before the first result, or of an empty picture."""
+        """Return a reading without joints: before the first result, or of an empty picture."""
         empty = np.zeros(N_JOINTS, dtype=np.float32)
         flat = np.zeros((N_JOINTS, 2), dtype=np.float32)
         space = np.zeros((N_JOINTS, 3), dtype=np.float32)
@@ -41,7 +41,7 @@ class PoseReading:
 
 
 class PoseStream:
-    """Takes pictures at a rate and hands out each result after a latency.
+    """Takes pictures at a rate and returns each result after a latency.
 
     :param rate: pictures per second.
     :param latency: seconds from a picture to its result. Pictures may be taken meanwhile, as by a
@@ -59,7 +59,7 @@ class PoseStream:
         self._latest = PoseReading.nothing()
 
     def read(self, time: float, look: Callable[[float], PoseReading]) -> PoseReading:
-        """Return the newest result that is there at a time.
+        """Return the newest result available at a time.
 
         :param time: seconds of the episode, not before the previous call's.
         :param look: takes a picture now and estimates the pose, whose ``taken`` is its argument.

@@ -1,4 +1,4 @@
-"""Sensor noise round a vector environment of Stable-Baselines3's."""
+"""Sensor noise on a vector environment of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from saver_envs.wrappers.sensor_noise import Observation, SensorErrors, SensorNo
 
 
 class NoisyVecSensors(VecEnvWrapper):
-    """A :class:`saver_envs.envs.sb3_vec_env.SaverVecEnv` as sensors see it.
+    """A :class:`saver_envs.envs.sb3_vec_env.SaverVecEnv` with sensor noise.
 
-    :param venv: the vector, itself or in wrappers.
+    :param venv: the vector environment, possibly wrapped.
     :param noise: how large the errors are.
     :raises TypeError: for another environment.
     """
@@ -52,20 +52,15 @@ class NoisyVecSensors(VecEnvWrapper):
         observation, reward, done, infos = self.venv.step_wait()
         rows = np.flatnonzero(done)
         for row in rows.tolist():
-            last = infos[row]["terminal_observation"]
-            seen = self._errors.disturb(last["observation"][None], [row])[0]
-            infos[row] = {**infos[row], "terminal_observation": {**last, "observation": seen}}
+            last = self._errors.seen(infos[row]["terminal_observation"], [row])
+            infos[row] = {**infos[row], "terminal_observation": last}
         self._errors.begin(rows)
-        return self._seen(observation), reward, done, infos  # type: ignore[arg-type]
+        return self._errors.seen(observation), reward, done, infos
 
     def _seed_errors(self, seeds: Sequence[int | None]) -> None:
         for row, seed in enumerate(seeds):
-            if seed is not None:
-                self._errors.seed(row, int(seed))
+            self._errors.seed(row, seed)
 
     def _begun(self, observation: Observation) -> Observation:
         self._errors.begin(range(self.num_envs))
-        return self._seen(observation)
-
-    def _seen(self, observation: Observation) -> Observation:
-        return {**observation, "observation": self._errors.disturb(observation["observation"])}
+        return self._errors.seen(observation)

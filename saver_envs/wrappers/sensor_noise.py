@@ -1,18 +1,18 @@
-"""Observations as sensors would give them: with noise at every step and an error that stays.
+"""Sensor noise on observations: errors at every step and an offset per episode.
 
-One set of figures, :class:`SensorNoise`, and three ways to it: :class:`NoisySensors` round a single
-environment, :class:`NoisyVectorSensors` round a vector of Gymnasium's, and
-:class:`saver_envs.wrappers.sb3_sensor_noise.NoisyVecSensors` round one of Stable-Baselines3's. An
-episode from the same seed has the same errors in all of them.
+:class:`SensorNoise` has the standard deviations. Three wrappers apply it: :class:`NoisySensors` to
+    a single environment, :class:`NoisyVectorSensors` to a Gymnasium vector, and
+    :class:`saver_envs.wrappers.sb3_sensor_noise.NoisyVecSensors` to one of Stable-Baselines3. An
+    episode from the same seed has the same errors in all of them.
 
-Only ``observation`` is disturbed. The achieved goal stays exact, because rewards come from it:
-relabelling would otherwise find other rewards than the environment gave.
+Only ``observation`` is disturbed. The achieved goal stays exact, because rewards are computed from
+it: otherwise relabelling would give other rewards than the environment.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -20,14 +20,16 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from saver_envs.envs.vector_env import reset_mask, seed_each
 from saver_envs.episodes import Episodes
 from saver_envs.robots.description import Fingers
 from saver_envs.simulation import multiply_quaternions
 from saver_envs.tasks.layout import Layout
+from saver_envs.validation import require
 
 Observation = dict[str, NDArray[np.float32]]
 
-#: Sets the errors' randomness apart from that of the episode with the same seed.
+#: Separates the errors' random stream from that of the episode with the same seed.
 STREAM = 0x5E2503
 #: Parts of the observation that get an error of three numbers, in the order in which the errors
 #: are drawn, with the field of :class:`SensorNoise` that says how large they are. The object's
@@ -48,21 +50,20 @@ _DRAWN = {
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of Gaussian errors, in SI units, alike for the three axes.
+    """Standard deviations of Gaussian errors, in SI units, equal for the three axes.
 
-    Where they come from: arm and fingers have encoders, so their errors are small and those of
-    velocities are what differences of encoder readings leave after a short filter. Objects are seen
-    by a depth camera 1.2 m above the table (Table 8.1), where such cameras are off by some
-    millimetres; an error of its calibration to the arm's base stays the same for an episode. Object
-    velocities are differences of camera positions over a few frames. The figures are ours: the
-    dissertation gives none.
+    Arm and fingers have encoders, so their position errors are small, and their velocity errors are
+    those of filtered differences. A depth camera 1.2 m above the table (Table 8.1) locates objects
+    with errors of some millimetres; its calibration error to the arm's base is constant within an
+    episode. Object velocities are differences of camera positions over a few frames. The values are
+    ours: the dissertation gives none.
 
     :param tool_position: m.
     :param tool_velocity: m/s.
     :param finger_position: rad; locked fingers are no measurement and stay exact.
     :param finger_velocity: rad/s.
-    :param object_position: m, anew at every step.
-    :param object_offset: m, drawn once an episode.
+    :param object_position: m, drawn at every step.
+    :param object_offset: m, drawn once per episode.
     :param object_orientation: rad, of a small turn about a random axis.
     :param object_velocity: m/s.
     :param object_angular_velocity: rad/s.
@@ -80,18 +81,16 @@ class SensorNoise:
     object_angular_velocity: float = 0.3
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{field.name}={value!r}: must be finite and at least 0")
+        for name, value in vars(self).items():
+            require(name, value, 0 <= value < np.inf, "finite and at least 0")
 
     def scaled(self, factor: float) -> SensorNoise:
         """Return the same with every deviation multiplied by ``factor``."""
-        return SensorNoise(**{one.name: factor * getattr(self, one.name) for one in fields(self)})
+        return SensorNoise(**{name: factor * value for name, value in vars(self).items()})
 
 
 class SensorErrors:
-    """The errors of n episodes, each with a source of randomness of its own.
+    """The errors of n episodes, each with its own random generator.
 
     :param noise: how large they are.
     :param n: number of episodes.
@@ -121,12 +120,12 @@ class SensorErrors:
         return cls(noise, episodes.n, task.observation_layout, moving)
 
     def seed(self, index: int, seed: int | None) -> None:
-        """Give episode ``index`` its source of randomness, for the episodes to come as well."""
-        entropy = None if seed is None else [seed, STREAM]
-        self._generators[index] = np.random.default_rng(entropy)
+        """Seed the errors of episode ``index`` from now on; ``None`` keeps its generator."""
+        if seed is not None:
+            self._generators[index] = np.random.default_rng([seed, STREAM])
 
     def begin(self, rows: Iterable[int]) -> None:
-        """Draw what stays the same for an episode, for episodes that have just begun."""
+        """Draw the offsets of episodes that have just begun."""
         for row in rows:
             drawn = self._generators[row].standard_normal((self._layout.n_arms, 3))
             self._offset[row] = self.noise.object_offset * drawn
@@ -134,7 +133,7 @@ class SensorErrors:
     def disturb(
         self, observation: NDArray[np.floating], rows: Sequence[int] | None = None
     ) -> NDArray[np.float32]:
-        """Return what the sensors say.
+        """Return observations as the sensors measure them.
 
         :param observation: (k, observation size), exact; not modified.
         :param rows: (k,) whose it is; all n in order by default.
@@ -156,6 +155,16 @@ class SensorErrors:
         quaternion[...] = _turned(quaternion, turn)
         return seen.astype(np.float32)
 
+    def seen(self, observation: Any, rows: Sequence[int] | None = None) -> Observation:
+        """Return an observation as the sensors see it.
+
+        :param observation: of k episodes, or of one without a leading dimension.
+        :param rows: (k,) whose it is; all n in order by default.
+        """
+        exact = observation["observation"]
+        disturbed = self.disturb(np.atleast_2d(exact), rows).reshape(exact.shape)
+        return {**observation, "observation": disturbed}
+
 
 def _turned(quaternion: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Turn (..., 4) unit quaternions with w >= 0 by (..., 3) rotation vectors, radians."""
@@ -169,13 +178,13 @@ def _turned(quaternion: NDArray[np.float64], rotation: NDArray[np.float64]) -> N
 
 
 def episodes_of(env: Any) -> Episodes:
-    """Return the episodes of an environment of ours.
+    """Return the episodes of an environment of this package.
 
     :raises TypeError: for another environment.
     """
     episodes = getattr(env.unwrapped, "episodes", None)
     if not isinstance(episodes, Episodes):
-        raise TypeError(f"env={env!r}: sensor noise knows the observations of saver_envs alone")
+        raise TypeError(f"env={env!r}: must be an environment of saver_envs")
     return episodes
 
 
@@ -183,9 +192,9 @@ class NoisySensors(
     gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]],
     gymnasium.utils.RecordConstructorArgs,
 ):
-    """A single environment as sensors see it.
+    """A single environment with sensor noise.
 
-    :param env: an environment of ours, in wrappers or not.
+    :param env: an environment of this package, possibly wrapped.
     :param noise: how large the errors are.
     :raises TypeError: for another environment.
     """
@@ -201,27 +210,20 @@ class NoisySensors(
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; ``seed`` makes its errors reproducible too."""
         observation, info = self.env.reset(seed=seed, options=options)
-        if seed is not None:
-            self._errors.seed(0, seed)
+        self._errors.seed(0, seed)
         self._errors.begin([0])
-        return self._seen(observation), info
+        return self._errors.seen(observation), info
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
         """Apply one action."""
         observation, *rest = self.env.step(action)
-        return self._seen(observation), *rest  # type: ignore[return-value]
-
-    def _seen(self, observation: Observation) -> Observation:
-        return {
-            **observation,
-            "observation": self._errors.disturb(observation["observation"][None])[0],
-        }
+        return self._errors.seen(observation), *rest  # type: ignore[return-value]
 
 
 class NoisyVectorSensors(VectorWrapper[Observation, NDArray[Any], NDArray[Any]]):
-    """A vector of Gymnasium's as sensors see it, in every automatic reset mode.
+    """A Gymnasium vector environment with sensor noise, in every autoreset mode.
 
-    :param env: a vector of ours.
+    :param env: a vector environment of this package.
     :param noise: how large the errors are.
     :raises TypeError: for another environment.
     """
@@ -243,16 +245,13 @@ class NoisyVectorSensors(VectorWrapper[Observation, NDArray[Any], NDArray[Any]])
         # A seed for each: Gymnasium's own vectors take them, its hints forget it.
         given_seed: Any = seed
         observation, infos = self.env.reset(seed=given_seed, options=options)
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
-        rows = np.flatnonzero(mask)
+        rows = np.flatnonzero(reset_mask(options, self.num_envs))
+        seeds = seed_each(seed, self.num_envs)
         for row in rows.tolist():
-            if seed is not None:
-                given = seed + row if isinstance(seed, int | np.integer) else seed[row]
-                if given is not None:
-                    self._errors.seed(row, int(given))
+            self._errors.seed(row, seeds[row])
         self._errors.begin(rows)
         self._over[rows] = False
-        return self._seen(observation), infos
+        return self._errors.seen(observation), infos
 
     def step(
         self, actions: NDArray[Any]
@@ -262,14 +261,9 @@ class NoisyVectorSensors(VectorWrapper[Observation, NDArray[Any], NDArray[Any]])
         over = np.asarray(terminated) | np.asarray(truncated)
         if self._mode is AutoresetMode.SAME_STEP:
             for row in np.flatnonzero(over).tolist():
-                last = infos["final_obs"][row]
-                seen = self._errors.disturb(last["observation"][None], [row])[0]
-                infos["final_obs"][row] = {**last, "observation": seen}
+                infos["final_obs"][row] = self._errors.seen(infos["final_obs"][row], [row])
             self._errors.begin(np.flatnonzero(over))
         elif self._mode is AutoresetMode.NEXT_STEP:
             self._errors.begin(np.flatnonzero(self._over))
         self._over = over
-        return self._seen(observation), reward, terminated, truncated, infos
-
-    def _seen(self, observation: Any) -> Observation:
-        return {**observation, "observation": self._errors.disturb(observation["observation"])}
+        return self._errors.seen(observation), reward, terminated, truncated, infos

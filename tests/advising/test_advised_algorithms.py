@@ -283,7 +283,7 @@ def test_a_resumed_run_that_forgets_its_spending_is_warned(tmp_path):
     make_model(AdvisedTD3, make_vec_env(2), advisor=advisor).learn(40).save(tmp_path / "model.zip")
     fresh = make_advisor("early", make_teacher(), 50, n_arms=2)
     model = AdvisedTD3.load(tmp_path / "model.zip", env=make_vec_env(2), advisor=fresh)
-    with pytest.warns(UserWarning, match="40 advised steps, its .*load_state_dict"):
+    with pytest.warns(UserWarning, match="40 advised steps, but its .*load_state_dict"):
         model.learn(4)
 
 

@@ -129,7 +129,7 @@ def test_a_teacher_of_another_size_is_refused_with_sizes():
     with pytest.raises(ValueError, match=r"observation has size 8, but 3 arm\(s\) of 4 need 12"):
         make_advisor("early", make_teacher(), 10, n_arms=3, **boxes)
     with pytest.raises(ValueError, match="observation size 4, but one arm of the student has 28"):
-        Advisor(make_strategy("early"), make_teacher(), ArmMapping(2), AdviceBudget(1))
+        Advisor(make_strategy("early"), make_teacher(), ArmMapping(2, 28, 3, 4), AdviceBudget(1))
 
 
 def test_arguments_are_checked():

@@ -212,7 +212,7 @@ def test_a_cloned_run_evaluates_the_clone(tmp_path: Path) -> None:
             {"demonstration_steps": 7 * BLOCK, "budget": 10**6},
             r"but total_steps=240: raise it, or ask for at most 240",
         ),
-        ({"arms": [0]}, r"with advice.arms=\[0\]: in a demonstration every arm has a teacher"),
+        ({"arms": [0]}, r"with advice.arms=\[0\]: a demonstration needs a teacher for every arm"),
         ({"demonstration_fraction": 1.0}, r"advice.demonstration_fraction=1.0 must be in \[0, 1\)"),
         ({"demonstration_steps": 0, "cloning_updates": 5}, "nothing to clone"),
         ({"demonstration_steps": -1}, "advice.demonstration_steps=-1 must be 0 or more"),

@@ -117,7 +117,7 @@ def test_it_has_to_be_told_the_students_values() -> None:
         "achieved_goal": np.zeros((1, 7), np.float32),
         "desired_goal": np.zeros((1, 7), np.float32),
     }
-    with pytest.raises(ValueError, match="'ibrl' asks the student's critics: advise through"):
+    with pytest.raises(ValueError, match="'ibrl' reads the student's critics: advise through"):
         advisor.advise(rows, np.zeros((1, 4), np.float32))
 
 

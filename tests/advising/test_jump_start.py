@@ -149,7 +149,7 @@ def test_a_run_by_success_resumes(tmp_path: Path) -> None:
         ({"success": 0.0}, r"success=0.0 must be a number in \(0, 1\]"),
         ({"success": 1.1}, "success=1.1"),
         ({"success": float("nan")}, "success=nan"),
-        ({"stage": 3}, "'jump-start' has no setting stage; it takes stages, success, horizon"),
+        ({"stage": 3}, "'jump-start' takes no stage=3; its settings are stages, success, horizon"),
     ],
 )
 def test_senseless_settings_are_refused(wrong: dict[str, Any], message: str) -> None:

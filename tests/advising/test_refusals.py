@@ -102,13 +102,13 @@ def test_an_on_policy_algorithm_of_sb3(algorithm: Any) -> None:
         ({"strategy": "early", "threshold": 0.1}, "'early' takes no threshold"),
         ({"strategy": "ibrl", "threshold": 0.1}, "'ibrl' takes no threshold"),
         ({"correcting": "mc-act"}, "correcting='mc-act' belongs to 'early-mc' only"),
-        ({"settings": {"limit": 1}}, "'mc-q' has no setting limit; it takes threshold"),
+        ({"settings": {"limit": 1}}, "'mc-q' takes no limit=1; its settings are threshold"),
         ({"settings": [1]}, r"advice.settings=\[1\] must be a mapping"),
         ({"compare": "quiet"}, "compare='quiet' must be one of noisy, noise-free"),
         ({"twin_minimum": 1}, "advice.twin_minimum=1 must be true or false"),
         ({"arms": 1}, "advice.arms=1 must be a list of whole numbers or null"),
         ({"arms": [2]}, r"arms=\[2\] must be one or more of \[0, 1\]"),
-        ({"teacher": []}, "advice.teacher=.* must be a name, or a list of one name an arm"),
+        ({"teacher": []}, "advice.teacher=.* must be a name, or a list of one name per arm"),
         ({"teacher": 3}, "advice.teacher=3 must be a text or a list of texts"),
         ({"teacher": "jaco-pull"}, "policy 'jaco-pull' is unknown"),
     ],
@@ -147,6 +147,6 @@ def test_a_checkpoint_from_before_a_setting_goes_on(tmp_path: Path) -> None:
         del state["extra"]["config"]["advice"][name]
     path.write_text(json.dumps(state))
     other = settings({**advice(tmp_path, threshold=0.05), "twin_minimum": False})
-    with pytest.raises(ValueError, match=r"is of another configuration .*twin_minimum"):
+    with pytest.raises(ValueError, match=r"has another configuration .*twin_minimum"):
         start(other, tmp_path / "run", resume=True)
     assert start(config, tmp_path / "run", resume=True).finished

@@ -34,6 +34,7 @@ def context(student_actions, *, teacher=None, spent=0, total=100, twin_minimum=T
         group.act(observations, goals),
         student_actions,
         budget,
+        np.ones(n_arms, bool),
         twin_minimum,
     )
 

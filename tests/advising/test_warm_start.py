@@ -154,7 +154,7 @@ def test_critics_with_layer_norm_start_near() -> None:
     env = SaverVecEnv("DualJacoPush-v0", n_envs=32, seed=0)
     seen: Any = env.reset()
     teacher = load_teacher("jaco-push")
-    mapping, group = ArmMapping(2, action_size=3), TeacherGroup(teacher, 2)
+    mapping, group = ArmMapping(2, 28, 3, 3), TeacherGroup(teacher, 2)
     config = {"env_id": "DualJacoPush-v0", "per_arm_critics": True, "n_envs": 32}
     model: Any = build_model(RunConfig.from_mapping(config), env)
     assert warm_start_from_teachers(model, group, mapping) == "approximate"

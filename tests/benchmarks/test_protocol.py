@@ -223,7 +223,7 @@ def test_an_interrupted_run_leaves_its_curve_and_is_redone(
     [path] = tmp_path.glob("*.json")
     before = path.read_bytes()
     assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
-    assert "nothing to do" in capsys.readouterr().out
+    assert "already finished" in capsys.readouterr().out
     assert path.read_bytes() == before
     assert main(words(tmp_path, f"{HERE}:Drifter", "--n-envs", 4)) == 2
     assert "n_envs" in capsys.readouterr().err

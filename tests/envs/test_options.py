@@ -190,7 +190,7 @@ def test_reward_stages_of_the_distance_task() -> None:
     assert make_episodes("DualJacoDistance-v0", reward_stage="goal").task.reward_stage == "goal"
     with pytest.raises(ValueError, match="exactly 2"):
         make_episodes("DualJacoDistance-v0", n_arms=3)
-    with pytest.raises(ValueError, match="'goal' and 'constrained'"):
+    with pytest.raises(ValueError, match="one of goal, constrained"):
         make_episodes("DualJacoDistance-v0", reward_stage="both")
     with pytest.raises(ValueError, match="reward_combination='max'"):
         make_episodes("DualJacoDistance-v0", reward_combination="max")

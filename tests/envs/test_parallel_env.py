@@ -83,17 +83,17 @@ def test_own_success_is_the_own_objects() -> None:
 def test_bad_actions_change_nothing() -> None:
     env = SaverParallelEnv("DualJacoPush-v0")
     env.reset(seed=0)
-    before = env.episodes.get_state().simulation.rows
+    before = env.episodes.get_state().simulation
     fine = np.zeros(3)
     for actions, message in (
         ({"arm_0": fine}, "one is needed for each of"),
         ({"arm_0": fine, "arm_2": fine}, "arm_2"),
-        ({"arm_0": fine, "arm_1": np.zeros(4)}, "arm_1's action has shape"),
-        ({"arm_0": np.array([0, np.nan, 0]), "arm_1": fine}, "arm_0's action is"),
+        ({"arm_0": fine, "arm_1": np.zeros(4)}, "arm_1's action of shape"),
+        ({"arm_0": np.array([0, np.nan, 0]), "arm_1": fine}, "arm_0's action="),
     ):
         with pytest.raises(ValueError, match=message):
             env.step(actions)
-        np.testing.assert_array_equal(before, env.episodes.get_state().simulation.rows)
+        np.testing.assert_array_equal(before, env.episodes.get_state().simulation)
 
 
 def test_keywords_reach_the_episodes() -> None:

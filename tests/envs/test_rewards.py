@@ -119,10 +119,10 @@ def test_the_distance_task_remembers_that_the_band_was_left() -> None:
     costs = episodes.step(idle).measured["cost_distance"]
     assert costs.tolist() == [1, 0]
     simulation.qpos[:, cubes_of(episodes).qpos] = home
-    episodes._goal[:] = episodes.observation().achieved_goal
-    episodes._goal[0, :6] = episodes._goal[1, :6] = 0
-    episodes._goal[:, :6] = objects_of(episodes).position.reshape(2, 6)
-    episodes._goal[:, 6] = 0.35
+    episodes.goal[:] = episodes.observation().achieved_goal
+    episodes.goal[0, :6] = episodes.goal[1, :6] = 0
+    episodes.goal[:, :6] = objects_of(episodes).position.reshape(2, 6)
+    episodes.goal[:, 6] = 0.35
     outcome = episodes.step(idle)
     assert outcome.measured["cost_distance"].tolist() == [0, 0]
     assert outcome.reached.tolist() == [True, True]

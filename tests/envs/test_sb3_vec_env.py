@@ -60,11 +60,11 @@ def test_seeds() -> None:
 def test_bad_actions_change_nothing() -> None:
     env = SaverVecEnv("JacoPush-v0", 2, seed=0)
     env.reset()
-    before = env.episodes.get_state().simulation.rows
+    before = env.episodes.get_state().simulation
     for bad in (np.full((2, 3), np.inf), np.zeros((3, 3))):
         with pytest.raises(ValueError, match=r"shape|finite"):
             env.step(bad)
-    np.testing.assert_array_equal(before, env.episodes.get_state().simulation.rows)
+    np.testing.assert_array_equal(before, env.episodes.get_state().simulation)
 
 
 def test_relabelling_as_her_calls_it() -> None:

@@ -143,7 +143,7 @@ def test_costs_and_success_remember_the_torso() -> None:
     assert outcome.cost.tolist() == [1, 0]
     np.testing.assert_allclose(outcome.measured["torso_displacement"][0], 0.021, atol=2e-3)
     episodes.simulation.qpos[0, address] -= 0.021
-    episodes._goal[:] = episodes.observation().achieved_goal
+    episodes.goal[:] = episodes.observation().achieved_goal
     outcome = episodes.step(idle)
     assert outcome.measured["cost_torso_displacement"].tolist() == [0, 0]
     assert outcome.reached.tolist() == [True, True]

@@ -13,11 +13,7 @@ from saver_advisors.evaluation.metrics import (
     EPOCH_STEPS,
     LearningCurve,
     area_under_curve,
-    effective_learning_rate,
-    inspired_epoch,
     learning_metrics,
-    maximum_success_rate,
-    rise_time,
     time_to_level,
 )
 
@@ -40,19 +36,20 @@ def curves(draw):
 def test_the_figures_of_a_curve_by_hand():
     # MSR 0.8; 10% of it, 0.08, is first seen in epoch 3, 90% of it, 0.72, in epoch 6.
     curve = curve_of([0.0, 0.05, 0.1, 0.3, 0.7, 0.75, 0.8, 0.6])
-    assert maximum_success_rate(curve) == 0.8
-    assert inspired_epoch(curve) == 3
-    assert rise_time(curve) == 3
-    assert effective_learning_rate(curve) == pytest.approx(0.72 / 6)
+    found = learning_metrics(curve)
+    assert found.maximum_success_rate == 0.8
+    assert found.inspired_epoch == 3
+    assert found.rise_time == 3
+    assert found.effective_learning_rate == pytest.approx(0.72 / 6)
+    assert found.resolution == 1
     assert time_to_level(curve, 0.7).steps == 5 * EPOCH_STEPS
     assert time_to_level(curve, 0.7).wall_clock_s == 300
-    assert learning_metrics(curve).resolution == 1
 
 
 def test_a_level_counts_when_floats_would_deny_it():
     # 72 of 100 is 90% of 80 of 100, but not in floats.
     assert 0.9 * 0.8 > 0.72
-    assert rise_time(curve_of([0.1, 0.72, 0.8])) == 1
+    assert learning_metrics(curve_of([0.1, 0.72, 0.8])).rise_time == 1
 
 
 def test_what_was_never_reached_is_censored_at_the_last_evaluation():
@@ -68,18 +65,15 @@ def test_a_run_without_any_success_has_no_epochs():
     assert flat.maximum_success_rate == 0
     assert (flat.inspired_epoch, flat.rise_time, flat.effective_learning_rate) == (None,) * 3
     assert flat.solved.censored
-    assert flat.area == 0
 
 
 def test_a_single_evaluation():
     only = learning_metrics(curve_of([0.5], every=2 * EPOCH_STEPS))
     assert (only.inspired_epoch, only.rise_time) == (2, 0)
     assert only.effective_learning_rate == pytest.approx(0.45 / 2)
-    assert only.area == pytest.approx(0.25)  # a straight line from 0
     before = learning_metrics(LearningCurve(np.array([0.0]), np.array([0.95])))
     assert before.inspired_epoch == 0
     assert before.effective_learning_rate is None
-    assert before.area == 0.95
 
 
 @pytest.mark.parametrize(
@@ -118,20 +112,18 @@ def test_points_of_a_run_are_read_as_they_are_written():
 @given(curves(), st.sampled_from([0.5, 0.25, 0.125]))
 def test_epochs_are_relative_to_the_runs_own_maximum(curve, factor):
     weaker = replace(curve, success=factor * curve.success)
-    assert inspired_epoch(weaker) == inspired_epoch(curve)
-    assert rise_time(weaker) == rise_time(curve)
+    weak, own = learning_metrics(weaker), learning_metrics(curve)
+    assert (weak.inspired_epoch, weak.rise_time) == (own.inspired_epoch, own.rise_time)
     assert area_under_curve(weaker) == pytest.approx(factor * area_under_curve(curve))
-    rate = effective_learning_rate(curve)
-    assert effective_learning_rate(weaker) == (
-        None if rate is None else pytest.approx(factor * rate)
-    )
+    rate = own.effective_learning_rate
+    assert weak.effective_learning_rate == (None if rate is None else pytest.approx(factor * rate))
 
 
 @given(curves(), st.integers(2, 9))
 def test_a_slower_run_takes_as_many_times_the_epochs(curve, factor):
     slower = replace(curve, steps=factor * curve.steps)
     fast, slow = learning_metrics(curve), learning_metrics(slower)
-    assert slow.area == pytest.approx(fast.area)
+    assert area_under_curve(slower) == pytest.approx(area_under_curve(curve))
     if fast.inspired_epoch is not None:
         assert slow.inspired_epoch == pytest.approx(factor * fast.inspired_epoch)
         assert slow.rise_time == pytest.approx(factor * fast.rise_time)
@@ -158,7 +150,7 @@ def test_elr_is_the_papers_of_ie_and_rt(curve):
         assert found.effective_learning_rate == pytest.approx(
             0.9 * found.maximum_success_rate / risen
         )
-    assert 0 <= found.area <= found.maximum_success_rate
+    assert 0 <= area_under_curve(curve) <= found.maximum_success_rate
     later = [time_to_level(curve, level).steps or math.inf for level in (0.1, 0.5, 0.9)]
     assert later == sorted(later)
 
@@ -171,8 +163,6 @@ def test_steps_spent_before_the_run_count(curve, spent):
     if alone.inspired_epoch is not None:
         assert counted.inspired_epoch == pytest.approx(alone.inspired_epoch + spent / EPOCH_STEPS)
         assert counted.rise_time == pytest.approx(alone.rise_time)
-    total = curve.steps[-1] + spent
-    assert counted.area == pytest.approx(alone.area * curve.steps[-1] / total)
 
 
 def test_areas_by_hand_and_over_a_common_budget():
@@ -181,8 +171,10 @@ def test_areas_by_hand_and_over_a_common_budget():
     assert area_under_curve(curve) == pytest.approx(0.4)
     assert area_under_curve(curve, 100) == pytest.approx(0.2)
     assert area_under_curve(curve, 150) == pytest.approx((20 + 25) / 150)
-    assert area_under_curve(curve, 100, spent_before=50) == pytest.approx(0.5 * 50 * 0.2 / 100)
-    assert area_under_curve(curve, 40, spent_before=50) == 0
+    # A straight line from 0 before the first evaluation, unless that is at step 0.
+    assert area_under_curve(curve_of([0.5])) == pytest.approx(0.25)
+    from_start = LearningCurve(np.array([0.0, 100.0]), np.array([0.4, 0.8]))
+    assert area_under_curve(from_start) == pytest.approx(0.6)
     for wrong in (0, 201, math.nan):
         with pytest.raises(ValueError, match="up_to"):
             area_under_curve(curve, wrong)

@@ -76,6 +76,7 @@ ARM = {
         ({"joint_torque_limits": [1.0]}, "joint_torque_limits=.*each of 7 joints"),
         ({"joint_speed_limits": [-1.0] * 7}, "joint_speed_limits=.*positive number"),
         ({"home": [0.0]}, "home=.*each of 7 joints"),
+        ({"home": [10.0] * 7}, "home=.*within their limits"),
         ({"tool_offset": (0, 0, 5.0)}, "cannot point down"),
     ],
 )

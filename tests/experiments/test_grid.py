@@ -69,7 +69,7 @@ def _break(content: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("groups/push/env_id", "Push-v9", "env_id='Push-v9'"),
         ("groups/push/seed", 1, "unknown ['seed']"),
         ("groups/push/budget_fraction", 1.5, "budget_fraction=1.5"),
-        ("groups/push/rows/early/seeds", [0, 0], "would be called push-early-seed0"),
+        ("groups/push/rows/early/seeds", [0, 0], "would have the name push-early-seed0"),
         ("groups/push/rows/early/seeds", [-1], "seeds=[-1]"),
         ("groups/push/rows/early/seeds", [], "seeds=[]"),
         ("groups/push/rows/early/advice", {"strategy": "early", "nudge": 1}, "nudge"),
@@ -88,7 +88,7 @@ def test_what_is_wrong_is_named(grid_file: GridFile, path: str, value: Any, mess
 def test_no_yaml(tmp_path: Path) -> None:
     path = tmp_path / "grid.yml"
     path.write_text("groups: [", encoding="utf-8")
-    with pytest.raises(ValueError, match="no YAML"):
+    with pytest.raises(ValueError, match="not valid YAML"):
         read_grid(path)
 
 
@@ -99,7 +99,7 @@ def test_only_some(grid_file: GridFile) -> None:
         "push-early-seed1",
     ]
     assert grid.only([]) is grid
-    with pytest.raises(ValueError, match="no run is called like mc-q"):
+    with pytest.raises(ValueError, match="no run has mc-q in its name"):
         grid.only(["mc-q"])
 
 

@@ -73,17 +73,17 @@ def test_no_set_point_leaves_the_limits(
     limits = SafetyLimits(max_speed=0.5)
     tool = WORKSPACE.clip(tool + np.array([0.4, 0.0, 0.1]))
     freedom = limits.freedom(force, torso)
-    found = limited_set_point(previous, motion, tool, limits, WORKSPACE, None, freedom)
+    position, by = limited_set_point(previous, motion, tool, limits, WORKSPACE, None, freedom)
     lower, upper = WORKSPACE.lower, WORKSPACE.upper
-    assert (found.position >= lower - 1e-9).all()
-    assert (found.position <= upper + 1e-9).all()
-    ahead = np.linalg.norm(found.position - tool, axis=-1)
+    assert (position >= lower - 1e-9).all()
+    assert (position <= upper + 1e-9).all()
+    ahead = np.linalg.norm(position - tool, axis=-1)
     # Clipping into a region that the tool is in brings a point no farther from it, but for the
     # reach, which is level: a point above the tool's height may be moved a little more.
     assert (ahead <= LEAD_LIMIT * limits.longest * freedom + 0.02).all()
     if torso >= limits.torso_force:
-        np.testing.assert_allclose(found.position, tool, atol=1e-9)
-        assert "force" in found.by
+        np.testing.assert_allclose(position, tool, atol=1e-9)
+        assert "force" in by
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_loops import Clock, Relay, Source
 
+from saver_advisors.integration.assembly import LoopSettings
+from saver_advisors.integration.control_stages import ENCODER_RATE, POLICY_RATE
 from saver_advisors.integration.graph import RESTART_AFTER, Graph
-from saver_advisors.integration.health import Health, allowed_silence
+from saver_advisors.integration.health import Health
 from saver_advisors.integration.messages import Message
 from saver_advisors.integration.stage import MEASURED, StageFault
 
@@ -171,4 +173,6 @@ def test_a_stage_that_cannot_be_is_refused(options: dict[str, float], words: str
 
 
 def test_allowed_silence_is_in_periods() -> None:
-    assert allowed_silence(30.0) == pytest.approx(0.05)
+    allowed = LoopSettings(silent_periods=3.0).silence()
+    assert allowed["policy"] == pytest.approx(3 / POLICY_RATE)
+    assert allowed["encoders"] == pytest.approx(6 / ENCODER_RATE)

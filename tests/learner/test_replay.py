@@ -276,9 +276,6 @@ def test_advice_is_remembered_with_its_transition() -> None:
         recorder.add([step == 5], advised=step in (1, 4))
     drawn = buffer.sample_transitions(300)
     np.testing.assert_array_equal(drawn.advised, np.isin(drawn.step, (1, 4)))
-    without = make_buffer(n_envs=1, store_advised=False)
-    Recorder(without).add([False], advised=True)
-    assert not without.sample_transitions(10).advised.any()
 
 
 def test_samples_pass_through_vec_normalize(make_env: Any) -> None:

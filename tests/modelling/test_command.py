@@ -67,7 +67,7 @@ def test_weights_that_were_trained_before(tmp_path: Path) -> None:
     ("name", "robots", "task", "message"),
     [
         ("own", ["mico"], "id", "is of task 'ik', not 'id'"),
-        ("own", ["fetch"], "ik", "of the arm 'mico', and --robots asks for fetch"),
+        ("own", ["fetch"], "ik", "a model of 'mico', but --robots selects fetch"),
         ("shipped", ["mico"], "ik", "there is another 'shipped' for 'mico'; rename the file"),
         ("cut", ["mico"], "ik", "not a complete safetensors file"),
     ],
@@ -90,8 +90,8 @@ def test_weights_that_cannot_be_measured(
         ("--set epoch=3", "setting 'epoch' is unknown (did you mean epochs?)"),
         ("--set epochs=0", "epochs=0: must be at least 1"),
         ("--model wgan", "model='wgan': must be one of"),
-        ("--task id --data workspace", "workspace holds inverse kinematics alone"),
-        ("--data nowhere.npz", "nowhere.npz is no complete data file"),
+        ("--task id --data workspace", "workspace is for --task ik only"),
+        ("--data nowhere.npz", "nowhere.npz is not a complete data file"),
         ("--robot jaco", "robot='jaco': there are data sets of mico, fetch"),
     ],
 )

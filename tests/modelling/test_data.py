@@ -230,8 +230,8 @@ def test_files_cut_short_or_pickled_are_refused(tmp_path: Path) -> None:
     save_recordings(path, "mico", [recording()])
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(ValueError, match="no complete data file"):
+    with pytest.raises(ValueError, match="not a complete data file"):
         load_recordings(path, "mico")
     np.savez(path, position=np.array([{"an": "object"}], dtype=object))
-    with pytest.raises(ValueError, match=r"file: it is no \.npz of numbers"):
+    with pytest.raises(ValueError, match=r"file: not an \.npz of numbers"):
         load_recordings(path, "mico")

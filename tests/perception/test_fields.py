@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from saver_envs.perception.fields import HEAT, FieldShape, encode, loss_mask
+from saver_envs.perception.fields import HEAT, SIGMA, encode, loss_mask
 from saver_envs.perception.skeleton import LIMB_NAMES, LIMBS, N_JOINTS
 
 FOREARM = LIMB_NAMES.index("left_forearm")
@@ -25,16 +25,15 @@ def only(*names: int) -> np.ndarray:
 
 
 def test_equation_4_4_and_4_5_value_by_value() -> None:
-    shape = FieldShape(sigma=1.5, half_width=1.0)
     # Elbow at the centre of cell (column 2, row 3), wrist at that of cell (8, 3).
     joints = forearm((20.0, 28.0), (68.0, 28.0))[None]
-    fields = encode(joints, only(ELBOW, WRIST)[None], (64, 96), [FOREARM], shape)
+    fields = encode(joints, only(ELBOW, WRIST)[None], (64, 96), [FOREARM])
     assert fields.shape == (1, 3, 8, 12)
     heat = fields[0, HEAT]
     assert heat[3, 2] == 1.0
     assert heat[3, 8] == -1.0
-    assert heat[4, 3] == pytest.approx(math.exp(-2 / 1.5**2))
-    assert heat[5, 8] == pytest.approx(-math.exp(-4 / 1.5**2))
+    assert heat[4, 3] == pytest.approx(math.exp(-2 / SIGMA**2))
+    assert heat[5, 8] == pytest.approx(-math.exp(-4 / SIGMA**2))
     inside = np.zeros((8, 12))
     inside[2:5, 2:9] = 1
     assert np.array_equal(fields[0, 0], inside)

@@ -1,7 +1,7 @@
 import json
 import pickle
 import zipfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ def test_the_teacher_of_a_policy_acts_alike(saved, networks):
 
 def test_wrong_observations_are_named(saved):
     policy, obs = load_policy(saved), observations()
-    with pytest.raises(ValueError, match=r"observation has shape \(6, 56\).*\(28,\) or \(n, 28\)"):
+    with pytest.raises(ValueError, match=r"observation has shape \(6, 56\).*\(n, 28\)"):
         policy.predict({**obs, "observation": np.zeros((6, 56))})
     with pytest.raises(ValueError, match="reads 'desired_goal'"):
         policy.predict({"observation": obs["observation"]})
@@ -90,15 +90,11 @@ def test_wrong_observations_are_named(saved):
         policy.predict(obs, deterministic=False)
 
 
-def test_a_state_dict_needs_its_shapes(tmp_path, networks, card):
-    path = tmp_path / "state.safetensors"
-    with pytest.raises(ValueError, match=r"card\.networks"):
-        save_policy(path, networks.state_dict(), card)
-    save_policy(path, networks.state_dict(), card.with_networks(networks.spec))
+def test_a_loaded_policy_can_be_saved_again(saved, tmp_path, card):
+    again = save_policy(tmp_path / "again.safetensors", load_policy(saved), card)
     obs = observations()
-    again = save_policy(tmp_path / "again.safetensors", load_policy(path), card)
     np.testing.assert_array_equal(
-        load_policy(path).predict(obs)[0], load_policy(again).predict(obs)[0]
+        load_policy(saved).predict(obs)[0], load_policy(again).predict(obs)[0]
     )
 
 
@@ -247,7 +243,7 @@ def test_a_card_names_the_environments_arguments(card, networks, tmp_path):
 
 def test_network_descriptions_survive_json():
     spec = NetworkSpec((("observation", 4),), 2, (8,), (8,), 2, 25, "elu", True, True)
-    assert NetworkSpec.from_dict(json.loads(json.dumps(spec.to_dict()))) == spec
+    assert NetworkSpec.from_dict(json.loads(json.dumps(asdict(spec)))) == spec
 
 
 @pytest.mark.parametrize("name", shipped_policies())

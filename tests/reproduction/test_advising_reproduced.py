@@ -251,14 +251,14 @@ def test_damaged_files_are_named_and_left_out(tmp_path: Path) -> None:
     assert [run.name for run in results.runs] == ["early-0"]
     reasons = {one.file: one.reason for one in results.skipped}
     assert len(reasons) == 8
-    assert "cut short" in reasons["cut.json"]
-    assert "cut short" in reasons["empty.json"]
+    assert "truncated" in reasons["cut.json"]
+    assert "truncated" in reasons["empty.json"]
     assert "kind" in reasons["list.json"]
     assert "'speed'" in reasons["other.json"]
     assert "at least one" in reasons[f"{PUSH}-none-1.json"]
     assert "success_rate" in reasons[f"{PUSH}-none-2.json"]
     assert "many" in reasons[f"{PUSH}-none-3.json"]
-    assert "early-0 already" in reasons["twin.json"]
+    assert "already in early-0" in reasons["twin.json"]
 
 
 def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -293,7 +293,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "| 100,000 | 40.0 | 5.0 |" in text
     assert f"| {PUSH}, n_arms=3 | side-by-side:jaco-push | 100 | 0.830" in text
     assert "mc-q 0.01 seed 0" in text
-    assert "- `cut.json` is no JSON" in text
+    assert "- `cut.json` is not JSON" in text
     assert "| push | one arm | 1 |" in text
     names = {path.name for path in drawn.iterdir()}
     assert names == {f"figure-5-{k}.png" for k in range(4, 9)} | {"figure-baselines.png"}
@@ -321,7 +321,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 def test_nothing_to_show_is_an_error_that_says_why(tmp_path: Path) -> None:
     (tmp_path / "cut.json").write_text("{")
-    with pytest.raises(UsageError, match=r"no training run in .*cut\.json is no JSON"):
+    with pytest.raises(UsageError, match=r"no training run in .*cut\.json is not JSON"):
         read([tmp_path])
     with pytest.raises(UsageError, match="does not exist"):
         read([tmp_path / "nowhere"])

@@ -246,7 +246,7 @@ def test_little_data_is_judged_by_pairs_of_seeds() -> None:
         | {"claims": [], "little_data": [plain, supervised]}
     )
     assert "| cgan | 0.2 | 0 | 3 | -0.083 | [-0.155, -0.012] |" in page
-    assert "30 of the paper's 100 epochs. Of size k" in page
+    assert "30 of the paper's 100 epochs. Size k" in page
     assert "| cgan + 1 MSE | 1 |" in page
 
 
@@ -308,7 +308,7 @@ def test_a_grid_goes_on_on_other_hardware(tmp_path: Path, trained: list[GridCell
         {"title": "T", "robot": "mico", "task": "ik", "epochs": 100, "claims": []}
         | {"cells": [result(cell) | origin for cell in on_gpu]}
     )
-    assert "; 100 epochs, on a GPU (A GPU). Of size k" in page
+    assert "; 100 epochs, on a GPU (A GPU). Size k" in page
 
 
 def test_other_pages_come_from_their_figures() -> None:

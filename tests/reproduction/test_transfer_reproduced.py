@@ -70,7 +70,7 @@ def test_who_tries() -> None:
         Entrant(str(path), str(path)),
     ]
     assert entrants("pick", []) == []
-    with pytest.raises(UsageError, match="a label of its own each"):
+    with pytest.raises(UsageError, match="different labels"):
         entrants("push", ["a=expert", "a=random"])
 
 

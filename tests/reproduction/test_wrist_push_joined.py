@@ -38,9 +38,9 @@ def test_rows_come_in_the_tables_order_and_another_policy_is_told() -> None:
 
 def test_what_was_measured_otherwise_is_no_row_of_the_table() -> None:
     first = measured("everything-learned")
-    with pytest.raises(UsageError, match="measured with other limits"):
+    with pytest.raises(UsageError, match="differ in limits"):
         joined([first, measured("true-state-exact", limits={"max_speed": 0.5})])
-    with pytest.raises(UsageError, match="row 'everything-learned' is there twice"):
+    with pytest.raises(UsageError, match="row 'everything-learned' occurs twice"):
         joined([first, measured("everything-learned")])
-    with pytest.raises(UsageError, match="trials from seed 7 and from 0"):
+    with pytest.raises(UsageError, match="differ in seed"):
         joined([first, {**measured("true-state-exact"), "seed": 7}])

@@ -20,7 +20,7 @@ from saver_envs.scenes import (
     compose,
     free_bodies,
 )
-from saver_envs.tasks.cubes import CubeProperties, Cubes
+from saver_envs.tasks.cubes import Cubes
 from saver_envs.world import FRAMED_HEIGHT, TABLE_BIT
 
 
@@ -28,7 +28,7 @@ def with_cubes(
     name: str, n: int, fingers: Fingers = Fingers.ACTUATED, bases: Bases = "row"
 ) -> Scene:
     """Compose a scene with a cube for each arm."""
-    return compose(Arms(ROBOTS[name], n, fingers, bases), Cubes(n, CubeProperties()))
+    return compose(Arms(ROBOTS[name], n, fingers, bases), Cubes(n))
 
 
 CASES = [
@@ -141,7 +141,7 @@ def test_cameras_frame_every_arm(name: str, n_arms: int, layout: Bases, camera: 
 
 
 def test_a_pushed_cube_slides_and_stops_as_friction_says() -> None:
-    cube = CubeProperties()
+    cube = Cubes(1)
     scene = with_cubes("jaco", 1, Fingers.LOCKED)
     address = free_bodies(scene, ("object0",))
     data = mujoco.MjData(scene.model)

@@ -231,7 +231,7 @@ def test_a_callback_runs_the_stages_and_a_saved_model_goes_on(env: VecEnv, tmp_p
     loaded.learn(2 * BLOCK, again, reset_num_timesteps=False)
     assert again.control is not None
     assert again.control.stage.name == "exploring"
-    assert again.control.clock.switched_at["stretching"] == 2 * BLOCK
+    assert again.control.state_dict()["switched_at"][0] == 2 * BLOCK
 
 
 def test_a_callback_takes_names_and_numbers() -> None:
@@ -257,7 +257,7 @@ def test_steps_that_begin_anew_begin_the_stage_anew(env: VecEnv) -> None:
     assert again.control.stage.name == "stretching"
     model.learn(BLOCK, again, reset_num_timesteps=False)
     assert again.control.stage.name == "exploring"
-    assert again.control.clock.switched_at == {"stretching": 0, "exploring": 2 * BLOCK}
+    assert again.control.state_dict()["switched_at"] == [0, 2 * BLOCK]
 
 
 def test_a_buffer_that_keeps_old_rewards_is_refused(env: VecEnv) -> None:

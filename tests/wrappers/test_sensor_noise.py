@@ -226,7 +226,7 @@ def test_gymnasiums_checker_is_content() -> None:
 
 
 def test_foreign_environments_are_refused() -> None:
-    with pytest.raises(TypeError, match="observations of saver_envs alone"):
+    with pytest.raises(TypeError, match="must be an environment of saver_envs"):
         NoisySensors(gymnasium.make("Pendulum-v1"))
 
 

@@ -219,7 +219,7 @@ def weights(model: Any) -> dict[str, Any]:
     ("settings", "message"),
     [
         (TINY, "net_arch=[8] cannot hold the teachers side by side"),
-        ((*STARTING, "replay_buffer_class=saver_advisors.Buffer"), "is no class"),
+        ((*STARTING, "replay_buffer_class=saver_advisors.Buffer"), "is unknown"),
         ((*STARTING, "callback=[{saver_advisors.variable_reward.StagesCallback: "
           "{stages: [{stage: resting}]}}]"), "stage='resting' must be one of"),
     ],
@@ -370,9 +370,9 @@ def _make(env_id: str) -> Any:
     ("words", "message"),
     [
         (["--zoo", "ppo"], "algorithm 'ppo' is unknown"),
-        (["--zoo", "sac", "--algorithm", "td3"], "--algorithm: RL Zoo knows no such thing"),
-        (["--zoo", "sac", "--", "--algo", "td3"], "--algo: before the -- it is --zoo"),
-        (["--zoo", "sac", "--", "-n=3"], "-n: before the -- it is --steps"),
+        (["--zoo", "sac", "--algorithm", "td3"], "--algorithm: not available with --zoo"),
+        (["--zoo", "sac", "--", "--algo", "td3"], "--algo: use --zoo of"),
+        (["--zoo", "sac", "--", "-n=3"], "-n: use --steps of"),
         (["--zoo", "sac", "--teacher", "jaco-pick-and-place"], "does not fit|do not divide"),
         (
             ["--zoo", "sac", "--config", "README.md"],

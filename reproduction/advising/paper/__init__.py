@@ -1,4 +1,4 @@
-"""Figures that the dissertation prints, one file a table, each with its source."""
+"""Figures printed in the dissertation: one file per table, with its source."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ONE_ARM: Final = {"push": "JacoPush-v0", "pick-and-place": "JacoPickAndPlace-v0"
 
 @dataclass(frozen=True)
 class PaperFigures:
-    """A cell group of Table 5.2: one strategy in one task, in the paper's epochs.
+    """Figures of one strategy in one task of Table 5.2, in the paper's epochs.
 
-    :param inspired_epoch: IE, None for the paper's NaN
-    :param rise_time: RT
-    :param maximum_success_rate: MSR
-    :param effective_learning_rate: ELR, None for NaN
+    :param inspired_epoch: IE; None for the paper's NaN.
+    :param rise_time: RT; None for NaN.
+    :param maximum_success_rate: MSR.
+    :param effective_learning_rate: ELR; None for NaN.
     """
 
     inspired_epoch: float | None
@@ -33,12 +33,12 @@ class PaperFigures:
 class PaperTable:
     """Table 5.2.
 
-    :param source: where it is printed
-    :param tasks: our environment for each of its tasks
-    :param labels: what it calls each of our rows, in its order
-    :param figures: by task, then by our name of the row
-    :param from_scratch: epochs to 0.9 without advice, by task, then by number of arms in words;
-        None where it was not reached
+    :param source: where it is printed.
+    :param tasks: our environment id for each of its tasks.
+    :param labels: the table's label of each of our rows, in the table's order.
+    :param figures: figures by task, then by our name of the row.
+    :param from_scratch: epochs to a success rate of 0.9 without advice, by task, then by number of
+        arms in words; None if it was not reached.
     """
 
     source: str
@@ -48,13 +48,13 @@ class PaperTable:
     from_scratch: Mapping[str, Mapping[str, float | None]]
 
     def of_environment(self, env_id: str) -> Mapping[str, PaperFigures]:
-        """The paper's rows for one of our environments, none where it has no such task."""
+        """Return the paper's rows for one of our environments; empty if it has no such task."""
         return next((self.figures[name] for name, env in self.tasks.items() if env == env_id), {})
 
 
 @cache
 def table_5_2() -> PaperTable:
-    """:return: Table 5.2, from its file beside this module"""
+    """Read Table 5.2 from its file in this package."""
     import yaml
 
     text = files(__name__).joinpath("table_5_2.yaml").read_text(encoding="utf-8")

@@ -1,1 +1,1 @@
-"""Other suites, each in a virtual environment and a process of its own."""
+"""Other suites, each in its own virtual environment and process."""

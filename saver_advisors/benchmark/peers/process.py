@@ -1,4 +1,4 @@
-"""A peer's program in a process of its own: a line in, a line of JSON out."""
+"""Run a peer's program in its own process: a line in, a line of JSON out."""
 
 from __future__ import annotations
 
@@ -9,18 +9,31 @@ import tempfile
 from pathlib import Path
 from typing import Any, Final, Self
 
-#: Linear algebra of a peer takes one thread, as ours does where the two are compared.
+#: Restrict a peer's linear algebra to one thread, as ours in comparisons.
 _ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
 
 
 class PeerError(Exception):
-    """A peer that cannot be installed or does not run."""
+    """Report a peer that cannot be installed or does not run."""
+
+
+def run_quietly(command: list[str], failure: str) -> None:
+    """Run a command without showing its output.
+
+    :param command: program and arguments
+    :param failure: start of the error message
+    :raises PeerError: if the command fails, with the last line of its output
+    """
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        last = (done.stderr or done.stdout).strip().splitlines()[-1:]
+        raise PeerError(f"{failure}: {' '.join(last)}")
 
 
 class PeerProcess:
-    """A worker's process, idle until it is asked; a context manager.
+    """A process that answers requests; a context manager.
 
     It inherits the processor cores of the caller.
 
@@ -43,11 +56,11 @@ class PeerProcess:
         )
 
     def ask(self, line: str) -> Any:
-        """Hand over a line and wait for the answer.
+        """Send a line and wait for the answer.
 
         :param line: without its line break
-        :return: what the answer's JSON says
-        :raises PeerError: when the process ends instead
+        :return: the parsed answer
+        :raises PeerError: if the process ends
         """
         assert self._process.stdin is not None
         self._process.stdin.write(line + "\n")
@@ -57,8 +70,8 @@ class PeerProcess:
     def read(self) -> Any:
         """Wait for an answer.
 
-        :return: what its JSON says
-        :raises PeerError: when the process ends instead
+        :return: the parsed answer
+        :raises PeerError: if the process ends
         """
         assert self._process.stdout is not None
         line = self._process.stdout.readline()

@@ -1,31 +1,30 @@
-"""Other suites' environments, each in a virtual environment of its own, ready to be timed."""
+"""Install and run other suites' environments, each in its own virtual environment."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
+from saver_advisors.benchmark.peers.process import PeerProcess, run_quietly
 
 WORKER: Final = Path(__file__).with_name("worker.py")
-#: Written into a virtual environment when everything is installed.
+#: File in a virtual environment that marks a complete installation.
 COMPLETE: Final = "saver-complete.json"
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Another suite's environment.
+    """An environment of another suite.
 
-    :param env: its name there
+    :param env: its name in the suite
     :param suite: the distribution
-    :param n_envs: how many its users step in one process
-    :param requirements: what is installed; pinned, so that the figures can be compared
+    :param n_envs: number of environments per process in the suite's usual use
+    :param requirements: pinned packages, so that figures are comparable
     """
 
     env: str
@@ -42,12 +41,12 @@ FETCH_PUSH: Final = Peer(
 TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "mujoco==3.3.7"))
 PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
 
-#: Stable-Baselines3 in JAX. It has no environment: its gradient steps are what is timed.
+#: Stable-Baselines3 in JAX, whose gradient steps are timed; it has no environment.
 SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
 
 
 def default_cache() -> Path:
-    """Where the virtual environments are kept: in the user's cache folder."""
+    """Return the folder of the virtual environments, in the user's cache folder."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "peers"
 
@@ -59,17 +58,17 @@ def add_peer_cache(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=default_cache(),
         metavar="DIR",
-        help="where the peers' virtual environments are kept (default: %(default)s)",
+        help="folder of the peers' virtual environments (default: %(default)s)",
     )
 
 
 def install(peer: Peer, cache: Path) -> Path:
-    """Make the peer's virtual environment, unless it is there.
+    """Create the peer's virtual environment, unless it exists.
 
     :param peer: the suite
     :param cache: folder of the virtual environments
     :return: its Python
-    :raises PeerError: when something cannot be installed
+    :raises PeerError: if a package cannot be installed
     """
     folder = cache / peer.suite
     python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
@@ -82,34 +81,31 @@ def install(peer: Peer, cache: Path) -> Path:
         [sys.executable, "-m", "venv", "--clear", str(folder)],
         [str(python), "-m", "pip", "install", "--quiet", *peer.requirements],
     ):
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode != 0:
-            last = (done.stderr or done.stdout).strip().splitlines()[-1:]
-            raise PeerError(f"{peer.suite} cannot be installed: {' '.join(last)}")
+        run_quietly(command, f"{peer.suite} cannot be installed")
     complete.write_text(wanted, encoding="utf-8")
     return python
 
 
 class RunningPeer(PeerProcess):
-    """A suite's process, idle until it is asked to run for a while; a context manager.
+    """A process of a suite that is timed on request; a context manager.
 
     :param peer: the suite
     :param python: of its virtual environment
-    :raises PeerError: when it does not start
+    :raises PeerError: if it does not start
     """
 
     def __init__(self, peer: Peer, python: Path) -> None:
-        super().__init__(peer.env, python, WORKER, peer.env, str(peer.n_envs))
+        super().__init__(peer.env, python, WORKER, peer.suite, peer.env, str(peer.n_envs))
         self.peer = peer
         ready = self.read()
         self.modes: list[str] = ready["modes"]
         self.versions: dict[str, str] = ready["versions"]
 
     def measure(self, mode: str, seconds: float) -> dict[str, float]:
-        """Run for a while.
+        """Time a mode.
 
         :param mode: one of ``modes``
-        :param seconds: at least so long, and at least one piece of work
+        :param seconds: shortest duration; at least one piece of work is done
         :return: ``steps``, ``seconds`` and ``cpu_seconds``
         """
         return dict(self.ask(f"{mode} {seconds}"))

@@ -1,8 +1,8 @@
-"""Runs another suite's environment in that suite's own virtual environment, and times it.
+"""Run another suite's environment in that suite's own virtual environment, and time it.
 
-It imports nothing of ours. Usage: ``python worker.py SUITE N``. It says ``{"ready": ...}``,
-then answers every line ``MODE SECONDS`` on its input with one line of JSON: the environment
-``steps`` that it took, the ``seconds`` (wall clock) and the ``cpu_seconds``.
+This program imports nothing of SAVER. Usage: ``python worker.py SUITE ENV N``. It prints
+``{"ready": ...}`` and then answers each input line ``MODE SECONDS`` with one line of JSON: the
+number of environment ``steps``, their ``seconds`` (wall clock) and ``cpu_seconds``.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
-FETCH, TWO_ARM_LIFT = "FetchPush-v4", "TwoArmLift"
-#: Actions in an episode of FetchPush, and in one piece of work of TwoArmLift, whose episodes of
-#: 1000 actions would take half a minute each.
-FETCH_HORIZON, LIFT_PIECE = 50, 25
+#: Actions per piece of work in robosuite, whose episodes of 1000 actions take half a minute each.
+PIECE = 25
 
-#: Modes by name, each a piece of work, and the environment steps in a piece.
+#: Modes by name, each a piece of work, and the number of environment steps in a piece.
 Work = tuple[dict[str, Callable[[], None]], int]
 
 
-def fetch(n: int) -> Work:
-    """FetchPush, whole episodes with their resets: ``vector`` as Gymnasium does it, and ``loop``.
+def gymnasium_robotics(env_id: str, n: int) -> Work:
+    """Prepare whole episodes with their resets: ``vector`` (Gymnasium's), and ``loop``.
 
+    :param env_id: a registered id
     :param n: environments in this process
     """
     numpy: Any = importlib.import_module("numpy")
     gymnasium: Any = importlib.import_module("gymnasium")
     gymnasium.register_envs(importlib.import_module("gymnasium_robotics"))
-    vector = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make(FETCH)] * n)
+    vector = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make(env_id)] * n)
     vector.reset(seed=0)
+    horizon = gymnasium.spec(env_id).max_episode_steps
     random = numpy.random.default_rng(0)
-    actions = random.uniform(-1, 1, (FETCH_HORIZON, n, 4)).astype("float32")
+    actions = random.uniform(-1, 1, (horizon, *vector.action_space.shape)).astype("float32")
 
     def as_vector() -> None:
         for action in actions:
             vector.step(action)
-        vector.step(actions[0])  # the step in which all are reset
+        vector.step(actions[0])  # this step resets all environments
 
     def as_loop() -> None:
         for env in vector.envs:
@@ -49,22 +49,23 @@ def fetch(n: int) -> Work:
             for index, env in enumerate(vector.envs):
                 env.step(action[index])
 
-    return {"vector": as_vector, "loop": as_loop}, n * FETCH_HORIZON
+    return {"vector": as_vector, "loop": as_loop}, n * horizon
 
 
-def two_arm_lift(n: int) -> Work:
-    """TwoArmLift with two Pandas, their default controller and the objects' state, no cameras.
+def robosuite(env_id: str, n: int) -> Work:
+    """Prepare an environment with two Pandas, the default controller and the objects' state.
 
-    Resets, half a second in a thousand steps, are left out.
+    There are no cameras, and resets, which take half a second per thousand steps, are left out.
 
-    :param n: must be 1: robosuite has no vector of environments
+    :param env_id: name of the environment
+    :param n: must be 1: robosuite has no vector environment
     """
     if n != 1:
-        raise ValueError(f"n={n}: robosuite has no vector of environments")
+        raise ValueError(f"n={n}: robosuite has no vector environment")
     numpy: Any = importlib.import_module("numpy")
-    robosuite: Any = importlib.import_module("robosuite")
-    env = robosuite.make(
-        TWO_ARM_LIFT,
+    suite: Any = importlib.import_module("robosuite")
+    env = suite.make(
+        env_id,
         robots=["Panda", "Panda"],
         has_renderer=False,
         has_offscreen_renderer=False,
@@ -74,20 +75,24 @@ def two_arm_lift(n: int) -> Work:
     env.reset()
     lower, upper = env.action_spec
     random = numpy.random.default_rng(0)
-    actions = random.uniform(lower, upper, (LIFT_PIECE, len(lower)))
+    actions = random.uniform(lower, upper, (PIECE, len(lower)))
 
     def single() -> None:
         for action in actions:
             env.step(action)
 
-    return {"single": single}, LIFT_PIECE
+    return {"single": single}, PIECE
+
+
+#: Distribution -> how its environments are prepared.
+SUITES = {"gymnasium-robotics": gymnasium_robotics, "robosuite": robosuite}
 
 
 def serve(work: Work, versions: dict[str, str]) -> None:
-    """Measure whatever is asked for, until the input ends.
+    """Measure on request, until the input ends.
 
     :param work: see :data:`Work`
-    :param versions: of the packages at work, told at the start
+    :param versions: of the measured packages, reported at the start
     """
     modes, steps = work
     for one in modes.values():
@@ -108,19 +113,19 @@ def serve(work: Work, versions: dict[str, str]) -> None:
         print(json.dumps(answer), flush=True)
 
 
-def main(suite: str, n: int) -> None:
-    """Make a suite's environments and serve.
+def main(suite: str, env_id: str, n: int) -> None:
+    """Prepare a suite's environments and serve.
 
-    :param suite: ``FetchPush-v4`` or ``TwoArmLift``
-    :param n: environments
+    :param suite: a key of :data:`SUITES`
+    :param env_id: one of its environments
+    :param n: number of environments
     """
-    # What the suites print belongs to the log, the answers alone to our reader.
+    # Redirect what the suites print to the log: only answers may reach our reader.
     answers, sys.stdout = sys.stdout, sys.stderr
-    work = fetch(n) if suite == FETCH else two_arm_lift(n)
+    work = SUITES[suite](env_id, n)
     sys.stdout = answers
-    package = "gymnasium-robotics" if suite == FETCH else "robosuite"
-    serve(work, {name: metadata.version(name) for name in (package, "mujoco", "numpy")})
+    serve(work, {name: metadata.version(name) for name in (suite, "mujoco", "numpy")})
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(sys.argv[1], sys.argv[2], int(sys.argv[3]))

@@ -1,1 +1,1 @@
-"""People found in rendered pictures, beside BlazePose."""
+"""The accuracy and speed of the pose network, compared with BlazePose."""

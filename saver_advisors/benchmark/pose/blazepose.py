@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import tarfile
 import tempfile
 import zipfile
@@ -13,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
+from saver_advisors.benchmark.peers.process import PeerError, PeerProcess, run_quietly
 from saver_advisors.benchmark.peers.suites import Peer, install
 
 WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
@@ -43,12 +42,8 @@ def install_blazepose(cache: Path) -> tuple[Path, Path]:
             raise PeerError("BlazePose's models come with npm, which is not installed")
         with tempfile.TemporaryDirectory() as folder:
             command = [npm, "pack", "--silent", "--pack-destination", folder, PACKAGE]
-            done = subprocess.run(command, capture_output=True, text=True)
-            archives = list(Path(folder).glob("*.tgz"))
-            if done.returncode != 0 or not archives:
-                last = (done.stderr or done.stdout).strip().splitlines()[-1:]
-                raise PeerError(f"{PACKAGE} cannot be fetched: {' '.join(last)}")
-            _unpack(archives[0], models)
+            run_quietly(command, f"{PACKAGE} cannot be fetched")
+            _unpack(next(Path(folder).glob("*.tgz")), models)
     return python, models
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Final
+
+from saver_advisors.reporting.tables import join_parts, markdown, rows_table
 
 SETS: Final = {
     "test": "held-out people and patterns, arms in view",
@@ -38,6 +39,12 @@ _PARTS: Final = {
     "Whole": ("network",),
     "Whole, onnxruntime": ("network_onnxruntime",),
 }
+#: Columns of the table of parsing times.
+_PARSING: Final = {
+    "Picture": "{width} x {height}",
+    "People": "{people}",
+    "Milliseconds": "{milliseconds:.2f}",
+}
 
 
 def pose_page(figures: dict[str, Any]) -> str:
@@ -55,13 +62,8 @@ def pose_page(figures: dict[str, Any]) -> str:
         parts += [_by_joint(figures["models"])]
     if "speed" in figures:
         parts += ["## Milliseconds a frame", _speed(figures["speed"]), "## Parsing"]
-        parts += [_parsing(figures["parsing"])]
-    return "\n\n".join(parts) + "\n"
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        parts += [rows_table(figures["parsing"], _PARSING)]
+    return join_parts(parts)
 
 
 def _number(value: float | None, digits: int) -> str:
@@ -76,7 +78,7 @@ def _accuracy(models: dict[str, Any]) -> str:
         for model, sets in models.items()
         if name in sets
     ]
-    return _table(["Pictures", "Model", *_FIGURES], rows)
+    return markdown(["Pictures", "Model", *_FIGURES], rows)
 
 
 def _by_joint(models: dict[str, Any]) -> str:
@@ -85,7 +87,7 @@ def _by_joint(models: dict[str, Any]) -> str:
         [joint.replace("_", " "), *(_number(one[joint], 3) for one in shown.values())]
         for joint in next(iter(shown.values()))
     ]
-    return _table(["Joint", *(MODELS.get(model, model) for model in shown)], rows)
+    return markdown(["Joint", *(MODELS.get(model, model) for model in shown)], rows)
 
 
 def _speed(rows: list[dict[str, Any]]) -> str:
@@ -98,12 +100,4 @@ def _speed(rows: list[dict[str, Any]]) -> str:
             measured = all(part in spent for part in parts)
             line.append(f"{sum(spent[part] for part in parts):.1f}" if measured else "")
         lines.append(line)
-    return _table(["Network", "Picture", "Threads", "Limbs", *_PARTS], lines)
-
-
-def _parsing(rows: list[dict[str, Any]]) -> str:
-    lines = [
-        [f"{row['width']} x {row['height']}", str(row["people"]), f"{row['milliseconds']:.2f}"]
-        for row in rows
-    ]
-    return _table(["Picture", "People", "Milliseconds"], lines)
+    return markdown(["Network", "Picture", "Threads", "Limbs", *_PARTS], lines)

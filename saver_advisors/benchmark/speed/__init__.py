@@ -1,1 +1,1 @@
-"""How fast the environments are, beside the bare simulator and beside other suites."""
+"""The speed of the environments, compared with the bare simulator and with other suites."""

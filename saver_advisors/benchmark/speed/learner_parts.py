@@ -1,4 +1,4 @@
-"""How fast replay and advice are."""
+"""Time replay and advice."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from saver_advisors.benchmark.machine import cores, timed
 from saver_advisors.benchmark.speed.steps import SPARE
 from saver_envs.registration import TWO_ARM_ID
 
-#: Replay: transitions stored, and drawn at a time.
+#: Replay: number of stored transitions, and batch size.
 REPLAY_ROWS, REPLAY_BATCH = 200_000, 256
-#: Advice to the arms of so many environments, and the strategies timed.
+#: Advice: number of environments, and timed strategies.
 N_ENVS: Final = 16
 ADVICE: Final = ("early", "mc-q")
 TEACHER: Final = "jaco-push"
@@ -24,7 +24,7 @@ TEACHER: Final = "jaco-push"
 def replay_row(rounds: int) -> dict[str, Any]:
     """Time relabelled sampling from a full buffer.
 
-    :param rounds: medians are over this many times 20 draws
+    :param rounds: a twentieth of the number of draws
     :return: ``rows``, ``batch`` and ``milliseconds``
     """
     from saver_advisors.learner.replay import GoalReplayBuffer
@@ -68,11 +68,11 @@ def replay_row(rounds: int) -> dict[str, Any]:
 
 
 def advice_row(strategy: str, rounds: int, seconds: float) -> dict[str, Any]:
-    """Time a step's advice to two arms of each environment, beside the step itself.
+    """Time the advice to two arms of each environment, and the step itself.
 
     :param strategy: name of an advising strategy
-    :param rounds: how often
-    :param seconds: shortest measurement
+    :param rounds: number of rounds
+    :param seconds: approximate duration of a round
     :return: ``strategy``, ``n_envs``, ``arms``, ``milliseconds`` and ``share_of_step``
     """
     from saver_advisors.advising import make_advisor

@@ -1,4 +1,4 @@
-"""The figures of ``saver benchmark speed`` as a page of Markdown."""
+"""Render the figures of ``saver benchmark speed`` as a page of Markdown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from saver_advisors.reporting.provenance import machine_in_words
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import Column, join_parts, markdown, row_cells, rows_table
 
 INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark speed`, never typed. A step is one action of one
@@ -30,88 +30,67 @@ second each, are left out.
 """
 
 
+#: Columns of the table of steps: heading, and the format of a row's figure.
+_STEPS: Final[Sequence[tuple[str, Column]]] = (
+    ("environment", "{env}"),
+    ("n_envs", "{n_envs}"),
+    ("threads", "{threads}"),
+    ("raw", "{raw_steps_per_second:,.0f}"),
+    ("Gymnasium", "{steps_per_second:,.0f}"),
+    ("ratio", "{ratio_to_raw:.2f}"),
+    ("core", "{core_steps_per_second:,.0f}"),
+    ("ratio", "{core_ratio_to_raw:.2f}"),
+    ("SB3", "{sb3_steps_per_second:,.0f}"),
+    ("ratio", "{sb3_ratio_to_raw:.2f}"),
+    ("threads' gain", "{speed_up_of_threads:.2f}x"),
+    ("MB an environment", lambda row: _memory(row.get("memory_per_env_mb"))),
+)
+_RATIOS: Final = {
+    "environment": "{env}",
+    "peer": "{peer}",
+    "times as fast": "{ratio:.1f}x",
+    "must": "{must:g}x",
+    "aim": "{aim:g}x",
+}
+_RATES: Final[Mapping[str, Column]] = {
+    "environment": "{env}",
+    "suite": "{suite}",
+    "mode": "{mode}",
+    "n_envs": "{n_envs}",
+    "steps per second": "{steps_per_second:,.0f}",
+    "versions": lambda row: ", ".join(f"{name} {one}" for name, one in row["versions"].items()),
+}
+_ADVICE: Final = {
+    "strategy": "{strategy}",
+    "environment": "{env}",
+    "advised at once": "{n_envs} x {arms} arms",
+    "ms": "{milliseconds:.2f}",
+    "share of the step's time": "{share_of_step:.1%}",
+}
+
+
 def render(figures: Mapping[str, Any]) -> str:
-    """The figures as a page.
+    """Render the figures as a page.
 
     :param figures: what ``saver benchmark speed`` measured, or its JSON file's content
     :return: Markdown
     """
     parts = ["# Speed", INTRODUCTION]
     if peers := figures.get("peers"):
-        parts += ["## Beside other suites", PEERS, _ratios(peers), _rates(peers)]
-    parts += ["## Steps per second", STEPS, _steps(figures["rows"])]
+        ours = {"suite": "SAVER", "mode": "gymnasium vector", "versions": {}}
+        rates = [*({**ours, **one} for one in peers["ours"]), *peers["peers"]]
+        parts += ["## Beside other suites", PEERS]
+        parts += [rows_table(peers["ratios"], _RATIOS), rows_table(rates, _RATES)]
+    headings, columns = zip(*_STEPS, strict=True)
+    parts += ["## Steps per second", STEPS, markdown(headings, row_cells(figures["rows"], columns))]
     parts += ["## Starting episodes", _resets(figures["resets"])]
-    parts += ["## Replay and advice", _replay(figures["replay"]), _advice(figures["advice"])]
-    parts.append(_origin(figures))
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
+    parts += ["## Replay and advice", _replay(figures["replay"])]
+    parts += [rows_table(figures["advice"], _ADVICE), _origin(figures)]
+    return join_parts(parts)
 
 
-def _ratios(peers: Mapping[str, Any]) -> str:
-    rows = [
-        [
-            one["env"],
-            one["peer"],
-            f"{one['ratio']:.1f}x",
-            f"{one['must']:g}x",
-            f"{one['aim']:g}x",
-        ]
-        for one in peers["ratios"]
-    ]
-    return markdown(["environment", "peer", "times as fast", "must", "aim"], rows)
-
-
-def _rates(peers: Mapping[str, Any]) -> str:
-    rows = [
-        [one["env"], "SAVER", "gymnasium vector", str(one["n_envs"]), _rate(one), ""]
-        for one in peers["ours"]
-    ]
-    for one in peers["peers"]:
-        versions = ", ".join(f"{name} {version}" for name, version in one["versions"].items())
-        count = str(one["n_envs"])
-        rows.append([one["env"], one["suite"], one["mode"], count, _rate(one), versions])
-    columns = ["environment", "suite", "mode", "n_envs", "steps per second", "versions"]
-    return markdown(columns, rows)
-
-
-def _rate(row: Mapping[str, Any], key: str = "steps_per_second") -> str:
-    return f"{row[key]:,.0f}"
-
-
-def _steps(rows: Sequence[Mapping[str, Any]]) -> str:
-    columns = [
-        "environment",
-        "n_envs",
-        "threads",
-        "raw",
-        "Gymnasium",
-        "ratio",
-        "core",
-        "ratio",
-        "SB3",
-        "ratio",
-        "threads' gain",
-        "MB an environment",
-    ]
-    cells = []
-    for row in rows:
-        memory = row.get("memory_per_env_mb")
-        cells.append(
-            [
-                row["env"],
-                str(row["n_envs"]),
-                str(row["threads"]),
-                _rate(row, "raw_steps_per_second"),
-                _rate(row),
-                f"{row['ratio_to_raw']:.2f}",
-                _rate(row, "core_steps_per_second"),
-                f"{row['core_ratio_to_raw']:.2f}",
-                _rate(row, "sb3_steps_per_second"),
-                f"{row['sb3_ratio_to_raw']:.2f}",
-                f"{row['speed_up_of_threads']:.2f}x",
-                "-" if memory is None else f"{memory:.2f}",
-            ]
-        )
-    return markdown(columns, cells)
+def _memory(megabytes: float | None) -> str:
+    return "-" if megabytes is None else f"{megabytes:.2f}"
 
 
 def _resets(resets: Sequence[Mapping[str, Any]]) -> str:
@@ -129,21 +108,6 @@ def _replay(row: Mapping[str, Any]) -> str:
         f"Drawing {row['batch']} transitions, relabelled, from a buffer of {row['rows']:,} takes "
         f"{row['milliseconds']:.2f} ms.\n"
     )
-
-
-def _advice(rows: Sequence[Mapping[str, Any]]) -> str:
-    cells = [
-        [
-            one["strategy"],
-            one["env"],
-            f"{one['n_envs']} x {one['arms']} arms",
-            f"{one['milliseconds']:.2f}",
-            f"{one['share_of_step']:.1%}",
-        ]
-        for one in rows
-    ]
-    columns = ["strategy", "environment", "advised at once", "ms", "share of the step's time"]
-    return markdown(columns, cells)
 
 
 def _origin(figures: Mapping[str, Any]) -> str:

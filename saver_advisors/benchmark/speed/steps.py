@@ -1,4 +1,4 @@
-"""How fast environments step and start, and what memory they take."""
+"""Measure how fast environments step and reset, and their memory."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
-#: The simulator alone, the core, and what users hold in their hands.
+#: The simulator alone, the core, and the two vector environments of users.
 WAYS: Final = ("raw", "core", "gymnasium", "sb3")
-#: Numbers of episodes that are started at once.
+#: Numbers of episodes that are reset together.
 RESET_N_ENVS: Final = (1, 64)
-#: An episode is left this many actions before its end: what is timed has no reset in it.
+#: Timing ends this many actions before the end of an episode, so that it includes no reset.
 SPARE: Final = 5
 #: Stages of the simulator's calls of one action, as :class:`saver_envs.simulation.Simulation` asks
 #: for them.
@@ -28,11 +28,11 @@ _STAGES: Final = [int(mjtStage.mjSTAGE_NONE)] * (CONTACT_SAMPLES - 1) + [int(mjt
 
 
 class _Bench:
-    """One environment, number and thread count, to be stepped in every way.
+    """Step an environment in every way, with given numbers of environments and threads.
 
     :param env_id: a registered id
-    :param n_envs: environments
-    :param threads: native threads
+    :param n_envs: number of environments
+    :param threads: number of native threads
     """
 
     def __init__(self, env_id: str, n_envs: int, threads: int) -> None:
@@ -51,11 +51,11 @@ class _Bench:
         self._sb3.reset()
 
     def round(self, seed: int, seconds: float) -> dict[str, float]:
-        """Time all ways of stepping, on the same episodes and for as many actions.
+        """Time all ways of stepping on the same episodes and actions.
 
         :param seed: of the episodes and the actions
         :param seconds: shortest measurement, unless the episodes end before
-        :return: seconds an action of all environments, by way
+        :return: way -> seconds per action of all environments
         """
         from gymnasium.utils import seeding
 
@@ -76,13 +76,13 @@ class _Bench:
                 break
         actions = actions[: len(controls)]
 
-        # Drawing the same starts in each of them would take longer than what is timed.
+        # Sampling the same starts in each of them would take longer than the timed steps.
         for episodes in (core, vector.episodes, sb3.episodes):
             episodes.set_state(start)
         times = {"core": _per_item(self._step_core, actions)}
         times["gymnasium"] = _per_item(vector.step, actions)
         times["sb3"] = _per_item(sb3.step, actions)
-        self._raw.state[:] = start.simulation.rows
+        self._raw.state[:] = start.simulation
         times["raw"] = _per_item(self._step_raw, controls)
         return times
 
@@ -91,7 +91,7 @@ class _Bench:
         self._core.observation()
 
     def _step_raw(self, control: NDArray[np.float64]) -> None:
-        """Make the simulator's calls of one action, and no others."""
+        """Make only the simulator's calls of one action."""
         self._raw.ctrl = control
         for stage in _STAGES:
             self._raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
@@ -114,20 +114,20 @@ def step_rows(
     seconds: float,
     advance: Callable[[], None],
 ) -> list[dict[str, Any]]:
-    """Time every way of stepping, for each number of threads, in turn.
+    """Time every way of stepping, alternating between numbers of threads.
 
     :param env_id: a registered id
-    :param n_envs: environments stepped together
-    :param threads: native threads; those beyond ``n_envs`` are left out
-    :param rounds: how often
+    :param n_envs: number of environments
+    :param threads: numbers of native threads; those above ``n_envs`` are skipped
+    :param rounds: number of rounds
     :param seconds: shortest measurement
     :param advance: called after each round
-    :return: a row for each number of threads
+    :return: one row per number of threads
     """
     threads = [count for count in threads if count <= n_envs]
     benches = {}
     for count in threads:
-        with cores(count):  # threads keep the cores of the one that starts them
+        with cores(count):  # threads inherit the cores of the thread that starts them
             benches[count] = _Bench(env_id, n_envs, count)
             benches[count].round(0, seconds)
     times: dict[int, dict[str, list[float]]] = {
@@ -170,10 +170,10 @@ def _step_row(
 
 
 def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
-    """Time the start of an episode, alone and among others; the mean, since starts differ.
+    """Time the reset of an episode, alone and with others; the mean, since starts differ.
 
     :param env_id: a registered id
-    :param rounds: how often, and so many thousandths of a mean over episodes
+    :param rounds: proportional to the number of resets
     :return: ``env`` and ``milliseconds_per_episode`` by number of environments
     """
     from saver_envs.registration import make_episodes
@@ -194,12 +194,12 @@ def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
 
 
 def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float | None]:
-    """Measure what an environment adds to the memory of a process, in a process of its own.
+    """Measure in a new process how much memory each environment takes.
 
     :param env_id: a registered id
     :param n_envs: numbers of environments
-    :return: megabytes (10^6 bytes) an environment, by number; ``None`` where the system does not
-        tell, and for one environment, which cannot be told from the rest of the process
+    :return: megabytes (10^6 bytes) per environment, by number; without the number 1, whose memory
+        cannot be separated from the rest of the process, and empty if the system does not report it
     """
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
@@ -222,7 +222,7 @@ def _memory_here(env_id: str, counts: list[int]) -> dict[int, float | None]:
             episodes.step(np.zeros((count, episodes.action_size)))
         return episodes
 
-    kept = [grow(1)]  # the model and all that the first environment brings along
+    kept = [grow(1)]  # loads the model and everything that environments share
     found: dict[int, float | None] = {}
     for count in counts:
         before = _resident()
@@ -234,7 +234,7 @@ def _memory_here(env_id: str, counts: list[int]) -> dict[int, float | None]:
 
 
 def _resident() -> int | None:
-    """Bytes of this process in memory, where the system tells."""
+    """Return the resident memory of this process in bytes, None if unknown."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""Ours and other suites' environments in turn, on one core."""
+"""Time our and other suites' environments alternately, on one core."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from saver_advisors.benchmark.peers.suites import (
     FETCH_PUSH,
     PEERS,
     TWO_ARM_LIFT,
-    Peer,
     RunningPeer,
     install,
 )
 from saver_envs.registration import ONE_ARM_ID, TWO_ARM_ID
 
-#: What is compared with which peer, how many times as fast it must be, and what is aimed at.
+#: Our id, the peer, and how many times as fast ours must be and should be.
 COMPARISONS: Final = (
     (ONE_ARM_ID, FETCH_PUSH, 3.0, 5.0),
     (TWO_ARM_ID, FETCH_PUSH, 1.5, 2.5),
@@ -32,13 +31,13 @@ N_ENVS: Final = 64
 
 
 def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
-    """Time ours and the peers' environments in turn on one core, whole episodes with resets.
+    """Time whole episodes with resets of ours and of the peers, alternately on one core.
 
     :param cache: folder of the peers' virtual environments
-    :param rounds: how often
+    :param rounds: number of rounds
     :param seconds: shortest measurement
     :return: ``peers``, ``ours`` and ``ratios``
-    :raises PeerError: when a peer cannot be installed or run
+    :raises PeerError: if a peer cannot be installed or run
     """
     pythons = {peer: install(peer, cache) for peer in PEERS}
     with ExitStack() as stack:
@@ -65,7 +64,14 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
     }
     return {
         "peers": [
-            _peer_row(one.peer, mode, one.versions, peer_times[one.peer.env, mode])
+            {
+                "env": one.peer.env,
+                "suite": one.peer.suite,
+                "mode": mode,
+                "n_envs": one.peer.n_envs,
+                "steps_per_second": 1 / median(peer_times[one.peer.env, mode]),
+                "versions": one.versions,
+            }
             for one in running
             for mode in one.modes
         ],
@@ -86,21 +92,8 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
     }
 
 
-def _peer_row(
-    peer: Peer, mode: str, versions: dict[str, str], times: list[float]
-) -> dict[str, Any]:
-    return {
-        "env": peer.env,
-        "suite": peer.suite,
-        "mode": mode,
-        "n_envs": peer.n_envs,
-        "steps_per_second": 1 / median(times),
-        "versions": versions,
-    }
-
-
 def _whole_episodes(env_id: str) -> Callable[[float], float]:
-    """Return what times whole episodes of 64 environments, resets and all, per step (s)."""
+    """Return a function that times whole episodes with resets: seconds per step."""
     from saver_envs.envs.vector_env import SaverVectorEnv
 
     env = SaverVectorEnv(env_id, N_ENVS)
@@ -114,7 +107,7 @@ def _whole_episodes(env_id: str) -> Callable[[float], float]:
         while episodes == 0 or time.perf_counter() - began < seconds:
             for action in actions:
                 env.step(action)
-            env.step(actions[0])  # the step in which all are reset
+            env.step(actions[0])  # this step resets all environments
             episodes += 1
         return (time.perf_counter() - began) / (episodes * horizon * N_ENVS)
 

@@ -1,4 +1,4 @@
-"""The arms that can be modelled: one file each, and the table that names them."""
+"""The arms that can be modelled, one file each, and a table of their names."""
 
 from __future__ import annotations
 
@@ -7,13 +7,7 @@ from functools import cache
 from typing import Final, Literal
 
 from saver_envs.modelling.arms import fetch, jaco, mico
-from saver_envs.modelling.arms.description import (
-    Campaign,
-    KinematicArm,
-    Processing,
-    Region,
-    TwinParameters,
-)
+from saver_envs.modelling.arms.description import Campaign, KinematicArm, Processing, TwinParameters
 
 #: Inverse kinematics or inverse dynamics.
 Task = Literal["ik", "id"]
@@ -46,7 +40,6 @@ __all__ = [
     "Campaign",
     "KinematicArm",
     "Processing",
-    "Region",
     "Task",
     "TwinParameters",
     "arm_named",

@@ -1,4 +1,4 @@
-"""What models need to know about an arm: kinematics, inertia, workspace, twin and data."""
+"""Description of an arm for its models: kinematics, inertia, workspace, twin and data."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Processing:
-    """How a log is turned into samples.
+    """Settings that turn a log into samples.
 
     :param cut: duration removed at either end, seconds.
     :param window: length of the moving average, in logged samples.
@@ -46,7 +46,7 @@ class Processing:
 
 @dataclass(frozen=True)
 class Campaign:
-    """How data are recorded with an arm (Section 7.3.5).
+    """Settings of the recording of an arm's data (Section 7.3.5).
 
     :param trajectories: number of trajectories; the last is for testing, the others for training.
     :param way_points: cubics of a trajectory.
@@ -68,9 +68,9 @@ class Campaign:
 class TwinParameters:
     """A twin's plant, sensors and low-level controller; tuples have one entry per joint.
 
-    Units are N m and radians, or N and metres for a lift. All values are ours: of the size that
-    such arms are known to show, chosen once, not fitted to any result. The links' inertia that
-    they change is the maker's, not that of Appendix A.
+    Units are N m and radians, or N and metres for a lift. All values are ours. They have the order
+    of magnitude known from such arms, and were chosen once and not fitted to any result. They
+    modify the maker's inertia, not that of Appendix A.
 
     :param mass_scale: factors of the links' masses.
     :param centre_shift: displacement of all centres of mass along their links' axes, metres.
@@ -102,7 +102,7 @@ class TwinParameters:
 
 @dataclass(frozen=True)
 class KinematicArm:
-    """An arm as the models see it.
+    """Everything that the models use of an arm.
 
     :param robot: its description.
     :param chain: kinematics up to the tool that the data and the paper refer to.

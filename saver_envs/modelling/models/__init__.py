@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 
@@ -52,8 +52,8 @@ def load_model(path: Path, robot: str | None = None, task: Task | None = None) -
     :param path: the file.
     :param robot: the arm that it must be of, or None for any.
     :param task: the task that it must be for, or None for any.
-    :raises ValueError: for a file that is damaged, inconsistent, of another kind, or of another arm
-        or task; the message says which.
+    :raises ValueError: if the file is damaged, inconsistent, or of another kind, arm or task; the
+        message says which.
     """
     header = read_header(path, KIND)
     for name, wanted in (("robot", robot), ("task", task)):
@@ -63,7 +63,8 @@ def load_model(path: Path, robot: str | None = None, task: Task | None = None) -
     try:
         model = MODELS[header["model"]]
         settings = json.loads(header["settings"])
-        return model._from_state(header["robot"], _task(header["task"]), tensors, settings)
+        task = cast(Task, header["task"])  # the model checks it
+        return model._from_state(header["robot"], task, tensors, settings)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"{path} contradicts itself: {error}") from error
 
@@ -83,7 +84,7 @@ def _shapes(header: Header) -> Shapes | None:
         return None
     architecture = MLPArchitecture(**json.loads(header["settings"])["architecture"])
     with torch.device("meta"):
-        made = model(header["robot"], _task(header["task"]), architecture)
+        made = model(header["robot"], cast(Task, header["task"]), architecture)
         made._device = torch.device("meta")
         weights = made._predictor().state_dict()
         shapes = {f"network.{name}": value for name, value in weights.items()}
@@ -91,14 +92,6 @@ def _shapes(header: Header) -> Shapes | None:
             for part in ("mean", "std"):
                 shapes[f"{name}_{part}"] = torch.empty(size, dtype=torch.float64)
     return shapes
-
-
-def _task(value: str) -> Task:
-    if value == "ik":
-        return "ik"
-    if value == "id":
-        return "id"
-    raise ValueError(f"task={value!r}: must be 'ik' or 'id'")
 
 
 __all__ = [

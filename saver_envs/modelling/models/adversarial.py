@@ -1,9 +1,8 @@
-"""What the adversarial models share: fake samples, alternating updates, and optimisers."""
+"""Base class of the adversarial models: fake samples, alternating updates and optimisers."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable
 from typing import ClassVar
 
 import torch
@@ -38,8 +37,8 @@ class AdversarialModel(NetworkModel):
             self._new_network(inputs + outputs, 1) for _ in range(self.n_discriminators)
         ]
         self._optimisers = [
-            _adam(self._generators, training),
-            _adam(self._discriminators, training),
+            adam([one for network in networks for one in network.parameters()], training, _BETAS)
+            for networks in (self._generators, self._discriminators)
         ]
         return self._generators[0]
 
@@ -94,7 +93,3 @@ class AdversarialModel(NetworkModel):
 def squared_distance(first: Tensor, second: Tensor) -> Tensor:
     """Return ||first - second||^2 of rows, averaged over the batch."""
     return (first - second).square().sum(dim=1).mean()
-
-
-def _adam(networks: Iterable[nn.Module], training: Training) -> torch.optim.Adam:
-    return adam([one for network in networks for one in network.parameters()], training, _BETAS)

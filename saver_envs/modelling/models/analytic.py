@@ -15,7 +15,7 @@ from saver_envs.modelling.solvers import reach
 
 
 class Analytic(InverseModel):
-    """The inverse of the forward model, and the dynamics of the drawings.
+    """Inverse of the forward model, or dynamics with the data sheet's inertia.
 
     Inverse kinematics iterates damped least squares from the arm's home posture, or from the
     present joints if given; inverse dynamics is recursive Newton-Euler with the inertia of

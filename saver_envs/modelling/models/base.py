@@ -1,4 +1,4 @@
-"""The interface of inverse models (fit, predict, save) and the settings of their training."""
+"""Interface of inverse models (fit, predict, save) and settings of their training."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ KIND: Final = "saver-inverse-model"
 
 @dataclass(frozen=True)
 class Training:
-    """How a model is trained; the defaults are the paper's where it states them.
+    """Settings of a training run; the defaults are the paper's where it states them.
 
     :param epochs: passes over the training samples.
     :param batch_size: samples per update; not stated in the paper.
@@ -41,8 +41,9 @@ class Training:
     :param supervised_weight: weight of a squared error added to the generator's loss; 0 in the
         paper's equations; only for adversarial models.
     :param loop_weight: weight of the loops in the losses of ``bigan`` and ``dualgan``; not stated
-        in the paper. Any two generators that invert each other satisfy the loops, whatever the
-        data: a large weight drowns the discriminators, which alone tie the generators to the data.
+        in the paper. Any two generators that invert each other minimise the loops, regardless of
+        the data. Only the discriminators tie the generators to the data, and a large weight makes
+        their gradients negligible.
     :param precision: of the products between hidden layers, ``float32`` or ``bfloat16``: the
         latter takes two thirds of the time on a processor that supports it (AVX-512 BF16, AMX) and
         much more on others. Weights and predictions are in float32 either way.
@@ -168,7 +169,12 @@ class InverseModel(ABC):
         :return: validation errors.
         :raises ValueError: for mismatched shapes, or values that are not finite.
         """
-        inputs, outputs = self._samples(inputs, outputs)
+        inputs = self._checked(inputs, self.input_size, "inputs")
+        outputs = self._checked(outputs, self.output_size, "outputs")
+        if len(inputs) != len(outputs) or len(inputs) < 2:
+            raise ValueError(
+                f"{len(inputs)} inputs and {len(outputs)} outputs: must be equally many, at least 2"
+            )
         return self._fit(inputs, outputs, training or Training(), progress or (lambda *_: None))
 
     def predict(self, inputs: FloatArray, present: FloatArray | None = None) -> FloatArray:
@@ -240,12 +246,3 @@ class InverseModel(ABC):
         if not np.isfinite(values).all():
             raise ValueError(f"{name}: every value must be finite")
         return values
-
-    def _samples(self, inputs: FloatArray, outputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        inputs = self._checked(inputs, self.input_size, "inputs")
-        outputs = self._checked(outputs, self.output_size, "outputs")
-        if len(inputs) != len(outputs) or len(inputs) < 2:
-            raise ValueError(
-                f"{len(inputs)} inputs and {len(outputs)} outputs: must be equally many, at least 2"
-            )
-        return inputs, outputs

@@ -1,4 +1,4 @@
-"""A normalising flow over joints, given the target: a modern counterpart of the adversarial models.
+"""A normalising flow over joints, conditioned on the target: a modern alternative to the GANs.
 
 Coupling layers (RealNVP; Dinh et al., 2017) turn a normal variable into joints, conditioned on the
 target, and learn by maximum likelihood, as in IKFlow (Ames et al., 2022). A regressor averages over

@@ -71,7 +71,6 @@ class Identified(InverseModel):
         zero = np.zeros(dof)
         bound = np.full(3 * dof, _CENTRE_BOUND)
         parameters = sysid.ParameterDict()
-        splits: list[int] = []
         # Friction, damping and armature: up to twice the usual torque at the usual motion.
         bounds = {
             "mass": (np.ones(dof), *(np.full(dof, factor) for factor in _MASS_BOUND)),
@@ -82,10 +81,10 @@ class Identified(InverseModel):
         }
         for name, initial_and_bounds in bounds.items():
             parameters.add(sysid.Parameter(name, *initial_and_bounds))
-            splits.append(len(initial_and_bounds[0]))
+        ends = np.cumsum([len(initial) for initial, *_ in bounds.values()])
 
         def values_of(column: FloatArray) -> dict[str, FloatArray]:
-            parts = np.split(column, np.cumsum(splits)[:-1])
+            parts = np.split(column, ends[:-1])
             return {**dict(zip(bounds, parts, strict=True)), **smoothing}
 
         def residual(x: FloatArray, _: Any) -> tuple[list[FloatArray], None, None]:

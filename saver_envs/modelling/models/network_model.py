@@ -1,4 +1,4 @@
-"""What the inverse models with networks share: scaling, the training loop, and weights."""
+"""Base class of the inverse models with networks: scaling, training loop and weights."""
 
 from __future__ import annotations
 
@@ -162,13 +162,11 @@ class NetworkModel(InverseModel):
 
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
         weights = self._fitted(self._weights)
-        scales = {
-            "input_mean": self._input_scale.mean,
-            "input_std": self._input_scale.std,
-            "output_mean": self._output_scale.mean,
-            "output_std": self._output_scale.std,
+        tensors = {
+            f"{side}_{name}": torch.from_numpy(one)
+            for side, scale in (("input", self._input_scale), ("output", self._output_scale))
+            for name, one in scale._asdict().items()
         }
-        tensors = {name: torch.from_numpy(one) for name, one in scales.items()}
         tensors |= {f"network.{name}": one for name, one in weights.items()}
         return tensors, {"architecture": asdict(self.architecture)}
 

@@ -1,0 +1,48 @@
+"""What the adapters of a single episode share: how it is built and rendered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
+from saver_envs.control import InverseKinematics
+from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.registration import make_episodes
+
+
+class SingleEpisode:
+    """One episode of a registered id that can be rendered; base of the adapters.
+
+    Its arguments are documented at :class:`saver_envs.envs.goal_env.SaverGoalEnv`.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012  (Gymnasium's base class declares it like this)
+        "render_modes": list(RENDER_MODES),
+        "render_fps": RENDER_FPS,
+    }
+
+    def __init__(
+        self,
+        env_id: str,
+        render_mode: str | None = None,
+        width: int = DEFAULT_SIZE[0],
+        height: int = DEFAULT_SIZE[1],
+        camera_name: str = DEFAULT_CAMERA,
+        inverse_kinematics: InverseKinematics | None = None,
+        **options: Any,
+    ) -> None:
+        self.render_mode = render_mode
+        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+        self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
+
+    def render(self) -> Any:
+        """Draw the scene.
+
+        :return: (height, width, 3) uint8 or (height, width) float32 metres; ``None`` in ``human``
+            mode, where a window shows it, and without a render mode.
+        """
+        return self._pictures.draw()
+
+    def close(self) -> None:
+        """Close the window and free the graphics context."""
+        self._pictures.close()
