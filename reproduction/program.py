@@ -24,6 +24,7 @@ REPRODUCTION: Final = Program(
             ("tracking", "modelling.tracking", "feed-forward torques on the twins"),
             ("wrist-push", "wrist_push.wrist_push_command", "chapter 8: the whole robot"),
             ("learning", "learning.training_speed", "training time by part, and that of SB3"),
+            ("ecosystem", "ecosystem.ecosystem_command", "third-party libraries, each tried"),
             ("pages", "pages.write_pages", "the documentation pages that come from code"),
         )
     },

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ArmState
+from saver_envs.validation import real_array
 
 #: Squared damping of the least squares: small against the squared singular values of a Jaco away
 #: from stretched-out postures (0.05 to 1), large enough to keep joint steps bounded near them.
@@ -48,9 +49,9 @@ def checked_action(
     :param action: of an agent.
     :param shape: that it must have.
     :param name: what the messages call it.
-    :raises ValueError: for another shape or a value that is not finite.
+    :raises ValueError: for another shape, or a value that is not a finite real number.
     """
-    values = np.asarray(action, dtype=np.float64)
+    values = real_array(name, action).astype(np.float64, copy=False)
     if values.shape != shape:
         raise ValueError(f"{name} of shape {values.shape}: must have shape {shape}")
     if not np.isfinite(values).all():

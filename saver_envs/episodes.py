@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 
 import mujoco
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from saver_envs.control import (
@@ -22,6 +23,7 @@ from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, Scene, compose
 from saver_envs.simulation import SUBSTEPS, ArmState, Simulation
 from saver_envs.tasks.contract import Memory, Start, Task
+from saver_envs.tasks.layout import Layout
 from saver_envs.validation import require
 from saver_envs.world import TIMESTEP
 
@@ -33,6 +35,8 @@ ACTION_DURATION = SUBSTEPS * TIMESTEP
 DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
 #: Largest lead of the targets over the joints in joint control (rad); at full speed it is 0.11.
 JOINT_LEAD = 0.15
+#: Most actions in an episode.
+LONGEST_EPISODE = 1_000_000
 _MOST_REDRAWS = 50
 
 
@@ -45,6 +49,7 @@ class Settings:
     :param max_speed: top speed of the set-points, m/s.
     :param limit_joint_speed: keep the joints' targets within the makers' joint speed limits.
     :param control: ``cartesian`` (displacements of the tool) or ``joints`` (of the joint angles).
+    :param bounded_observations: clip observations and goals to the limits of their parts.
     :raises ValueError: for a value out of range.
     """
 
@@ -53,10 +58,12 @@ class Settings:
     max_speed: float = DEFAULT_SPEED
     limit_joint_speed: bool = False
     control: Control = "cartesian"
+    bounded_observations: bool = False
 
     def __post_init__(self) -> None:
         speed, known = self.max_speed, self.control in get_args(Control)
-        require("horizon", self.horizon, self.horizon >= 1, "at least 1 action")
+        steps, most = self.horizon, LONGEST_EPISODE
+        require("max_episode_steps", steps, 1 <= steps <= most, f"1 to {most} actions")
         require("max_speed", speed, 0 < speed <= 2, "above 0 and at most 2 m/s")
         require("control", self.control, known, "'cartesian' or 'joints'")
 
@@ -122,7 +129,7 @@ class EpisodesState:
     :param simulation: (n, state size) the simulations' state.
     :param set_point: (n, arms, 3) tool set-points in base frames, metres.
     :param goal: (n, goal size) desired goals.
-    :param elapsed: (n,) actions since the reset.
+    :param elapsed: (n,) actions since the reset; -1 before the first one.
     :param failed: (n,) whether a hard constraint was broken.
     :param observation: (n, observation size) as last read.
     :param achieved: (n, goal size) as last read.
@@ -183,7 +190,8 @@ class Episodes:
         self._generators = [np.random.default_rng() for _ in range(n)]
         self.memory: Memory = task.memory(n)
         self.set_point = np.zeros((n, task.n_arms, 3))
-        self.elapsed = np.zeros(n, dtype=np.int64)
+        #: (n,) actions since the reset; -1 before the first one.
+        self.elapsed = np.full(n, -1, dtype=np.int64)
         #: (n, goal size) desired goals.
         self.goal = np.zeros((n, self.goal_size))
         self._failed = np.zeros(n, dtype=bool)
@@ -210,6 +218,14 @@ class Episodes:
     def goal_size(self) -> int:
         """Size of a goal."""
         return self.task.goal_layout.size
+
+    def limits_of(self, layout: Layout) -> NDArray[np.float64]:
+        """Return the greatest absolute values (size,); infinite unless observations are bounded.
+
+        :param layout: the task's layout of observations, or of goals.
+        """
+        limited = self.settings.bounded_observations
+        return layout.limits if limited else np.full(layout.size, np.inf)
 
     def set_generator(self, index: int, generator: np.random.Generator) -> None:
         """Give episode ``index`` its source of randomness for the resets to come."""
@@ -266,7 +282,7 @@ class Episodes:
         rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
         starts = self._begin(rows)
         self.set_point[rows] = np.stack([start.hand for start in starts])
-        self.goal[rows] = self.task.desired(starts)
+        self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0
         self._failed[rows] = False
         self._read(rows)
@@ -305,9 +321,11 @@ class Episodes:
             and must be reset before they are stepped again: their set-points have moved on.
         :return: the outcome of all n, of which that of ``ids`` is new.
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset of an episode.
         """
         blocks = self.checked(actions).reshape(self.n, self.task.n_arms, -1)
         everything = slice(None) if ids is None else ids
+        self.require_begun(everything)
         self.task.drive(self.simulation, self.memory, everything)
         targets = self.simulation.ctrl.copy()
         arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
@@ -326,6 +344,17 @@ class Episodes:
             rows = np.setdiff1d(np.arange(self.n) if ids is None else ids, broken)
         self._read(rows)
         return self._outcome(diverged)
+
+    def require_begun(self, rows: NDArray[np.intp] | slice = slice(None)) -> None:
+        """Check that episodes have begun.
+
+        :raises gymnasium.error.ResetNeeded: for those that have never been reset.
+        """
+        if (self.elapsed[rows] < 0).any():
+            raise ResetNeeded(
+                "Cannot call env.step() before calling env.reset(): episodes "
+                f"{np.flatnonzero(self.elapsed < 0).tolist()} have not begun"
+            )
 
     def checked(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return actions (n, action_size) within [-1, 1].
@@ -374,13 +403,20 @@ class Episodes:
         task, simulation = self.task, self.simulation
         self._arms = simulation.arm_state()
         seen = task.observe(simulation, self.memory, self._arms)
-        observation = task.observation_layout.join(seen)
+        observation = self._clipped(task.observation_layout.join(seen), task.observation_layout)
         achieved = task.achieved(simulation, self.memory, seen)
+        achieved = self._clipped(achieved, task.goal_layout)
         if rows is None:
             self._observation, self._achieved = observation, achieved
         else:
             self._observation[rows] = observation[rows]
             self._achieved[rows] = achieved[rows]
+
+    def _clipped(self, values: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+        """Return values (k, size) within the layout's limits, if observations are bounded."""
+        if not self.settings.bounded_observations:
+            return values
+        return bounded(values, -layout.limits, layout.limits)
 
     def _outcome(self, diverged: NDArray[np.bool_]) -> Outcome:
         # From the float32 values that agents see, so that relabelling gives exactly the same

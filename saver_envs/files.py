@@ -1,12 +1,13 @@
-"""Atomic writing of files."""
+"""Atomic writing of files, and reading of JSON."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 
 @contextmanager
@@ -19,7 +20,7 @@ def written_whole(path: str | Path) -> Iterator[BinaryIO]:
     :param path: of the file; its folder must exist.
     :return: a context with the file opened for binary writing; an exception inside leaves an old
         file as it was.
-    :raises OSError: when it cannot be written; an old file is then intact.
+    :raises OSError: when it cannot be written, naming the file; an old file is then intact.
     """
     path = Path(path)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
@@ -29,5 +30,22 @@ def written_whole(path: str | Path) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OSError(error.errno, f"{path} could not be written ({reason})") from error
     finally:
         partial.unlink(missing_ok=True)
+
+
+def read_json(path: str | Path) -> Any:
+    """Read a JSON file.
+
+    :param path: of the file.
+    :return: its content.
+    :raises ValueError: if it is not JSON, or nested too deeply; the message names it.
+    :raises OSError: if it cannot be read.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is truncated or not JSON: {error}") from error

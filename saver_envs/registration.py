@@ -11,7 +11,7 @@ import importlib
 import inspect
 import traceback
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
 
 import gymnasium
@@ -27,6 +27,7 @@ from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.wrist_push import WristPush
+from saver_envs.validation import require_kind
 
 #: Module whose ids need no prefix.
 PACKAGE = "saver_envs"
@@ -66,18 +67,22 @@ class ControlOptions:
     """Keyword arguments of every id; its task adds more.
 
     :param n_arms: 1 to 4 arms; the id's number by default.
-    :param horizon: actions in an episode; the task's by default.
+    :param max_episode_steps: actions in an episode; the task's horizon by default.
     :param max_speed: top speed of the set-points, m/s; 0.5, or 0.2 when rated.
     :param rated: the makers' setting (Table 5.3): 0.2 m/s, joint speed limits, the task's rated
-        horizon.
+        horizon. ``gymnasium.make`` and ``make_vec`` keep the horizon that is registered: pass
+        ``max_episode_steps`` as well.
     :param control: ``cartesian`` displacements of the tool, or ``joints`` of the joint angles.
+    :param bounded_observations: finite bounds of observations and goals, for libraries that need
+        them; values beyond, which a regular episode does not have, are clipped.
     """
 
     n_arms: int | None = None
-    horizon: int | None = None
+    max_episode_steps: int | None = None
     max_speed: float | None = None
     rated: bool = False
     control: Control = "cartesian"
+    bounded_observations: bool = False
 
 
 #: Every id with its row, the dense twins behind the sparse ones.
@@ -100,8 +105,8 @@ def register_task(
     """Register a task with a robot under an id, for Gymnasium and for PettingZoo.
 
     Call it where your module is imported: ``gymnasium.make("your_module:YourTask-v0")`` and
-    ``saver train --env your_module:YourTask-v0`` then find the id. Episodes count their own steps,
-    so no time limit is registered. Ids of several arms are in PettingZoo's registry as well, behind
+    ``saver train --env your_module:YourTask-v0`` then find the id. The task's horizon is registered
+    as ``max_episode_steps``. Ids of several arms are in PettingZoo's registry as well, behind
     ``saver_envs/``.
 
     :param task: the task's class.
@@ -134,7 +139,7 @@ def register_task(
     ENVIRONMENTS.update(rows)
     for env_id in rows:
         _register_with_gymnasium(
-            env_id, env_id, "goal_env:SaverGoalEnv", "vector_env:SaverVectorEnv"
+            env_id, env_id, task.horizon, "goal_env:SaverGoalEnv", "vector_env:SaverVectorEnv"
         )
         if n_arms > 1:
             pettingzoo.register(
@@ -145,17 +150,24 @@ def register_task(
             )
     if pixels:
         PIXELS[pixel_id] = f"{name}-v{version}"
-        _register_with_gymnasium(pixel_id, PIXELS[pixel_id], "pixel_env:SaverPixelEnv")
+        _register_with_gymnasium(
+            pixel_id, PIXELS[pixel_id], task.horizon, "pixel_env:SaverPixelEnv"
+        )
     return tuple(rows)
 
 
 def _register_with_gymnasium(
-    env_id: str, behind: str, entry_point: str, vector_entry_point: str | None = None
+    env_id: str,
+    behind: str,
+    horizon: int,
+    entry_point: str,
+    vector_entry_point: str | None = None,
 ) -> None:
     gymnasium.register(
         id=env_id,
         entry_point=f"saver_envs.envs.{entry_point}",
         vector_entry_point=vector_entry_point and f"saver_envs.envs.{vector_entry_point}",
+        max_episode_steps=horizon,
         kwargs={"env_id": behind},
     )
 
@@ -267,13 +279,16 @@ def _hint(name: str, valid: Iterable[str]) -> str:
 
 def default_options(env_id: str) -> dict[str, Any]:
     """Return every keyword argument of an id with its default."""
-    row = row_of(env_id)
-    task = {
-        field.name: field.default
-        for field in fields(row.task)
+    return {name: field.default for name, field in _option_fields(env_id).items()}
+
+
+def _option_fields(env_id: str) -> dict[str, Field[Any]]:
+    task = [
+        field
+        for field in fields(row_of(env_id).task)
         if field.name not in ("n_arms", "reward_type") and field.default is not MISSING
-    }
-    return {**{one.name: one.default for one in fields(ControlOptions)}, **task}
+    ]
+    return {field.name: field for field in (*fields(ControlOptions), *task)}
 
 
 def make_episodes(
@@ -303,13 +318,16 @@ def task_and_settings(env_id: str, options: Mapping[str, Any]) -> tuple[Task, Se
     :raises ValueError: for an unknown id or an option out of range.
     :raises TypeError: for an unknown option.
     """
-    valid = default_options(env_id)
-    for name in options:
+    valid = _option_fields(env_id)
+    for name, value in options.items():
         if name not in valid:
+            # Python's wording, which TorchRL and Gymnasium look for.
+            hint = " (it is 'max_episode_steps')" if name == "horizon" else _hint(name, valid)
             raise TypeError(
-                f"unknown keyword {name!r} of {env_id}{_hint(name, valid)}; valid keywords are "
+                f"{env_id} got an unexpected keyword argument {name!r}{hint}; valid keywords are "
                 f"{', '.join(valid)}"
             )
+        require_kind(name, value, valid[name].type)
     names = {one.name for one in fields(ControlOptions)}
     control = {name: value for name, value in options.items() if name in names}
     of_task = {name: value for name, value in options.items() if name not in names}
@@ -325,10 +343,11 @@ def _described(
     speed = RATED_SPEED if control.rated else DEFAULT_SPEED
     return task, Settings(
         robot=ROBOTS[row.robot],
-        horizon=horizon if control.horizon is None else control.horizon,
+        horizon=horizon if control.max_episode_steps is None else control.max_episode_steps,
         max_speed=speed if control.max_speed is None else control.max_speed,
         limit_joint_speed=control.rated,
         control=control.control,
+        bounded_observations=control.bounded_observations,
     )
 
 

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
+from saver_envs.validation import require
 from saver_envs.world import TABLE_BIT, TABLE_DEPTH, add_cameras, new_world, table_around
 
 Bases = Literal["row", "ring"]
@@ -237,19 +238,17 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
     :return: positions (arms, 3) in metres and yaw angles (arms,) in radians, world frame.
     :raises ValueError: for another number of arms or another way to stand.
     """
-    if not 1 <= n_arms <= MAX_ARMS:
-        raise ValueError(f"n_arms={n_arms!r}: a scene holds 1 to {MAX_ARMS} arms")
+    require("n_arms", n_arms, 1 <= n_arms <= MAX_ARMS, f"1 to {MAX_ARMS}")
+    require("layout", bases, bases in get_args(Bases), "'row' or 'ring'")
     index = np.arange(n_arms)
     positions = np.zeros((n_arms, 3))
     if bases == "row":
         positions[:, 1] = (index - (n_arms - 1) / 2) * BASE_SPACING
         return positions, np.zeros(n_arms)
-    if bases == "ring":
-        yaw = 2 * math.pi * index / n_arms
-        positions[:, 0] = RING_RADIUS * (1 - np.cos(yaw))
-        positions[:, 1] = -RING_RADIUS * np.sin(yaw)
-        return positions, yaw
-    raise ValueError(f"layout={bases!r}: valid layouts are 'row' and 'ring'")
+    yaw = 2 * math.pi * index / n_arms
+    positions[:, 0] = RING_RADIUS * (1 - np.cos(yaw))
+    positions[:, 1] = -RING_RADIUS * np.sin(yaw)
+    return positions, yaw
 
 
 def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:

@@ -12,7 +12,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from saver_envs.scenes import FreeBodies, Scene, rotate
-from saver_envs.validation import require
+from saver_envs.validation import require, require_kind
 
 Kept = TypeVar("Kept")
 
@@ -96,8 +96,9 @@ class Simulation:
         keeps_peaks: bool = False,
         persistent: bool = True,
     ) -> None:
-        require("n", n, n >= 1, "at least 1 simulation")
-        require("threads", threads, threads >= 1, "at least 1 thread")
+        for name, value in (("n", n), ("threads", threads)):
+            require_kind(name, value, "int")
+            require(name, value, value >= 1, "at least 1")
         self.scene = scene
         self.n = n
         self._batch = Batch(scene.model, nsim=n, nthread=min(threads, n), persistent=persistent)

@@ -24,12 +24,17 @@ import numpy as np
 from saver_advisors.pretrained import load_policy, shipped_policies
 from saver_envs.experts import make_expert
 from saver_envs.registration import ENVIRONMENTS
+from saver_envs.tasks.push import Push
 
 #: Ids that no policy of their own ships for, by the variants that one does ship for.
 VARIANTS: dict[str, tuple[str, dict[str, Any], str]] = {
     "DualJacoPush-v0 n_arms=3": ("DualJacoPush-v0", {"n_arms": 3}, "triple-jaco-push"),
     "DualJacoPush-v0 ring": ("DualJacoPush-v0", {"layout": "ring"}, "dual-jaco-push"),
-    "JacoPush-v0 rated": ("JacoPush-v0", {"rated": True}, "jaco-push"),
+    "JacoPush-v0 rated": (
+        "JacoPush-v0",
+        {"rated": True, "max_episode_steps": Push.rated_horizon},
+        "jaco-push",
+    ),
     "JacoPush-v0 joints": ("JacoPush-v0", {"control": "joints"}, "random"),
     "JacoPickAndPlace-v0 in hand": (
         "JacoPickAndPlace-v0",
@@ -82,19 +87,20 @@ class Digest:
 def play_single(name: str, episodes: int) -> dict[str, Any]:
     """Play episodes one by one."""
     env_id, kwargs, policy = cases()[name]
-    env = gymnasium.make(f"saver_envs:{env_id}", **kwargs).unwrapped
+    env = gymnasium.make(f"saver_envs:{env_id}", **kwargs)
+    simulation: Any = env.unwrapped.episodes.simulation  # type: ignore[attr-defined]
     digest = Digest()
     for seed in range(episodes):
         act = actor(policy, env_id, kwargs, env.action_space.shape[0])
         seen, info = env.reset(seed=seed)
         truncated = False
         while not truncated:
-            digest.add(env.episodes.simulation.qpos, *(seen[key] for key in sorted(seen)))
+            digest.add(simulation.qpos, *(seen[key] for key in sorted(seen)))
             action = act({key: values[None] for key, values in seen.items()})[0]
             seen, reward, _, truncated, info = env.step(action)
             costs = [info[key] for key in sorted(info) if key.startswith("cost")]
             digest.add(np.float64(reward), np.float64(costs))
-        digest.add(env.episodes.simulation.qpos, *(seen[key] for key in sorted(seen)))
+        digest.add(simulation.qpos, *(seen[key] for key in sorted(seen)))
         digest.successes += bool(info["is_success"])
     env.close()
     return {"digest": digest.hash.hexdigest(), "successes": digest.successes}

@@ -54,7 +54,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     ),
     "reproduction": (
         "program findings page_parts command_parts",
-        "advising constraints learning modelling transfer wrist_push",
+        "advising constraints ecosystem learning modelling transfer wrist_push",
         "pages",
     ),
 }

@@ -89,4 +89,6 @@ def weights_page() -> str:
     ]
     for name, card in cards.items():
         lines += [f"## {name}", "", "```", card.command, "```", ""]
+        if training := card.notes.get("training"):
+            lines += [f"Training: {training}.", ""]
     return "\n".join([*lines, ""])

@@ -153,8 +153,13 @@ def _sensors(figures: Mapping[str, Any]) -> str:
 
 
 def _origin(figures: Mapping[str, Any]) -> str:
+    # Names that policies have been given since are in the file; the command is as it was typed.
+    renamed = "".join(
+        f"The policy `{old}` of this command is now `{new}`. "
+        for old, new in figures.get("renamed", {}).items()
+    )
     return (
         f"Trials start from seeds {figures['seed']} and up, the same for every policy. "
-        f"{measured_at(figures)} Contact is chaotic: single trials differ between machines, but "
-        "rates stay within their intervals."
+        f"{measured_at(figures)} {renamed}Contact is chaotic: single trials differ between "
+        "machines, but rates stay within their intervals."
     )

@@ -25,7 +25,7 @@ from saver_advisors.advising.context import (
     StudentValues,
     WatchesStudent,
 )
-from saver_advisors.advising.factory import make_advisor
+from saver_advisors.advising.factory import make_advisor, names_code
 from saver_advisors.advising.strategies import (
     STRATEGIES,
     BetterOfBoth,
@@ -74,6 +74,7 @@ __all__ = [
     "build_advised",
     "make_advisor",
     "make_strategy",
+    "names_code",
     "register_strategy",
     "warm_start_from_teachers",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any
@@ -10,13 +11,13 @@ from gymnasium import spaces
 
 from saver_advisors.advising.advisor import Advisor, Compare
 from saver_advisors.advising.context import AdviceBudget, AdvisingStrategy, RunPlan
-from saver_advisors.advising.strategies import make_strategy
+from saver_advisors.advising.strategies import import_object, make_strategy
 from saver_advisors.policies.files import load_teacher
 from saver_advisors.policies.mapping import ArmMapping, flat_size
 from saver_advisors.policies.scripted import PREFIX, scripted_teachers
-from saver_advisors.policies.teacher import Teacher
+from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherFunction
 
-TeacherLike = str | PathLike[str] | Teacher
+TeacherLike = str | PathLike[str] | Teacher | TeacherFunction
 
 
 def make_advisor(
@@ -40,10 +41,13 @@ def make_advisor(
     """Build an advisor from names, for either a number of arms or a student's spaces.
 
     :param strategy: a strategy's name, "module:Class" of an unregistered one, or a strategy.
-    :param teacher: a shipped policy's name, a weight file, a teacher, or a list of those, one per
-        arm; ``scripted:ID`` is the scripted expert of an environment, for each arm.
+    :param teacher: a shipped policy's name; a weight file; the folder of a run; the zip file of an
+        SB3 model; a teacher; a function of one arm's observation and goal, or its name
+        "module:function" (see ``FunctionTeacher``); or a list of those, one per arm.
+        ``scripted:ID`` is the scripted expert of an environment, for each arm.
     :param budget: environment steps that may be advised.
-    :param n_arms: arms of the student; may be omitted if the spaces are given.
+    :param n_arms: arms of the student; may be omitted if the spaces are given, except for a
+        function, whose sizes follow from both.
     :param observation_space: the student's, checked immediately.
     :param action_space: the student's, checked immediately.
     :param threshold: t_I or alpha of a correcting strategy.
@@ -58,25 +62,30 @@ def make_advisor(
     :return: the advisor.
     :raises ValueError: if parts do not match; the message names the sizes.
     """
-    if isinstance(strategy, str):
+    spendable = AdviceBudget(budget)
+    late = isinstance(strategy, str) and ":" in strategy
+    if isinstance(strategy, str) and not late:
         strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
-    elif threshold is not None or correcting is not None or settings:
+    elif not late and (threshold is not None or correcting is not None or settings):
         raise ValueError(
             "threshold, correcting and settings belong to a strategy given by name: set them on "
             "the object instead"
         )
-    teachers = _resolve(teacher)
+    teachers = _resolve(teacher, n_arms, observation_space, action_space)
     first = teachers[0]
     if n_arms is None:
         if observation_space is None or action_space is None:
             raise ValueError("give n_arms, or observation_space and action_space to read it from")
         n_arms = _count_arms(first, action_space)
     mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+    if isinstance(strategy, str):
+        # The name of code: it is imported once everything else is accepted.
+        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
     advisor = Advisor(
         strategy,
         teachers,
         mapping,
-        AdviceBudget(budget),
+        spendable,
         compare=compare,
         twin_minimum=twin_minimum,
         arms=arms,
@@ -87,21 +96,55 @@ def make_advisor(
     return advisor
 
 
-def _resolve(teacher: TeacherLike | Sequence[TeacherLike]) -> list[Teacher]:
+def names_code(teacher: TeacherLike) -> bool:
+    """Return whether a teacher is "module:function", the name of code to import."""
+    word = str(teacher) if isinstance(teacher, (str, PathLike)) else ""
+    return ":" in word and not word.startswith(PREFIX) and not os.path.exists(word)
+
+
+def _resolve(
+    teacher: TeacherLike | Sequence[TeacherLike],
+    n_arms: int | None,
+    observation_space: spaces.Space[Any] | None,
+    action_space: spaces.Space[Any] | None,
+) -> list[Teacher]:
     """Load the teachers given by name or path; equal names share one teacher."""
-    given = [teacher] if isinstance(teacher, (str, PathLike, Teacher)) else list(teacher)
+    one = isinstance(teacher, (str, PathLike, Teacher)) or callable(teacher)
+    given: list[Any] = [teacher] if one else list(teacher)  # type: ignore[arg-type]
     if not given:
         raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")
-    loaded: dict[str, Teacher] = {}
-    teachers = []
-    for one in given:
-        if isinstance(one, Teacher):
-            teachers.append(one)
-        elif str(one).startswith(PREFIX):
-            teachers += scripted_teachers(str(one))
+    loaded: dict[Any, list[Teacher]] = {}
+    for each in sorted(dict.fromkeys(given), key=names_code):
+        if isinstance(each, Teacher):
+            loaded[each] = [each]
+        elif callable(each) or names_code(each):
+            loaded[each] = [_of_function(each, n_arms, observation_space, action_space)]
+        elif str(each).startswith(PREFIX):
+            loaded[each] = list(scripted_teachers(str(each)))
         else:
-            teachers.append(loaded.setdefault(str(one), load_teacher(one)))
-    return teachers
+            loaded[each] = [load_teacher(each)]
+    return [member for each in given for member in loaded[each]]
+
+
+def _of_function(
+    function: str | TeacherFunction,
+    n_arms: int | None,
+    observation_space: spaces.Space[Any] | None,
+    action_space: spaces.Space[Any] | None,
+) -> FunctionTeacher:
+    """Return the teacher that a function is for one arm of a student."""
+    if n_arms is None or not isinstance(observation_space, spaces.Dict):
+        raise ValueError(
+            f"teacher={function!r} is a function: give n_arms, observation_space and action_space, "
+            "from which its sizes follow"
+        )
+    given = {**observation_space.spaces, "action": action_space}
+    names = ("observation", "desired_goal", "action")
+    observation, goal, action = (flat_size(name, given.get(name)) // n_arms for name in names)
+    found = import_object("teacher", function) if isinstance(function, str) else function
+    if not callable(found):
+        raise TypeError(f"teacher={function!r} must be a function of observation and goal")
+    return FunctionTeacher(found, (observation, goal, action), str(function))
 
 
 def _count_arms(teacher: Teacher, action_space: spaces.Space[Any]) -> int:

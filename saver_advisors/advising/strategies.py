@@ -426,19 +426,29 @@ def make_strategy(
     return made
 
 
+def import_object(what: str, name: str) -> Any:
+    """Import an object.
+
+    :param what: it is, for the message.
+    :param name: "module:attribute".
+    :raises ValueError: if there is none; the message names it.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"{what}={name!r} cannot be imported: {error}") from error
+
+
 def _find(name: str) -> type[AdvisingStrategy]:
     if name in STRATEGIES:
         return STRATEGIES[name]
-    module, _, attribute = name.partition(":")
-    if not attribute:
+    if ":" not in name:
         raise ValueError(
             f"strategy={name!r} is unknown: use one of {', '.join(STRATEGIES)}, or 'module:Class' "
             "for one of your own"
         )
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"strategy={name!r} cannot be imported: {error}") from error
+    found = import_object("strategy", name)
     _require_class(found)
     strategy: type[AdvisingStrategy] = found
     return strategy

@@ -25,8 +25,7 @@ from torch import nn
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
 from saver_advisors.policies.freezing import actor_layers
 from saver_advisors.policies.mapping import ArmMapping
-from saver_advisors.policies.scripted import ScriptedTeacher
-from saver_advisors.policies.teacher import Teacher, TeacherGroup
+from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherGroup
 
 NORMALISER_COUNT: Final = 1_000_000
 """Sample count of the teachers' statistics in the student, about that of a teacher of 500,000
@@ -81,8 +80,8 @@ def _check_teacher(
 ) -> None:
     """Reject a teacher whose computation a goal learner's actor cannot reproduce."""
     name = f"teacher {teacher.name!r}"
-    if isinstance(teacher, ScriptedTeacher):
-        raise TypeError(f"{name} is scripted, and has no weights to start from: clone it instead")
+    if isinstance(teacher, FunctionTeacher):
+        raise TypeError(f"{name} is code, and has no weights to start from: clone it instead")
     spec, networks = teacher.networks.spec, teacher.networks
     if "achieved_goal" in spec.sizes:
         raise ValueError(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Final
 
-from saver_advisors.cli.program import Program
+from saver_advisors.cli.program import DISTRIBUTION, Program
 
 COMMANDS: Final = {
     "envs": "list the environments with their sizes, horizon, success and costs",
@@ -22,27 +22,6 @@ COMMANDS: Final = {
     "model": "make an arm's data set, train inverse models, search hyper-parameters",
     "run": "run the whole robot in a closed loop, from camera to servos",
     "demo": "play the shipped policies, train for two minutes and write a report page",
-}
-
-#: Commands that moved to the reproduction package.
-MOVED: Final = {
-    **{
-        f"benchmark {name}": f"python -m reproduction {name}"
-        for name in (
-            "advising",
-            "constraints",
-            "transfer",
-            "ik",
-            "id",
-            "modelling",
-            "kinematics",
-            "tracking",
-            "learning",
-            "wrist-push",
-            "safe",
-        )
-    },
-    "docs": "python -m reproduction pages",
 }
 
 DESCRIPTION: Final = """\
@@ -60,7 +39,7 @@ examples:
 
 def _version() -> str:
     try:
-        return f"saver {metadata.version('saver-envs')}"
+        return f"saver {metadata.version(DISTRIBUTION)}"
     except metadata.PackageNotFoundError:
         return "saver (not installed)"
 
@@ -72,9 +51,9 @@ SAVER: Final = Program(
         name: (f"saver_advisors.cli.{name.replace('-', '_')}", summary)
         for name, summary in COMMANDS.items()
     },
-    moved=MOVED,
     examples=EXAMPLES,
     version=_version(),
+    extras={"pose": "pose", "train-pose": "pose", "model": "modelling"},
 )
 
 

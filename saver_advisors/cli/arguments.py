@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,16 +31,19 @@ def env_id(text: str) -> str:
 
 
 def teacher(text: str) -> str:
-    """Check the name of a shipped policy or the path of a weight file for argparse.
+    """Check the name of a teacher for argparse; the name of code is not imported.
 
     :param text: as given
     :return: the same
     """
     from saver_advisors.pretrained import shipped_policies
 
-    if text not in shipped_policies() and not Path(text).is_file():
+    if text not in shipped_policies() and ":" not in text and not os.path.exists(text):
         message = unknown("teacher", text, shipped_policies())
-        raise argparse.ArgumentTypeError(f"{message}; or give the path of a .safetensors file")
+        raise argparse.ArgumentTypeError(
+            f"{message}; or give the path of a .safetensors file, of a run's folder or of an SB3 "
+            "zip file; or MODULE:FUNCTION"
+        )
     return text
 
 
@@ -104,6 +109,9 @@ def new_file(*suffixes: str) -> Any:
             raise argparse.ArgumentTypeError(f"{text!r} is a folder: give the name of a file")
         if not path.parent.is_dir():
             raise argparse.ArgumentTypeError(f"the folder {str(path.parent)!r} does not exist")
+        if path.exists() and not os.access(path, os.W_OK):
+            raise argparse.ArgumentTypeError(f"the file {text!r} cannot be written to")
+        _check_writable(path.parent)
         return path
 
     return read
@@ -118,7 +126,19 @@ def new_folder(text: str) -> Path:
     path = Path(text)
     if path.exists() and not path.is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} is a file, not a folder")
+    _check_writable(path)
     return path
+
+
+def _check_writable(folder: Path) -> None:
+    """Check that files can be written to a folder, or to the one that it will be created in."""
+    folder = next(one for one in (folder, *folder.absolute().parents) if one.is_dir())
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        message = f"the folder {str(folder)!r} cannot be written to ({error.strerror})"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
@@ -193,7 +213,7 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
 
 def add_table(parser: argparse.ArgumentParser) -> None:
     """Add ``--table [FILE]``, for commands that write a Markdown page."""
-    usual = Path(f"{parser.prog.split()[-1]}.md")
+    usual = f"{parser.prog.split()[-1]}.md"
     parser.add_argument(
         "--table",
         nargs="?",
@@ -224,7 +244,7 @@ def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         metavar="NAME=VALUE",
-        help="keyword arguments of the environment, such as horizon=125 rated=true",
+        help="keyword arguments of the environment, such as rated=true object_size=0.07",
     )
 
 

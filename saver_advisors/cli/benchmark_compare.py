@@ -69,9 +69,14 @@ def run(args: argparse.Namespace) -> int:
     entries, baselines = read(args.results), read(args.baselines)
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
-        columns = ("row", "n", "IE", "RT", "MSR", "ELR", "final success")
+        columns = ("row", "n", "IE", "RT", "MSR", "ELR", "final success", "off protocol")
         cells = [
-            [row.name, *measured(row), row.final_success.text(3) if row.final_success else "-"]
+            [
+                row.name,
+                *measured(row),
+                row.final_success.text(3) if row.final_success else "-",
+                row.off_protocol,
+            ]
             for row in (*own, *others)
         ]
         show(columns, cells, title=task)
@@ -141,12 +146,15 @@ def page(
         skipped_list,
     )
     from saver_advisors.reporting.figures import link
-    from saver_advisors.reporting.tables import join_parts
+    from saver_advisors.reporting.tables import join_parts, rows_table
 
     parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
     for task, (own, others) in tasks.items():
         rows = [*own, *others]
         parts += [f"## {task}", metrics_table(rows), beyond(rows)]
+        if marked := [row for row in rows if row.off_protocol]:
+            columns = {"row": lambda row: row.name, "off protocol": lambda row: row.off_protocol}
+            parts += ["Rows that are not measured by the protocol:\n", rows_table(marked, columns)]
         if others:
             parts += [BESIDE, beside([(row, other) for row in own for other in others])]
         references = [one for one in baselines.references if one["env"] == task]

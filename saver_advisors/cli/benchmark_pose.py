@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
+    import pycocotools  # noqa: F401  (needed after the work: say so before it)
     import torch
 
     from saver_advisors.cli.arguments import write_json

@@ -1,8 +1,9 @@
 """Train your own algorithm by the benchmark protocol, and write a result file.
 
 Evaluations with seeds from 10,000 make the curve and select a checkpoint; seeds from 0 report the
-last policy and the selected one. The policy acts without advice and without noise. An interrupted
-run leaves a result file with the curve so far; the same command then starts from the beginning.
+last policy and the selected one. The policy acts without advice and without noise. The same command
+does the seeds that are not finished; an interrupted seed, whose result file holds the curve so far,
+starts again.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,12 +23,12 @@ from saver_advisors.evaluation.protocol import (
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from saver_advisors.benchmark.recorder import BenchmarkPlan
+    from saver_advisors.experiments.recorder import BenchmarkPlan
 
 EXAMPLES: Final = """\
 examples:
   saver benchmark run --env JacoPush-v0 --algo docs/examples/td3_her.py:TD3HER \\
-      --steps 400000 --seed 0 --output results
+      --steps 400000 --seeds 0-4 --processes 2 --output results
   saver benchmark run --env JacoPush-v0 --algo stable_baselines3:SAC --name sac-her \\
       --algo-kwargs replay_buffer_class=import:stable_baselines3:HerReplayBuffer \\
       learning_starts=1000 train_freq=16 gradient_steps=16 \\
@@ -35,6 +37,27 @@ examples:
 
 The class is from Stable-Baselines3, or has `learn` and `predict`
 (see docs/benchmark-protocol.md)."""
+
+
+RUNS_FOLDER: Final = "runs"
+"""Folder with the logs of the runs, in that of the results."""
+
+
+def seed_range(text: str) -> list[int]:
+    """Parse seeds for argparse.
+
+    :param text: such as ``0-4`` or ``0,3,7``
+    :return: the seeds, each once, ascending
+    """
+    seeds: set[int] = set()
+    for part in text.split(","):
+        found = re.fullmatch(r"(\d+)(?:-(\d+))?", part.strip())
+        if found is None:
+            raise argparse.ArgumentTypeError(f"{text!r} must be such as 0-4 or 0,3,7")
+        seeds.update(range(int(found[1]), int(found[2] or found[1]) + 1))
+    if not seeds:
+        raise argparse.ArgumentTypeError(f"{text!r} holds no seed: the first must be the smaller")
+    return sorted(seeds)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,9 +82,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="total environment steps (default: the environment's, as in `saver train`)",
     )
-    parser.add_argument(
-        "--seed", type=at_least(0), required=True, metavar="S", help="seed of all random numbers"
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument(
+        "--seed", type=at_least(0), metavar="S", help="seed of all random numbers of one run"
     )
+    which.add_argument(
+        "--seeds", type=seed_range, metavar="A-B", help="seeds of several runs: 0-4, or 0,3,7"
+    )
+    add_count(parser, "--processes", 1, "runs in parallel, with --seeds")
     parser.add_argument(
         "--output", type=new_folder, required=True, metavar="DIR", help="folder of the result file"
     )
@@ -83,68 +111,85 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.benchmark.recorder import Recorder
-    from saver_advisors.benchmark.third_party import (
-        AlgorithmError,
-        load_class,
-        resolved,
-        train,
-    )
-    from saver_advisors.reporting.errors import UsageError, user_mistakes
+    from saver_advisors.experiments.third_party import load_class, resolved
+    from saver_advisors.reporting.errors import user_mistakes
 
     with user_mistakes("argument --algo"):
         algorithm = load_class(args.algo)
-    plan = plan_of(args, algorithm)
+    plans = [plan_of(args, algorithm, seed) for seed in args.seeds or [args.seed]]
     with user_mistakes("argument --algo-kwargs"):
-        resolved(plan.algo_kwargs)
-    recorder = Recorder(plan, args.output, progress=_tell)
-    if _is_finished(recorder.path, plan):
-        print(f"{recorder.path} is already finished")
+        resolved(plans[0].algo_kwargs)
+    left = [plan for plan in plans if not _is_finished(args.output / f"{plan.name}.json", plan)]
+    if not left:
         return 0
     args.output.mkdir(parents=True, exist_ok=True)
-    try:
-        record = train(algorithm, recorder)
-    except AlgorithmError as error:
-        raise UsageError(f"argument --algo: {error}") from error
+    return _run_seeds(args, plans) if args.seeds else _run_seed(args, algorithm, left[0])
+
+
+def _run_seed(args: argparse.Namespace, algorithm: type[Any], plan: BenchmarkPlan) -> int:
+    """Do one run in this process."""
+    from tqdm import tqdm
+
+    from saver_advisors.experiments.recorder import Recorder
+    from saver_advisors.experiments.third_party import AlgorithmError, train
+    from saver_advisors.reporting.errors import UsageError
+
+    with tqdm(total=plan.total_steps, unit="step", dynamic_ncols=True) as bar:
+        recorder = Recorder(
+            plan, args.output, progress=_tell, stepped=lambda steps: bar.update(steps - bar.n)
+        )
+        try:
+            record = train(algorithm, recorder)
+        except AlgorithmError as error:
+            raise UsageError(f"argument --algo: {error}") from error
     _report(record)
     print(f"wrote {recorder.path}")
     return 0
 
 
-def plan_of(args: argparse.Namespace, algorithm: type[Any]) -> BenchmarkPlan:
+def _run_seeds(args: argparse.Namespace, plans: Sequence[BenchmarkPlan]) -> int:
+    """Do several runs in processes, like those of a grid."""
+    from saver_advisors.cli.experiments import execute
+    from saver_advisors.experiments.grid import ExperimentRun, Grid
+    from saver_advisors.experiments.results import is_done, read_result
+    from saver_advisors.experiments.scheduler import LocalProcesses, Places
+
+    runs = [ExperimentRun(one.name, "", one.row, one, one.report_episodes) for one in plans]
+    places = Places(args.output / RUNS_FOLDER, args.output)
+    backend = LocalProcesses(places, args.processes)
+    status = execute(Grid(plans[0].row, tuple(runs)), places, backend)
+    for run in runs:
+        if is_done(places.results, run):
+            _report(read_result(places.result(run)))
+    return status
+
+
+def plan_of(args: argparse.Namespace, algorithm: type[Any], seed: int) -> BenchmarkPlan:
     """Make the plan of the run from the command line.
 
     :param args: the command line
     :param algorithm: the class that ``--algo`` names
+    :param seed: of the run
     """
-    from saver_advisors.benchmark.recorder import BenchmarkPlan
-    from saver_advisors.benchmark.third_party import source_sha256
     from saver_advisors.cli.arguments import checked_env_kwargs, settings
     from saver_advisors.evaluation.protocol import training_seed
+    from saver_advisors.experiments.grid import THIRD_PARTY_KEYS, third_party_plan
     from saver_advisors.reporting.errors import user_mistakes
-    from saver_advisors.training.defaults import default_settings
 
-    with user_mistakes("argument --seed"):
-        training_seed(args.seed)
-    row = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{row}-seed{args.seed}")
-    return BenchmarkPlan(
-        name=stem,
-        row=row,
-        env_id=args.env,
-        env_kwargs=checked_env_kwargs(args.env, args.env_kwargs),
-        algorithm=args.algo,
-        algo_kwargs=settings(args.algo_kwargs, "--algo-kwargs"),
-        source_sha256=source_sha256(algorithm),
-        n_envs=args.n_envs,
-        total_steps=args.steps or default_settings(args.env)["total_steps"],
-        seed=args.seed,
-        eval_every=args.eval_every,
-        eval_episodes=args.eval_episodes,
-        report_episodes=args.report_episodes,
-        teacher_steps=args.teacher_steps,
-        demonstration_steps=args.demonstration_steps,
-    )
+    with user_mistakes("argument --seeds" if args.seeds else "argument --seed"):
+        training_seed(seed)
+    name = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{name}-seed{seed}")
+    shared = {key: getattr(args, key) for key in ("n_envs", "eval_every", "eval_episodes")}
+    shared["env_kwargs"] = checked_env_kwargs(args.env, args.env_kwargs)
+    if args.steps is not None:
+        shared["total_steps"] = args.steps
+    row = {key: getattr(args, key, None) for key in THIRD_PARTY_KEYS}
+    row |= {"algorithm": args.algo, "algo_kwargs": settings(args.algo_kwargs, "--algo-kwargs")}
+    group = {"env_id": args.env, "settings": shared}
+    labels = {"name": stem, "row": name}
+    with user_mistakes():
+        return third_party_plan(group, row, seed, args.report_episodes, labels)
 
 
 def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
@@ -152,6 +197,7 @@ def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
 
     :raises UsageError: if the file holds a finished run with other settings
     """
+    from saver_advisors.experiments.results import changed_settings
     from saver_advisors.reporting.errors import UsageError
 
     try:
@@ -165,22 +211,22 @@ def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
     if not finished:
         print(f"{path} was interrupted: the run starts again")
         return False
-    # Through JSON, so that tuples compare equal to lists.
-    wanted = json.loads(json.dumps(plan.config()))
-    other = sorted(name for name in wanted if wanted[name] != config.get(name))
+    other = changed_settings(plan, config)
     if other:
         raise UsageError(
             f"argument --output: {path} holds a run with other settings ({', '.join(other)}): "
             "choose another folder or --name"
         )
+    print(f"{path} is already finished")
     return True
 
 
 def _tell(line: dict[str, Any]) -> None:
-    print(
+    from tqdm import tqdm
+
+    tqdm.write(
         f"{line['steps']:>11,} steps  success {line['success_rate']:.2f}  "
-        f"{line['wall_clock_s'] / 60:.1f} min",
-        flush=True,
+        f"{line['wall_clock_s'] / 60:.1f} min"
     )
 
 

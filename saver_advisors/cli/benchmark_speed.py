@@ -80,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
+    import stable_baselines3  # noqa: F401  (needed after some of the work: say so before it)
+
     from saver_advisors.benchmark.speed.speed_page import render
     from saver_advisors.reporting.errors import UsageError
 

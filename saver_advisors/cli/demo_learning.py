@@ -78,7 +78,7 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
 
 def _train_command(args: argparse.Namespace, folder: Path) -> list[str]:
     return [
-        *(sys.executable, "-m", "saver_advisors.cli", "train", "--env", ONE_ARM_ID),
+        *(sys.executable, "-P", "-m", "saver_advisors.cli", "train", "--env", ONE_ARM_ID),
         *("--output", str(folder), "--seed", str(args.seed), "--steps", str(LESSON_STEPS)),
         *("--time-limit", str(args.train_seconds), "--no-progress"),
         *("--set", *LESSON_SETTINGS, *STUDENTS[folder.name]),

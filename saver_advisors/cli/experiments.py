@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_threads, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_threads, new_folder, positive_seconds
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -39,11 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     run_action = actions.add_parser("run", help="start or continue a grid")
     run_action.add_argument("grid", type=Path, metavar="GRID.yml")
     run_action.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder of the runs"
+        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the runs"
     )
     run_action.add_argument(
         "--results",
-        type=Path,
+        type=new_folder,
         metavar="DIR",
         help=f"folder of the JSON files (default: DIR/{RESULTS})",
     )
@@ -87,8 +87,6 @@ def run(args: argparse.Namespace) -> int:
     with user_mistakes("argument GRID.yml"):
         grid = read_grid(path)
     places = Places(args.output, results)
-    if args.action == "run":
-        _remember(args, path, results)
     with user_mistakes("argument --only"):
         grid = grid.only(args.only)
     status = 0 if args.action == "status" else _work(args, grid, places)
@@ -120,22 +118,41 @@ def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
 
 
 def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
-    """Do the runs and return the exit status: 0 where all are done or the time is over."""
+    """Check the rows, do the runs, and return the exit status of :func:`execute`."""
+    from saver_advisors.experiments.grid import check_rows
+    from saver_advisors.experiments.results import is_done
+
+    with user_mistakes("argument GRID.yml"):
+        check_rows([run for run in grid.runs if not is_done(places.results, run)])
+    if args.action == "run":
+        _remember(args, args.grid, places.results)
+    return execute(grid, places, _backend(args, places), args.time_limit)
+
+
+def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | None = None) -> int:
+    """Do the runs, and show their progress.
+
+    :param grid: the runs
+    :param places: folders of runs and results
+    :param backend: executes the runs
+    :param time_limit: seconds, or None
+    :return: exit status: 0 where all are done or the time is over, 1 after a failure, 130 after
+        Ctrl-C
+    """
     from saver_advisors.experiments.progress import ProgressTable
     from saver_advisors.experiments.scheduler import Stop, work_off
 
-    stop = Stop(args.time_limit)
-    backend = _backend(args, places)
+    stop = Stop(time_limit)
     with stop.on_signals(), ProgressTable(grid, places) as shown:
         progress = work_off(grid, places, backend, stop, shown.look)
     if progress.failed:
         for name, words in progress.failed.items():
             log = places.folder(grid.named(name)) / LOG_FILE
-            print(f"saver experiments: {name} failed: {words} (see {log})", file=sys.stderr)
+            print(f"saver: {name} failed: {words} (see {log})", file=sys.stderr)
         return 1
     # A requested time limit is a normal end; Ctrl-C is not.
     done = len(progress.done) == len(grid.runs)
-    return 0 if done or args.time_limit is not None else 130
+    return 0 if done or time_limit is not None else 130
 
 
 def _backend(args: argparse.Namespace, places: Places) -> Backend:

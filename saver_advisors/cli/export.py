@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
-from saver_advisors.cli.runs import read_config
+from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -48,10 +48,8 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.reporting.tables import show
     from saver_advisors.training.release import release_run
 
-    config = read_config(args.run_dir)
+    config = read_run(args.run_dir, "").config
     env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
-    if not any((args.run_dir / which).exists() for which in ("best", "latest")):
-        raise UsageError(f"argument RUN_DIR: {args.run_dir} has no policy yet")
     path = args.path or shipped_path(args.name)
     print(f"evaluating {args.run_dir}: up to three times {args.episodes} episodes")
     with user_mistakes("argument RUN_DIR"):

@@ -101,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
+    import numba  # noqa: F401  (the measurement at the end needs it: say so before the training)
+
     from saver_advisors.training.threads import one_thread_of_algebra
 
     with one_thread_of_algebra():

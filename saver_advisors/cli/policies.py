@@ -89,11 +89,12 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
         return NamedPolicy(word, _side_by_side(rest, sizes))
     if kind == FROZEN:
         return NamedPolicy(word, _one_free_arm(rest, sizes, env_kwargs))
-    if (folder := _run_folder(Path(word))) is not None:
-        return NamedPolicy(word, _trained(*folder, sizes))
-    if Path(word).suffix == ".zip" or Path(word).is_dir():
-        return NamedPolicy(word, _trained_by_zoo(word, sizes))
-    return NamedPolicy(word, _weights(word, sizes))
+    with user_mistakes("argument --policy"):  # a name may be too long for a path
+        if (folder := _run_folder(Path(word))) is not None:
+            return NamedPolicy(word, _trained(*folder, sizes))
+        if Path(word).suffix == ".zip" or Path(word).is_dir():
+            return NamedPolicy(word, _trained_by_zoo(word, sizes))
+        return NamedPolicy(word, _weights(word, sizes))
 
 
 def _random(size: int, seed: int) -> Predict:
@@ -162,6 +163,10 @@ def _run_folder(path: Path) -> tuple[Path, str] | None:
 def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
     from saver_advisors.training.launch import load_trained
 
+    if not (folder / which).is_dir():
+        latest = folder / "latest"
+        hint = f"; its newest policy is {latest}" if latest.is_dir() else ""
+        raise UsageError(f"argument --policy: {str(folder)!r} has no evaluation yet{hint}")
     with user_mistakes("argument --policy"):
         model = load_trained(folder, which)
     return _of_sb3(model, str(folder), sizes)

@@ -7,15 +7,20 @@ such as MuJoCo and torch inside ``run``, so that ``--help`` starts fast.
 from __future__ import annotations
 
 import argparse
-import importlib
+import importlib.util
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import metadata
 from typing import Any, Final, NoReturn
 
 from saver_advisors.reporting.errors import UsageError
 
+DISTRIBUTION: Final = "saver-envs"
+#: Distributions whose module has another name.
+OTHER_NAMES: Final = {"PIL": "pillow", "yaml": "pyyaml", "zmq": "pyzmq"}
 #: Exit status after Ctrl-C, as in shells.
 INTERRUPTED: Final = 130
 
@@ -34,22 +39,25 @@ class Program:
     :param name: what the user types.
     :param description: shown by ``--help``.
     :param commands: name -> module and a line of help.
-    :param moved: names of commands that moved elsewhere -> the command to call instead.
     :param examples: shown at the end of ``--help``.
     :param version: shown by ``--version``; no such option where empty.
+    :param extras: names of commands -> the extra of the package that they need.
+    :param usual_extra: what the other commands need.
     """
 
     name: str
     description: str
     commands: Mapping[str, tuple[str, str]]
-    moved: Mapping[str, str] = field(default_factory=dict)
     examples: str = ""
     version: str = ""
+    extras: Mapping[str, str] = field(default_factory=dict)
+    usual_extra: str = "train"
 
     def parser(self, command: str | None = None) -> argparse.ArgumentParser:
         """Build the parser.
 
-        :param command: the only command whose module is loaded; all of them if None.
+        :param command: the only command whose module is loaded; all of them if None, and none for
+            the name of no command.
         :return: the parser.
         """
         parser = Parser(
@@ -75,17 +83,22 @@ class Program:
         """
         arguments = list(sys.argv[1:] if argv is None else argv)
         _choose_renderer()
-        words = [word for word in arguments if not word.startswith("-")]
-        for depth in (1, 2):
-            if new := self.moved.get(" ".join(words[:depth])):
-                moved = " ".join(words[:depth])
-                print(f"{self.name}: error: '{self.name} {moved}' is now '{new}'", file=sys.stderr)
-                return 2
-        args = self.parser(words[0] if words else None).parse_args(arguments)
-        if args.command is None:
-            self.parser(None).print_help()
-            return 0
-        return self._run(args)
+        command = next((word for word in arguments if not word.startswith("-")), "")
+        parser = self.parser(command)
+        try:
+            args = parser.parse_args(arguments)
+            if args.command is not None:
+                return self._run(args)
+        except ImportError as error:
+            extra = missing_extra(error.name, self.extras.get(command, self.usual_extra))
+            if extra is None or "--traceback" in arguments:
+                raise
+            install = f"pip install '{DISTRIBUTION}[{extra}]'"
+            message = f"needs the package {error.name}: {install}"
+            print(f"{self.name} {command}: error: {message}", file=sys.stderr)
+            return 2
+        parser.print_help()
+        return 0
 
     def _run(self, args: argparse.Namespace) -> int:
         prefix = f"{self.name} {args.command}"
@@ -129,6 +142,25 @@ def add_commands(
         )
         module.add_arguments(parser)
         parser.set_defaults(run=module.run)
+
+
+def missing_extra(module: str | None, usual: str) -> str | None:
+    """Find the extra of our package that brings a module.
+
+    :param module: name of a module that could not be imported.
+    :param usual: the extra to name if several bring it.
+    :return: name of the extra; None if no extra lists the module, or if it is installed.
+    """
+    top = (module or "sys").partition(".")[0]
+    if importlib.util.find_spec(top) is not None:
+        return None
+    wanted = OTHER_NAMES.get(top, top).replace("_", "-").lower()
+    extras = []
+    for requirement in metadata.requires(DISTRIBUTION) or ():
+        name, _, extra = requirement.partition("extra ==")
+        if re.split(r"[^\w.-]", name)[0].replace("_", "-").lower() == wanted and extra:
+            extras.append(extra.strip(" \"')"))
+    return usual if usual in extras else next(iter(extras), None)
 
 
 def _choose_renderer() -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING, Final
 
 from saver_advisors.cli.arguments import add_count, add_json, new_file, new_folder, write_json
@@ -25,6 +25,7 @@ examples:
   saver run wrist-push --true-state --exact-ik      without camera, network and learned kinematics
   saver run wrist-push --apart                      its stages in three processes, in real time"""
 
+Look = Callable[[float], None]
 TASKS: Final = ("wrist-push",)
 
 
@@ -137,17 +138,42 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
             stack.callback(print, f"wrote {args.video}")
             recorder = stack.enter_context(closing(VideoRecorder(args.video, loop)))
         look = recorder or (_window(bench) if args.view else None)
+        counted = stack.enter_context(_progress(args, look))
         for seed in range(args.seed, args.seed + args.trials):
-            records.append(run_trial(loop, seed, look=look))
+            records.append(run_trial(loop, seed, look=counted))
             _tell(records[-1])
             if recorder is not None:
                 recorder.end(records[-1])
         if args.report is not None:
             print(f"wrote {write_report(args.report, loop, records)}")
+        elif look is None:
+            print(f"to watch it: saver run {args.task} --video trial.mp4")
     return records
 
 
-def _window(bench: WristBench) -> Callable[[float], None]:
+@contextmanager
+def _progress(args: argparse.Namespace, look: Look | None = None) -> Iterator[Look]:
+    """Show a progress bar over the actions of all trials.
+
+    :param args: the command line
+    :param look: called after every action
+    :return: a context with a function to call after every action
+    """
+    from tqdm import tqdm
+
+    from saver_advisors.integration.casualty import TASK
+
+    with tqdm(total=args.trials * (TASK.horizon + 1), unit="action", dynamic_ncols=True) as bar:
+
+        def counted(now: float) -> None:
+            bar.update()
+            if look is not None:
+                look(now)
+
+        yield counted
+
+
+def _window(bench: WristBench) -> Look:
     """Return a function that shows the scene in a window after each action."""
     from saver_envs.cameras.rendering import DEFAULT_SIZE
     from saver_envs.envs.pictures import Pictures
@@ -169,9 +195,14 @@ def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialR
 
     records = []
     settings = replace(settings, silent_periods=SILENT_PERIODS)
-    with closing(WristBench()) as bench, ProcessLoop(settings, bench) as processes:
+    with (
+        closing(WristBench()) as bench,
+        ProcessLoop(settings, bench) as processes,
+        _progress(args) as look,
+    ):
         for seed in range(args.seed, args.seed + args.trials):
-            records.append(run_trial(processes.loop, seed, advance=processes.run_until))
+            advance = processes.run_until
+            records.append(run_trial(processes.loop, seed, look=look, advance=advance))
             _tell(records[-1])
         for name, (calls, mean) in processes.timings.items():
             print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
@@ -179,6 +210,8 @@ def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialR
 
 
 def _tell(record: TrialRecord) -> None:
-    print(f"trial {record.seed}: {record.cause or record.outcome}")
+    from tqdm import tqdm
+
+    tqdm.write(f"trial {record.seed}: {record.cause or record.outcome}")
     for event in record.log:
-        print(f"  {event}")
+        tqdm.write(f"  {event}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
 from saver_advisors.reporting.curve_style import PENS, dress, line_style
-from saver_advisors.reporting.errors import UsageError
-from saver_advisors.training.curve_file import CURVE_FILE, read_curve
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.training.curve_file import read_curve
+from saver_advisors.training.run_folder import RECORD_FILE, read_record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,7 +121,8 @@ def read_run(folder: Path, name: str) -> RunCurve:
     :raises UsageError: for a folder that is not a run or has no evaluation yet
     """
     config = read_config(folder)
-    points = read_curve(folder) if (folder / CURVE_FILE).is_file() else []
+    with user_mistakes("argument RUN_DIR"):
+        points = read_curve(folder)
     if not points:
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
     return RunCurve(name, config, points)
@@ -133,14 +134,11 @@ def read_config(folder: Path) -> dict[str, Any]:
     :param folder: folder of the run
     :raises UsageError: for a folder that is not a run, or a damaged record
     """
-    record = folder / "run.json"
-    try:
-        config: dict[str, Any] = json.loads(record.read_text(encoding="utf-8"))["config"]
-    except OSError as error:
+    if not (folder / RECORD_FILE).is_file():
         message = f"argument RUN_DIR: {str(folder)!r} is not a run of `saver train`: no run.json"
-        raise UsageError(message) from error
-    except (json.JSONDecodeError, KeyError) as error:
-        raise UsageError(f"argument RUN_DIR: {record} is damaged") from error
+        raise UsageError(message)
+    with user_mistakes("argument RUN_DIR"):
+        config: dict[str, Any] = read_record(folder)["config"]
     return config
 
 

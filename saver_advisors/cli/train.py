@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
+import math
 import shlex
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +37,7 @@ examples:
   saver train --env JacoPush-v0 --output runs/push                   like the shipped teacher
   saver train --output runs/push --resume                            continue after Ctrl-C
   saver train --env DualJacoPush-v0 --output runs/dual               like the shipped student
+  saver train --env JacoPush-v0 --output runs/tb --tensorboard       and: tensorboard --logdir runs
   saver train --env DualJacoPush-v0 --output runs/alone --advice none
   saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
       --budget 100000 --threshold 0.1
@@ -81,7 +85,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="STRATEGY",
         help="early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher",
     )
-    advice.add_argument("--teacher", type=teacher, metavar="NAME", help="a shipped policy or file")
+    advice.add_argument(
+        "--teacher",
+        type=teacher,
+        metavar="NAME",
+        help="a shipped policy, weight file, run's folder, SB3 zip or MODULE:FUNCTION",
+    )
     advice.add_argument(
         "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
     )
@@ -97,6 +106,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "zoo_arguments", nargs="*", metavar="ARG", help="RL Zoo's own arguments, after --"
     )
     add_json(parser)
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="write the curve to DIR/tensorboard as well"
+    )
+    parser.add_argument(
+        "--wandb",
+        nargs="?",
+        const="saver",
+        metavar="PROJECT",
+        help="send the curve to Weights & Biases (default project: saver)",
+    )
     parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
 
 
@@ -133,6 +152,11 @@ def _check_output(args: argparse.Namespace, config: Any) -> None:
             f"argument --output: {str(args.output)!r} holds a run already: go on with it by "
             "--resume, or choose another folder"
         )
+    from saver_advisors.training.run import find_own_checkpoint
+
+    with user_mistakes("argument --output"):
+        # Before the settings are built: those of a file may name code, which is then imported.
+        find_own_checkpoint(args.output, config, args.resume)
     try:
         env_id(config.env_id)
     except argparse.ArgumentTypeError as error:
@@ -140,31 +164,57 @@ def _check_output(args: argparse.Namespace, config: Any) -> None:
 
 
 def _train(args: argparse.Namespace, config: Any) -> Any:
+    from saver_advisors.reporting.curve_logging import CurveLogs
     from saver_advisors.training.launch import open_run
 
-    callback = None if args.time_limit is None else _time_limit(args.time_limit)
+    logs = CurveLogs(_destinations(args, config))
     with contextlib.ExitStack() as stack:
+        stack.callback(logs.close)
         with user_mistakes():
             run = stack.enter_context(open_run(config, args.output, threads=args.threads))
+        callback = _watch(args.time_limit, lambda: logs.update(run.curve))
         try:
             # The settings fit. What fails now is the folder, such as a damaged checkpoint.
             with user_mistakes("argument --output"):
-                return run.train(args.resume, not args.no_progress, callback=callback)
+                result = run.train(args.resume, not args.no_progress, callback=callback)
         except KeyboardInterrupt:
             print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
             raise
+        logs.update(run.curve)
+        return result
 
 
-def _time_limit(seconds: float) -> Any:
-    """Return a callback that stops the run as Ctrl-C does when the time is over."""
+def _destinations(args: argparse.Namespace, config: Any) -> list[Any]:
+    """Return the contexts of the curve's destinations, whose packages are installed."""
+    from saver_advisors.reporting.curve_logging import tensorboard_log, wandb_log
+
+    destinations: list[Any] = []
+    if args.tensorboard:
+        importlib.import_module("tensorboard")
+        destinations.append(tensorboard_log(args.output))
+    if args.wandb is not None:
+        importlib.import_module("wandb")
+        destinations.append(wandb_log(args.output, args.wandb, config.to_mapping()))
+    return destinations
+
+
+def _watch(time_limit: float | None, update: Callable[[], None]) -> Any:
+    """Return a callback that stops the run as Ctrl-C does when the time is over.
+
+    :param time_limit: seconds, or None
+    :param update: called before every block
+    """
     from stable_baselines3.common.callbacks import BaseCallback
 
-    deadline = time.monotonic() + seconds
+    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
 
-    class TimeLimit(BaseCallback):
+    class Watch(BaseCallback):
         """Checks the clock at every step."""
 
         asked = False
+
+        def _on_training_start(self) -> None:
+            update()
 
         def _on_step(self) -> bool:
             if not self.asked and time.monotonic() > deadline:
@@ -172,7 +222,7 @@ def _time_limit(seconds: float) -> Any:
                 signal.raise_signal(signal.SIGTERM)
             return True
 
-    return TimeLimit()
+    return Watch()
 
 
 def _report(args: argparse.Namespace, config: Any, result: Any) -> None:

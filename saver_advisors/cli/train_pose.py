@@ -21,11 +21,11 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, at_least, positive_seconds
+    from saver_advisors.cli.arguments import add_count, at_least, new_folder, positive_seconds
     from saver_advisors.cli.pose import add_cache
 
     parser.add_argument(
-        "--output", type=Path, required=True, metavar="DIR", help="folder of the run"
+        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the run"
     )
     parser.add_argument(
         "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"

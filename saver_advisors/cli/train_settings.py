@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 from saver_advisors.cli.arguments import settings
@@ -51,15 +50,15 @@ def apply_set(values: dict[str, Any], args: argparse.Namespace) -> None:
 
 def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
     from saver_advisors.training.defaults import default_settings, read_settings
+    from saver_advisors.training.run_folder import RECORD_FILE, read_record
 
     if args.config is not None:
         with user_mistakes("argument --config"):
             return read_settings(args.config, args.env)
-    record = None if args.output is None else args.output / "run.json"
-    if args.resume and record is not None and record.is_file():
-        with user_mistakes(f"argument --output: {record}"):
-            saved: dict[str, Any] = json.loads(record.read_text(encoding="utf-8"))["config"]
-        return {**saved, "env_id": args.env or saved["env_id"]}
+    if args.resume and args.output is not None and (args.output / RECORD_FILE).is_file():
+        with user_mistakes("argument --output"):
+            saved: dict[str, Any] = read_record(args.output)["config"]
+        return {**saved, **({} if args.env is None else {"env_id": args.env})}
     if args.env is None:
         raise UsageError("argument --env: say what to train in; `saver envs` lists the ids")
     return default_settings(args.env)

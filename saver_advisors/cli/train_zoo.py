@@ -22,8 +22,13 @@ def run_zoo(args: argparse.Namespace) -> int:
     for name in ("algorithm", "time_limit", "json", "print_config"):
         if getattr(args, name):
             raise UsageError(f"argument --{name.replace('_', '-')}: not available with --zoo")
-    if args.threads != 1:
-        raise UsageError("argument --threads: RL Zoo has --num-threads, which goes after --")
+    for name, unset, own in (
+        ("threads", 1, "--num-threads"),
+        ("tensorboard", False, "--tensorboard-log DIR"),
+        ("wandb", None, "--track"),
+    ):
+        if getattr(args, name) != unset:
+            raise UsageError(f"argument --{name}: RL Zoo has {own}, which goes after --")
     for name in ("env", "output"):
         if getattr(args, name) is None:
             raise UsageError(f"argument --{name}: --zoo needs it")

@@ -14,26 +14,33 @@
         rows:
           none: {}
           early: {advice: {strategy: early}, seeds: [0, 1]}
+          mine: {algorithm: mine.py:Mine, algo_kwargs: {hidden: 64}}
 
 A row starts from the defaults of ``saver train`` for that environment, without advice. The group's
-settings override them, and the row's override those. Runs follow the order of the file: the first
-seed of every row, then the second seed of every row, and so on.
+settings override them, and the row's override those. A row with an algorithm of one's own, as
+``saver benchmark run`` takes it, uses those settings that are not our learner's. Runs follow the
+order of the file: the first seed of every row, then the second seed of every row, and so on.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.training.settings import RunConfig
+from saver_advisors.evaluation.protocol import EVALUATE_EVERY
+from saver_advisors.experiments.recorder import BenchmarkPlan
+from saver_advisors.training.settings import RunConfig, naming
 
 DEFAULT_FINAL_EPISODES: Final = 500
 GRID_KEYS: Final = ("title", "final_episodes", "groups")
 GROUP_KEYS: Final = ("env_id", "settings", "advice", "budget_fraction", "seeds", "rows")
-ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds")
+THIRD_PARTY_KEYS: Final = ("algorithm", "algo_kwargs", "teacher_steps", "demonstration_steps")
+ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds", *THIRD_PARTY_KEYS)
+#: Settings that a third-party algorithm shares with our learner.
+SHARED_SETTINGS: Final = ("env_kwargs", "n_envs", "total_steps", "eval_every", "eval_episodes")
 
 
 @dataclass(frozen=True)
@@ -43,14 +50,14 @@ class ExperimentRun:
     :param name: unique name, used for its folder and its result file
     :param group: the part of the grid that it belongs to
     :param row: its name in tables; runs of one row differ only in their seed
-    :param config: settings of the training run
+    :param config: settings of the training run, ours or that of a third-party algorithm
     :param final_episodes: number of episodes, on seeds from 0, of the student's final evaluation
     """
 
     name: str
     group: str
     row: str
-    config: RunConfig
+    config: RunConfig | BenchmarkPlan
     final_episodes: int = DEFAULT_FINAL_EPISODES
 
     def to_mapping(self) -> dict[str, Any]:
@@ -65,7 +72,11 @@ class ExperimentRun:
         :raises ValueError: for a missing or unknown entry
         """
         try:
-            return cls(**{**values, "config": RunConfig.from_mapping(values["config"])})
+            config = values["config"]
+            third_party = ":" in config["algorithm"]
+            build: Callable[[Any], RunConfig | BenchmarkPlan]
+            build = BenchmarkPlan.from_mapping if third_party else RunConfig.from_mapping
+            return cls(**{**values, "config": build(config)})
         except (KeyError, TypeError) as error:
             raise ValueError(f"not a run of a grid: {error}") from error
 
@@ -133,11 +144,14 @@ def _grid(content: Mapping[str, Any]) -> Grid:
             place = f"{group_name}.{row_name}"
             row = _mapping({} if row is None else row, place, ROW_KEYS)
             for rank, seed in enumerate(_seeds(row.get("seeds", group.get("seeds", [0])), place)):
-                try:
-                    config = _config(group, row, seed)
-                except (TypeError, ValueError) as error:
-                    raise ValueError(f"{place}: {error}") from error
                 name = _slug(f"{group_name}-{row_name}-seed{seed}")
+                config: RunConfig | BenchmarkPlan
+                with naming(place):
+                    if "algorithm" in row:
+                        labels = {"name": name, "row": row_name, "group": group_name}
+                        config = third_party_plan(group, row, seed, final_episodes, labels)
+                    else:
+                        config = _config(group, row, seed)
                 run = ExperimentRun(name, group_name, row_name, config, final_episodes)
                 ranked.append((rank, run))
     # The sort is stable: within a rank, the order of the file stays.
@@ -172,6 +186,87 @@ def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunC
             advice["budget"] = _budget(fraction, RunConfig.from_mapping(values).total_steps)
         values["advice"] = advice
     return RunConfig.from_mapping(values)
+
+
+def third_party_plan(
+    group: Mapping[str, Any],
+    row: Mapping[str, Any],
+    seed: int,
+    final_episodes: int,
+    labels: Mapping[str, Any],
+) -> BenchmarkPlan:
+    """Merge the group's settings and the row's for one run of a third-party algorithm.
+
+    :param group: with ``env_id`` and ``settings``
+    :param row: with those of ``THIRD_PARTY_KEYS``, and ``settings``
+    :param seed: of the run
+    :param final_episodes: of its last policy
+    :param labels: ``name``, ``row`` and ``group`` of the plan
+    :raises ValueError: for an invalid entry
+    :raises TypeError: for one of the wrong type
+    """
+    from saver_advisors.experiments.third_party import file_sha256
+    from saver_advisors.training.defaults import default_settings
+    from saver_envs.registration import row_of
+
+    env_id = str(group.get("env_id"))
+    row_of(env_id)
+    word = row["algorithm"]
+    if not isinstance(word, str) or ":" not in word:
+        raise ValueError(
+            f"algorithm={word!r} must be MODULE:CLASS or FILE.py:CLASS; those of `saver train` are "
+            "named in settings: {algorithm: td3}"
+        )
+    own = _mapping(row.get("settings", {}), "settings", SHARED_SETTINGS)
+    wanted = {**_mapping(group.get("settings", {}), "settings"), **own}
+    shared: dict[str, Any] = {name: wanted[name] for name in SHARED_SETTINGS if name in wanted}
+    usual = {"total_steps": default_settings(env_id)["total_steps"], "eval_every": EVALUATE_EVERY}
+    # Our learner's class checks the types and ranges of the settings that both have.
+    checked = RunConfig.from_mapping({**usual, **shared, "env_id": env_id, "seed": seed})
+    steps = {name: row.get(name, 0) for name in THIRD_PARTY_KEYS[2:]}
+    for name, value in steps.items():
+        if not _is_whole(value, 0):
+            raise ValueError(f"{name}={value!r} must be an integer of at least 0")
+    return BenchmarkPlan(
+        **labels,
+        **{name: getattr(checked, name) for name in SHARED_SETTINGS},
+        env_id=env_id,
+        algorithm=word,
+        algo_kwargs=_mapping(row.get("algo_kwargs", {}), "algo_kwargs"),
+        source_sha256=file_sha256(word),
+        seed=seed,
+        report_episodes=final_episodes,
+        **steps,
+    )
+
+
+def check_rows(runs: Sequence[ExperimentRun]) -> None:
+    """Build each row's environment and learner once, so that no mistake shows after hours.
+
+    Modules that rows name are imported last.
+
+    :param runs: of a grid
+    :raises ValueError: for settings, environments, teachers or algorithms that do not fit; the
+        message names the row
+    :raises TypeError: likewise
+    """
+    from saver_advisors.experiments.third_party import load_class, resolved
+    from saver_advisors.training.launch import open_run
+    from saver_envs.registration import make_episodes
+
+    rows = {(run.group, run.row): run.config for run in runs}  # they differ in their seed alone
+    for (group, row), config in rows.items():
+        with naming(f"{group}.{row}"):
+            if isinstance(config, BenchmarkPlan):
+                make_episodes(config.env_id, **config.env_kwargs)
+            else:
+                with open_run(config, row):
+                    pass
+    for (group, row), config in rows.items():
+        if isinstance(config, BenchmarkPlan):
+            with naming(f"{group}.{row}"):
+                load_class(config.algorithm)
+                resolved(config.algo_kwargs)
 
 
 def _budget(fraction: Any, total_steps: int) -> int:

@@ -33,7 +33,7 @@ def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[l
 def _word(name: str, state: RunState, progress: Progress | None) -> str:
     if progress is not None:
         if name in progress.running:
-            return "running"
+            return "running" if state.state in ("waiting", "started") else f"running {state.state}"
         if name in progress.failed:
             return f"failed: {progress.failed[name]}"
         if name in progress.busy:
@@ -43,7 +43,7 @@ def _word(name: str, state: RunState, progress: Progress | None) -> str:
 
 def _figures(state: RunState, total: str) -> list[str]:
     if state.success_rate is None or state.best_success_rate is None:
-        return ["-", total, "-", "-", "-"]
+        return [f"{state.steps:,}", total, "-", "-", "-"]
     return [
         f"{state.steps:,}",
         total,
@@ -98,7 +98,7 @@ class ProgressTable:
             **{run.name: "waiting" for run in self.grid.runs},
             **dict.fromkeys(progress.running, "running"),
             **dict.fromkeys(progress.done, "done"),
-            **dict.fromkeys(progress.stopped, "stopped, with a checkpoint"),
+            **dict.fromkeys(progress.stopped, "stopped"),
             **dict.fromkeys(progress.busy, "left to another process"),
             **{name: f"failed: {why}" for name, why in progress.failed.items()},
         }

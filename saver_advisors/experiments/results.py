@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+import shutil
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.evaluation.protocol import REPORT_SEED
+import numpy as np
+
+from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.protocol import REPORT_SEED, off_protocol
 from saver_advisors.experiments.grid import ExperimentRun
+from saver_advisors.experiments.recorder import BenchmarkPlan
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
-from saver_advisors.training.curve_file import read_curve
+from saver_advisors.training.curve_file import POINT, is_point, read_curve
+from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
+from saver_envs.files import read_json, written_whole
 
+STEPS_FILE: Final = "steps.json"
+"""Environment steps of a third-party algorithm in progress, written every few seconds."""
+FINAL_FOLDER: Final = "final-episodes"
+FINAL_PART: Final = 32
+"""Final episodes per file: two batches of the evaluation, whose outcomes stay the same."""
 RESULT_KEYS: Final = ("kind", "name", "task", "row", "seed", "config", "curve", "finished")
 
 
@@ -22,8 +34,8 @@ RESULT_KEYS: Final = ("kind", "name", "task", "row", "seed", "config", "curve", 
 class RunState:
     """The state of a run of a grid.
 
-    :param state: ``waiting``, ``started`` (partly done) or ``done``
-    :param steps: environment steps at the last evaluation
+    :param state: ``waiting``, ``started`` (partly done), ``final episodes 64 of 500`` or ``done``
+    :param steps: environment steps so far
     :param success_rate: of the last evaluation, None before the first
     :param best_success_rate: of the best evaluation
     :param wall_clock_s: seconds of training so far
@@ -53,15 +65,15 @@ def read_result(path: str | Path) -> dict[str, Any]:
     :raises OSError: if it cannot be read
     """
     path = Path(path)
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} is truncated or not JSON: {error}") from error
+    values = read_json(path)
     if not isinstance(values, dict) or values.get("kind") != KIND:
         raise ValueError(f"{path} is not the result of a run (kind={KIND!r})")
     missing = [key for key in RESULT_KEYS if key not in values]
     if missing:
         raise ValueError(f"{path} lacks {', '.join(missing)}")
+    curve = values["curve"]
+    if not isinstance(curve, list) or not curve or not all(map(is_point, curve)):
+        raise ValueError(f"{path} has no curve: a list of points with {', '.join(POINT)}")
     return values
 
 
@@ -73,11 +85,26 @@ def is_done(results: str | Path, run: ExperimentRun) -> bool:
     """
     try:
         values = read_result(result_path(results, run))
-        # Through the class: a setting that is newer than the file gets its default.
-        config = RunConfig.from_mapping(values["config"])
+        if isinstance(run.config, BenchmarkPlan):
+            same = not changed_settings(run.config, values["config"])
+        else:
+            # Through the class: a setting that is newer than the file gets its default.
+            config = RunConfig.from_mapping(values["config"])
+            same = _as_json(config) == _as_json(run.config)
     except (OSError, TypeError, ValueError):
         return False
-    return bool(values["finished"]) and _as_json(config) == _as_json(run.config)
+    return bool(values["finished"]) and same
+
+
+def changed_settings(plan: BenchmarkPlan, config: Mapping[str, Any]) -> list[str]:
+    """Return the names of the settings in which a result differs from a plan.
+
+    :param plan: of a run
+    :param config: of the result
+    """
+    # Through JSON, so that tuples compare equal to lists.
+    wanted = json.loads(json.dumps(plan.config()))
+    return sorted(name for name in wanted if wanted[name] != config.get(name))
 
 
 def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> RunState:
@@ -87,18 +114,67 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
     :param folder: the run's own
     :param results: the folder of results
     """
+    folder, path = Path(folder), result_path(results, run)
     done = is_done(results, run)
-    curve = read_result(result_path(results, run))["curve"] if done else read_curve(folder)
+    if done or (isinstance(run.config, BenchmarkPlan) and path.is_file()):
+        curve = read_json(path)["curve"]
+    else:
+        curve = read_curve(folder)
+    steps = int(curve[-1]["steps"]) if curve else 0
+    if not done and (folder / STEPS_FILE).is_file():
+        steps = max(steps, int(read_json(folder / STEPS_FILE)))
+    state = "done" if done else "started" if steps else "waiting"
+    if not done and curve and curve[-1]["steps"] >= run.config.total_steps:
+        played = sum(int(part.stem.split("-")[1]) for part in _parts(folder))
+        state = f"final episodes {played} of {run.final_episodes}"
     if not curve:
-        return RunState("done" if done else "waiting")
-    last = curve[-1]
+        return RunState(state, steps)
     return RunState(
-        "done" if done else "started",
-        int(last["steps"]),
-        float(last["success_rate"]),
+        state,
+        steps,
+        float(curve[-1]["success_rate"]),
         max(float(line["success_rate"]) for line in curve),
-        float(last["wall_clock_s"]),
+        float(curve[-1]["wall_clock_s"]),
     )
+
+
+def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> EpisodeOutcomes:
+    """Evaluate the last policy on the report seeds, in parts that an interruption does not lose.
+
+    :param run: of the grid, with all its steps done
+    :param folder: the run's own
+    :param threads: of the simulation
+    :return: the outcomes of the run's final episodes
+    """
+    from saver_advisors.training.release import evaluate_trained
+
+    (folder / FINAL_FOLDER).mkdir(exist_ok=True)
+    parts = []
+    for first in range(0, run.final_episodes, FINAL_PART):
+        episodes = min(FINAL_PART, run.final_episodes - first)
+        path = folder / FINAL_FOLDER / f"{first}-{episodes}.json"
+        if not path.is_file():
+            # The last policy, since choosing the best one would bias the result.
+            outcomes = evaluate_trained(
+                folder, "latest", episodes=episodes, seed=REPORT_SEED + first, threads=threads
+            )
+            arrays = {k: v for k, v in vars(outcomes).items() if k not in ("env_id", "seed")}
+            with written_whole(path) as file:  # with NaN, of diverged simulations
+                file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
+        parts.append(read_json(path))
+    joined = {name: _joined([part[name] for part in parts]) for name in parts[0]}
+    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **joined)
+
+
+def _joined(values: list[Any]) -> Any:
+    """Join the entries of several outcomes: arrays, mappings of arrays, or None."""
+    if isinstance(values[0], dict):
+        return {name: _joined([one[name] for one in values]) for name in values[0]}
+    return None if values[0] is None else np.concatenate([np.array(one) for one in values])
+
+
+def _parts(folder: Path) -> list[Path]:
+    return list((folder / FINAL_FOLDER).glob("*-*.json"))
 
 
 def write_result(
@@ -115,19 +191,12 @@ def write_result(
     :return: the content of the file
     :raises OSError: if it cannot be written; an earlier file is then intact
     """
-    from saver_advisors.training.release import evaluate_trained
-
     folder = Path(folder)
-    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    assert isinstance(run.config, RunConfig)
+    record = read_record(folder)
     curve = read_curve(folder)
     finished = bool(curve) and curve[-1]["steps"] >= run.config.total_steps
-    final = None
-    if finished:
-        # The last policy, since choosing the best one would bias the result.
-        outcomes = evaluate_trained(
-            folder, "latest", episodes=run.final_episodes, seed=REPORT_SEED, threads=threads
-        )
-        final = outcomes.summary()
+    final = final_outcomes(run, folder, threads).summary() if finished else None
     values = {
         "kind": KIND,
         "name": run.name,
@@ -137,6 +206,7 @@ def write_result(
         "seed": run.config.seed,
         "finished": finished,
         "final": final,
+        "off_protocol": off_protocol(run.config.to_mapping(), final) if finished else None,
         "teacher_steps": teacher_steps(run),
         "config": _as_json(run.config),
         "curve": curve,
@@ -144,22 +214,27 @@ def write_result(
         "provenance": provenance(),
     }
     write_json_atomic(path, values)
+    shutil.rmtree(folder / FINAL_FOLDER, ignore_errors=True)
     return values
 
 
-def teacher_steps(run: ExperimentRun) -> int:
+def teacher_steps(run: ExperimentRun) -> int | None:
     """Sum the environment steps that a run's teachers were trained for, each teacher once.
 
     :param run: of the grid
+    :return: None if a teacher is not a weight file, whose card has them
     """
     from saver_advisors.pretrained import load_policy
 
-    advice = run.config.advice
+    advice = run.config.advice if isinstance(run.config, RunConfig) else None
     if advice is None:
         return 0
     given: Any = advice.teacher
     names: Iterable[str] = [given] if isinstance(given, str) else given
-    return sum(load_policy(name).card.steps for name in sorted(set(names)))
+    try:
+        return sum(load_policy(name).card.steps for name in sorted(set(names)))
+    except ValueError:
+        return None
 
 
 def _as_json(config: RunConfig) -> Any:

@@ -158,6 +158,7 @@ class LocalProcesses:
         """Keep all processes busy; send them SIGTERM on a request to stop."""
         waiting = list(runs)
         running: dict[str, tuple[ExperimentRun, subprocess.Popen[bytes]]] = {}
+        asked = False
         try:
             while running or (waiting and not stop):
                 while waiting and len(running) < self.processes and not stop:
@@ -166,8 +167,9 @@ class LocalProcesses:
                     process = worker.start(run, folder, result, threads=self.threads)
                     running[run.name] = (run, process)
                     progress.running.add(run.name)
-                if stop:
+                if stop and not asked:
                     _ask_to_stop(running)
+                    asked = True
                 time.sleep(LOOK_EVERY)
                 for name, (run, process) in list(running.items()):
                     status = process.poll()

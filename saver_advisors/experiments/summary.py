@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, Final
 
 from saver_advisors.evaluation.metrics import LearningMetrics, area_under_curve
+from saver_advisors.evaluation.protocol import SEEDS, off_protocol
 from saver_advisors.evaluation.statistics import Estimate, estimate
 from saver_advisors.experiments.training_runs import TrainingRun
 
@@ -156,6 +157,13 @@ class MethodRow:
         return sorted({run.spent_before for run in self.runs if run.spent_before is not None})
 
     @property
+    def off_protocol(self) -> str:
+        """In which points the row deviates from the protocol; empty where it follows it."""
+        told = [] if self.n >= SEEDS else [f"{self.n} of {SEEDS} seeds"]
+        told += [point for run in self.runs for point in off_protocol(run.config, run.final)]
+        return "; ".join(dict.fromkeys(told))
+
+    @property
     def unsolved_seeds(self) -> list[int]:
         """Seeds that never reached a success rate of 0.9."""
         return [run.seed for run in self.runs if run.metrics.solved.censored]
@@ -172,6 +180,7 @@ class MethodRow:
             ],
             "unsolved_seeds": self.unsolved_seeds,
             "steps_before": self.steps_before,
+            "off_protocol": self.off_protocol,
         }
         for name in FIGURES:
             figure = getattr(self, name)

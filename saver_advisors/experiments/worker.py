@@ -1,26 +1,29 @@
 """Execute one run of a grid in its own process: ``python -m saver_advisors.experiments.worker``.
 
 The process resumes from the run's checkpoint, if any, and writes the result when it ends, even if
-the run is incomplete. On SIGTERM, or when its parent process ends, it writes a checkpoint and
-stops. A lock prevents two processes from executing the same run.
+the run is incomplete. A third-party algorithm has no checkpoint and starts again. On SIGTERM, or
+when its parent process ends, it writes a checkpoint and stops. A lock prevents two processes from
+executing the same run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 from saver_advisors.experiments.grid import ExperimentRun
-from saver_advisors.experiments.results import is_done, write_result
+from saver_advisors.experiments.recorder import BenchmarkPlan, Recorder
+from saver_advisors.experiments.results import STEPS_FILE, is_done, write_result
 from saver_advisors.reporting.provenance import COMMAND_VARIABLE, command_line, write_json_atomic
 
 RUN_FILE: Final = "experiment.json"
@@ -40,22 +43,58 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads:
     :param threads: see ``saver_advisors.training.launch.train``
     :return: ``DONE``, ``STOPPED`` before its end, or ``BUSY`` if another process executes it
     """
-    from filelock import FileLock, Timeout
-
     from saver_advisors.training.launch import train
+    from saver_advisors.training.run_folder import FolderInUseError, locked
 
     folder, result = Path(folder), Path(result)
-    folder.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(folder / ".lock").acquire(blocking=False):
+        with locked(folder):
             if is_done(result.parent, run):
                 return DONE
+            if isinstance(run.config, BenchmarkPlan):
+                stepped = _steps_file(folder / STEPS_FILE)
+                return _execute_third_party(run.config, result.parent, threads, stepped)
             outcome = train(run.config, folder, resume=True, progress=False, threads=threads)
             if outcome.success_rate is not None:
                 write_result(run, folder, result, threads)
             return DONE if outcome.finished else STOPPED
-    except Timeout:
+    except FolderInUseError:
         return BUSY
+
+
+def _execute_third_party(
+    plan: BenchmarkPlan, results: Path, threads: int, stepped: Callable[[int], None]
+) -> int:
+    """Run a third-party algorithm from its first step; a stop loses it until its steps are done."""
+    from saver_advisors.experiments.third_party import load_class, train
+    from saver_advisors.training.threads import threads_of_algebra
+
+    recorder = Recorder(plan, results, stepped=stepped)
+
+    def stop(number: int, frame: object) -> None:
+        if not recorder.spent:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        with threads_of_algebra(threads):
+            train(load_class(plan.algorithm), recorder)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    return DONE
+
+
+def _steps_file(path: Path) -> Callable[[int], None]:
+    """Return a function that writes a number of steps to a file, at most every two seconds."""
+    written = -math.inf
+
+    def write(steps: int) -> None:
+        nonlocal written
+        if time.monotonic() - written > 2.0:
+            write_json_atomic(path, steps)
+            written = time.monotonic()
+
+    return write
 
 
 def start(
@@ -77,7 +116,9 @@ def start(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
-    words = [sys.executable, "-m", __name__, str(folder), str(result), "--threads", str(threads)]
+    # -P: nothing is imported from the current folder, where files may have the names of packages.
+    words = [sys.executable, "-P", "-m", __name__, str(folder), str(result)]
+    words += ["--threads", str(threads)]
     # A new session, since Ctrl-C reaches all processes of the terminal's foreground group.
     with open(folder / LOG_FILE, "ab") as log:
         return subprocess.Popen(
@@ -117,7 +158,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     threading.Thread(target=_stop_without, args=(os.getppid(),), daemon=True).start()
     values = json.loads((args.folder / RUN_FILE).read_text(encoding="utf-8"))
     run = ExperimentRun.from_mapping(values)
-    return execute(run, args.folder, args.result, args.threads)
+    # Training finishes its block on this signal; all else stops at once.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return execute(run, args.folder, args.result, args.threads)
+    except KeyboardInterrupt:
+        return STOPPED
 
 
 def _stop_without(parent: int) -> None:

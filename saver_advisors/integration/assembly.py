@@ -117,10 +117,13 @@ class LoopSettings:
         """The names of the stages, from the sensors to the servos."""
         return ("encoders", *(SEEING if self.seeing else ("true state",)), *ACTING, "servos")
 
-    def silence(self) -> dict[str, float]:
-        """Return the seconds after which each stage counts as silent."""
+    def silence(self, camera_rate: float = KINECT_V2.rate) -> dict[str, float]:
+        """Return the seconds after which each stage counts as silent.
+
+        :param camera_rate: pictures per second.
+        """
         allowed = {"encoders": 2 * self.silent_periods / control.ENCODER_RATE}
-        slowest = 1 / KINECT_V2.rate
+        slowest = 1 / camera_rate
         for name in self.order[1:-1]:
             if name not in SEEING:
                 allowed[name] = self.silent_periods / control.POLICY_RATE
@@ -187,7 +190,8 @@ def build_loop(
     :param change: replaces stages, such as ``lambda stages: [...]``.
     :param elsewhere: names of the stages that run in other processes.
     """
-    health, stop = Health(settings.order, settings.silence()), EmergencyStop()
+    health = Health(settings.order, settings.silence(bench.geometry.camera.rate))
+    stop = EmergencyStop()
     here = [name for name in settings.order if name not in elsewhere]
     stages = [_bench_stage(name, settings, bench, health, stop) for name in here]
     if change is not None:
@@ -200,17 +204,17 @@ def _bench_stage(
     name: str, settings: LoopSettings, bench: RobotBench, health: Health, stop: EmergencyStop
 ) -> LoopStage:
     """Build any stage, with the bench for those that need it."""
-    latency = settings.latency(name)
+    latency, camera_rate = settings.latency(name), bench.geometry.camera.rate
     sensors: dict[str, tuple[str, Callable[[Stamp], Message], float]] = {
         "encoders": ("arms", bench.reading, control.ENCODER_RATE),
         "true state": ("person", bench.truth, control.POLICY_RATE),
-        "camera": ("frame", lambda stamp: Picture(stamp, *bench.picture()), KINECT_V2.rate),
+        "camera": ("frame", lambda stamp: Picture(stamp, *bench.picture()), camera_rate),
     }
     if name in sensors:
         topic, measure, rate = sensors[name]
         return SensorStage(name, topic, rate=rate, latency=latency, measure=measure)
     if name == "servos":
-        return control.ServoStage(bench, health, stop)
+        return control.ServoStage(bench, health, stop, settings.limits)
     return build_stage(name, settings, bench.geometry, health)
 
 
@@ -225,15 +229,17 @@ def build_stage(
     :param health: logs which limits set in.
     :raises ValueError: for another name.
     """
-    latency, base = settings.latency(name), geometry.base_position
+    latency = settings.latency(name)
     trained_on = None if settings.trained_on is None else ROBOTS[settings.trained_on]
     height = settings.wrist_height
     builders: dict[str, Callable[[], LoopStage]] = {
         "picture check": lambda: perception.PictureCheckStage(latency),
         "pose": lambda: perception.PoseStage(perception.shipped_estimator(), latency),
-        "lift": lambda: perception.LiftStage(latency),
-        "bench frame": lambda: perception.BenchFrameStage(latency),
-        "filter": lambda: FilterStage(base, settings.filter, latency),
+        "lift": lambda: perception.LiftStage(geometry.camera, latency),
+        "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose, latency),
+        "filter": lambda: FilterStage(
+            geometry.base_position, settings.filter, geometry.camera_pose.position, latency
+        ),
         "policy": lambda: control.PolicyStage(
             _policy(settings), geometry, trained_on, height, latency
         ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import UNSTAMPED, ArmReading, Floats, Person, Stamp
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.control import Workspace
 from saver_envs.episodes import Episodes
 from saver_envs.robots import ROBOTS
@@ -30,12 +31,16 @@ class BenchGeometry:
     :param base_position: (arms, 3) of the bases, which face along x, metres.
     :param workspace: region of the set-points, in base frames.
     :param held_height: constant height of the set-points (m), or None.
+    :param camera: intrinsics and rate of the RGB-D camera.
+    :param camera_pose: of the camera, as calibrated.
     """
 
     robot: Robot
     base_position: NDArray[np.float64]
     workspace: Workspace
     held_height: float | None
+    camera: Camera = KINECT_V2
+    camera_pose: CameraPose = BENCH_POSE
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
@@ -44,6 +49,8 @@ class BenchGeometry:
             "base_position": self.base_position.tolist(),
             "workspace": [np.asarray(value).tolist() for value in astuple(self.workspace)],
             "held_height": self.held_height,
+            "camera": asdict(self.camera),
+            "camera_pose": [value.tolist() for value in astuple(self.camera_pose)],
         }
 
     @staticmethod
@@ -51,8 +58,13 @@ class BenchGeometry:
         """Restore what :meth:`to_mapping` returned."""
         lower, upper, *reach = values["workspace"]
         workspace = Workspace(np.array(lower), np.array(upper), *reach)
-        base = np.array(values["base_position"])
-        return BenchGeometry(ROBOTS[values["robot"]], base, workspace, values["held_height"])
+        base, robot = np.array(values["base_position"]), ROBOTS[values["robot"]]
+        sizes: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values["camera"].items()
+        }
+        pose = CameraPose(*map(np.array, values["camera_pose"]))
+        return BenchGeometry(robot, base, workspace, values["held_height"], Camera(**sizes), pose)
 
 
 class RobotBench(Protocol):

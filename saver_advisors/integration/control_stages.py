@@ -15,19 +15,23 @@ from saver_advisors.integration.messages import (
     ArmReading,
     Floats,
     JointTargets,
+    Message,
     Person,
     ServoCommand,
     SetPoints,
     Stamp,
 )
 from saver_advisors.integration.safety import (
+    BURST,
     EmergencyStop,
     SafetyLimits,
+    TargetLimits,
     kept_clear,
     limited_set_point,
 )
 from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
-from saver_envs.control import LARGEST_JOINT_STEP, InverseKinematics, bounded
+from saver_envs.control import InverseKinematics, bounded
+from saver_envs.episodes import ACTION_DURATION
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ObjectState
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, object_parts, three_fingers
@@ -237,21 +241,24 @@ class KinematicsStage(LoopStage):
 class ServoStage(LoopStage):
     """Gate the servos: forward joint targets, or hold the arms where they are.
 
-    It holds while a stage is faulty or silent and while the emergency stop is pressed, and resumes
-    with the first target that is measured after that.
+    It holds while a stage is faulty or silent, while the emergency stop is pressed, and while joint
+    targets or the arms break a limit, whoever computed the targets. It resumes with the first valid
+    target that is measured after that.
 
     :param bench: gives the servos.
     :param health: gives the cause of a stop.
     :param stop: the emergency stop.
+    :param limits: of speed, force and clearance.
     """
 
-    def __init__(self, bench: RobotBench, health: Health, stop: EmergencyStop) -> None:
+    def __init__(
+        self, bench: RobotBench, health: Health, stop: EmergencyStop, limits: SafetyLimits
+    ) -> None:
         super().__init__("servos", "servo", (), GATE_RATE)
         self._bench = bench
         self._health = health
         self._emergency = stop
-        self._lower = np.asarray(bench.geometry.robot.joint_lower)
-        self._upper = np.asarray(bench.geometry.robot.joint_upper)
+        self._limits = TargetLimits(bench.geometry, limits)
         self.reset()
 
     def reset(self) -> None:
@@ -261,36 +268,58 @@ class ServoStage(LoopStage):
         self._cause: Cause | None = None
         self._stopped = -1.0
         self._sequence = 0
+        self._accepted: Message | None = None
+        self._last = self._bench.joint_position()
+        #: What each arm may move now, as a multiple of one action at top speed.
+        self._left = np.full(len(self._last), BURST)
 
     def process(self, inputs: Inputs, now: float) -> ServoCommand | None:
         """Send one command; None until there is a target."""
         self._sequence += 1
         stamp = Stamp(now, self._sequence, self.name)
-        targets = inputs.find("joint_targets", JointTargets)
+        targets = inputs.boxes["joint_targets"].latest
         cause = self._health.cause(now)
         if self._emergency.pressed:
             cause = Cause("emergency stop", self._emergency.reason)
+        if cause is None:
+            if targets is None or targets.stamp.time <= self._stopped:
+                return None if self._cause is None else self._hold(stamp, self._cause)
+            if reason := self._refusal(targets, inputs, now):
+                cause = Cause(targets.stamp.source, reason)
         if cause is not None:
             self._stopped = now
-        elif targets is None or targets.stamp.time <= self._stopped:
-            cause = self._cause
-        if cause is not None:
             return self._hold(stamp, cause)
-        if targets is None:
-            return None
+        assert isinstance(targets, JointTargets)  # others are refused
         if self._cause is not None:
             self._health.note(now, "resumed", self._cause.stage, "well again")
             self._cause, self._held = None, None
-        joints = self._bounded(targets.joints)
-        self._bench.command(joints)
-        return ServoCommand(stamp, joints, False, "")
+        return self._commanded(targets.joints, stamp, inputs.latest("arms", ArmReading))
 
-    def _bounded(self, targets: Floats) -> Floats:
-        """Return targets within the joint limits and close to the present joint positions."""
+    def _commanded(self, joints: Floats, stamp: Stamp, arms: ArmReading) -> ServoCommand:
+        """Move the servos towards joint targets, within the speed limits."""
         present = self._bench.joint_position()
-        lower = np.maximum(self._lower, present - LARGEST_JOINT_STEP)
-        upper = np.minimum(self._upper, present + LARGEST_JOINT_STEP)
-        return bounded(targets, lower, upper)
+        self._last, used = self._limits.slowed(
+            joints, present, self._last, arms.jacobian, self._left
+        )
+        self._left = np.minimum(BURST, self._left - used + 1 / (GATE_RATE * ACTION_DURATION))
+        self._bench.command(self._last)
+        return ServoCommand(stamp, self._last, False, "")
+
+    def _refusal(self, targets: Message, inputs: Inputs, now: float) -> str:
+        """Return why the arms must not move to targets, empty if they may."""
+        if not isinstance(targets, JointTargets):
+            return f"a {type(targets).__name__} in place of joint targets"
+        if not targets.stamp.time <= now:
+            return f"joint targets of a measurement at {targets.stamp.time:.3f} s, in the future"
+        arms, person = inputs.latest("arms", ArmReading), inputs.find("person", Person)
+        if targets is not self._accepted:
+            hips = None if person is None else person.hips
+            if reason := self._limits.broken(targets.joints, arms, hips):
+                return reason
+            self._accepted = targets
+        if self._limits.too_far(targets.joints, self._bench.joint_position()):
+            return "the joints are too far from their targets"
+        return self._limits.pressed(arms)
 
     def _braked(self, held: Floats | None) -> Floats:
         """Return the joint positions to hold.
@@ -313,4 +342,5 @@ class ServoStage(LoopStage):
             self._health.note(stamp.time, STOPPED, cause.stage, cause.reason)
         self._cause = cause
         self._bench.command(self._held)
+        self._last = self._held
         return ServoCommand(stamp, self._held, True, str(cause))

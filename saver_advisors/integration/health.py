@@ -13,6 +13,8 @@ SILENT_PERIODS: Final = 1.5
 GRACE: Final = 0.5
 #: Kind of the event that the arms start to hold still.
 STOPPED: Final = "stopped"
+#: Largest number of lines in the log of a trial.
+LONGEST_LOG: Final = 10_000
 _TOLERANCE: Final = 1e-9
 
 
@@ -76,8 +78,9 @@ class Health:
             self._heard[stage] = now
 
     def note(self, now: float, kind: str, stage: str, reason: str) -> None:
-        """Write a line into the log."""
-        self.log.append(Event(now, kind, stage, reason))
+        """Write a line into the log, up to `LONGEST_LOG` of them."""
+        if len(self.log) < LONGEST_LOG:
+            self.log.append(Event(now, kind, stage, reason))
 
     def cause(self, now: float) -> Cause | None:
         """Return the first stage from the sensors that is faulty or silent, None if all are well.

@@ -1,8 +1,12 @@
-"""The messages between stages: small frozen dataclasses of plain arrays, each with a stamp."""
+"""The messages between stages: small frozen dataclasses of plain arrays, each with a stamp.
+
+An array's annotation contains its shape, which `wire` checks, and ``nan`` where NaN is allowed.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +53,8 @@ class Picture(Message):
     :param depth: (height, width), metres along the optical axis; 0 without a measurement.
     """
 
-    rgb: NDArray[np.uint8]
-    depth: NDArray[np.float32]
+    rgb: Annotated[NDArray[np.uint8], "height width 3"]
+    depth: Annotated[NDArray[np.float32], "height width"]
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,8 @@ class PixelPose(Message):
     :param scores: (14,) confidence in [0, 1]; 0 for joints that were not found.
     """
 
-    joints: Floats
-    scores: Floats
+    joints: Annotated[Floats, "14 2", "nan"]
+    scores: Annotated[Floats, "14"]
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,8 @@ class SpacePose(Message):
     :param scores: (14,) confidence; 0 where unknown.
     """
 
-    positions: Floats
-    scores: Floats
+    positions: Annotated[Floats, "14 3", "nan"]
+    scores: Annotated[Floats, "14"]
 
 
 @dataclass(frozen=True)
@@ -91,13 +95,13 @@ class Person(Message):
     :param held: (arms,) whether the wrist is currently hidden and its last position is repeated.
     """
 
-    wrists: Floats
-    wrist_velocity: Floats
-    wrist_quaternion: Floats
-    wrist_angular_velocity: Floats
-    hips: Floats
-    targets: Floats
-    held: NDArray[np.bool_]
+    wrists: Annotated[Floats, "arms 3"]
+    wrist_velocity: Annotated[Floats, "arms 3"]
+    wrist_quaternion: Annotated[Floats, "arms 4"]
+    wrist_angular_velocity: Annotated[Floats, "arms 3"]
+    hips: Annotated[Floats, "arms 3"]
+    targets: Annotated[Floats, "arms 3"]
+    held: Annotated[NDArray[np.bool_], "arms"]
 
 
 @dataclass(frozen=True)
@@ -114,13 +118,13 @@ class ArmReading(Message):
     :param torso_force: () contact force on the person's torso, newtons.
     """
 
-    joint_position: Floats
-    joint_velocity: Floats
-    tool_position: Floats
-    tool_velocity: Floats
-    tool_rotation: Floats
-    jacobian: Floats
-    hand_force: Floats
+    joint_position: Annotated[Floats, "arms dof"]
+    joint_velocity: Annotated[Floats, "arms dof"]
+    tool_position: Annotated[Floats, "arms 3"]
+    tool_velocity: Annotated[Floats, "arms 3"]
+    tool_rotation: Annotated[Floats, "arms 3 3"]
+    jacobian: Annotated[Floats, "arms 6 dof"]
+    hand_force: Annotated[Floats, "arms"]
     torso_force: float
 
     def arm_state(self) -> ArmState:
@@ -135,7 +139,7 @@ class Action(Message):
     :param motion: (arms, 3) displacement of each set-point, as a fraction of the longest one.
     """
 
-    motion: Floats
+    motion: Annotated[Floats, "arms 3"]
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,7 @@ class SetPoints(Message):
     :param positions: (arms, 3) metres, each in its arm's base frame.
     """
 
-    positions: Floats
+    positions: Annotated[Floats, "arms 3"]
 
 
 @dataclass(frozen=True)
@@ -155,7 +159,7 @@ class JointTargets(Message):
     :param joints: (arms, dof) radians.
     """
 
-    joints: Floats
+    joints: Annotated[Floats, "arms dof"]
 
 
 @dataclass(frozen=True)
@@ -167,6 +171,6 @@ class ServoCommand(Message):
     :param cause: stage and reason for holding, empty otherwise.
     """
 
-    joints: Floats
+    joints: Annotated[Floats, "arms dof"]
     holding: bool
     cause: str

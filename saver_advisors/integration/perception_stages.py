@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from saver_advisors.integration.messages import Picture, PixelPose, SpacePose
 from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
 from saver_advisors.integration.tracking import SIDES
-from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, CameraPose
+from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import CAUTIOUS_PARSING, Poses
 
@@ -82,10 +82,12 @@ class PoseStage(LoopStage):
 class LiftStage(LoopStage):
     """Compute joint positions in the camera's frame from the depth image.
 
+    :param camera: intrinsics.
     :param latency: see `LoopStage`.
     """
 
-    def __init__(self, latency: Latency = 0.0) -> None:
+    def __init__(self, camera: Camera = KINECT_V2, latency: Latency = 0.0) -> None:
+        self._camera = camera
         super().__init__("lift", "camera_pose", ("pixel_pose", "picture"), None, latency)
 
     def process(self, inputs: Inputs, now: float) -> SpacePose:
@@ -93,23 +95,25 @@ class LiftStage(LoopStage):
         pose = inputs.latest("pixel_pose", PixelPose)
         picture = inputs.matching("picture", Picture, pose.stamp.sequence)
         people = Poses(pose.joints[None], pose.scores[None], np.ones(1))
-        joints = lift(people, picture.depth, KINECT_V2, _CAMERA_FRAME)
+        joints = lift(people, picture.depth, self._camera, _CAMERA_FRAME)
         return SpacePose(self.stamp(pose.stamp), joints.positions[0], joints.scores[0])
 
 
 class BenchFrameStage(LoopStage):
     """Transform positions from the camera's frame to the bench's.
 
+    :param pose: of the camera, as calibrated.
     :param latency: see `LoopStage`.
     """
 
-    def __init__(self, latency: Latency = 0.0) -> None:
+    def __init__(self, pose: CameraPose = BENCH_POSE, latency: Latency = 0.0) -> None:
+        self._pose = pose
         super().__init__("bench frame", "bench_pose", ("camera_pose",), None, latency)
 
     def process(self, inputs: Inputs, now: float) -> SpacePose:
         """Transform one person."""
         seen = inputs.latest("camera_pose", SpacePose)
-        positions = seen.positions @ BENCH_POSE.rotation.T + BENCH_POSE.position
+        positions = seen.positions @ self._pose.rotation.T + self._pose.position
         return SpacePose(self.stamp(seen.stamp), positions, seen.scores)
 
 

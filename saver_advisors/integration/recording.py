@@ -32,6 +32,8 @@ FRAME_SIZE: Final = (
     CAMERA_SIZE[0] + SCENE_SIZE[0],
     CAMERA_SIZE[1] + PLOT_SIZE[1] + video.BAR_HEIGHT,
 )
+#: Seconds of a trial after which frames are recorded without a picture: the camera has failed.
+_LONGEST_WAIT: Final = 1.0
 #: Colours of the right and left arm, as in the skeleton.
 COLOURS: Final = ((213, 94, 0), (0, 114, 178))
 _INK, _LINE, _LIMIT, _FORCE = (60, 66, 74), (216, 221, 227), (190, 60, 50), (90, 60, 120)
@@ -53,6 +55,7 @@ class VideoRecorder:
     ) -> None:
         self._bench = wrist_bench(loop.bench)
         self._observers = loop.graph.observers
+        self._seeing = loop.settings.seeing
         self._seconds = actions * ACTION_DURATION
         self._every = every
         self._scene = SceneRenderer(self._bench.episodes.scene, *_RENDERED, camera="front")
@@ -75,6 +78,8 @@ class VideoRecorder:
         """Record a frame; the argument ``look`` of `trial.run_trial`."""
         if now == 0:
             self._begin()
+        if self._seeing and Picture not in self._newest and now < _LONGEST_WAIT:
+            return  # before the first picture, the camera's half of a frame would be black
         if self._calls % self._every == 0 or self._last is None:
             self._last = self._drawn(now)
         self._calls += 1
@@ -103,7 +108,7 @@ class VideoRecorder:
         return video.captioned(frame, f"{now:5.2f} s   arms free", video.GREY)
 
     def _seen(self) -> Frame:
-        """Return the newest picture with the newest skeleton; black for a loop without a camera."""
+        """Return the newest picture with the newest skeleton; black without a camera that works."""
         picture: Picture | None = self._newest.get(Picture)
         pose: PixelPose | None = self._newest.get(PixelPose)
         if picture is None:
@@ -114,7 +119,8 @@ class VideoRecorder:
 
     def end(self, record: TrialRecord) -> None:
         """Show the outcome of a trial for a while."""
-        assert self._last is not None
+        if self._last is None:
+            self._last = self._drawn(self._seconds)
         colour = video.GREEN if record.outcome == SUCCEEDED else video.RED
         words = f"trial {record.seed}: {record.cause or record.outcome}"
         last = video.captioned(self._last[: -video.BAR_HEIGHT], words, colour)

@@ -7,10 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
-from saver_advisors.integration.messages import Floats
-from saver_envs.control import SetPointRule, Workspace
+from saver_advisors.integration.messages import ArmReading, Floats
+from saver_envs.control import LEAD_LIMIT, SetPointRule, Workspace, bounded
 from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
+from saver_envs.robots.description import Robot
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
 #: of ISO/TS 15066 for a person's lower arm, which is 160 N.
@@ -23,6 +25,16 @@ YIELDING: Final = 0.5
 #: Lateral distance of the set-points from the hip joints (m): the target's distance and half of a
 #: finger's thickness, so that the hand's inner side keeps the distance of SPEC 5.5.
 CLEARANCE: Final = TASK.standoff + 0.02
+#: Limit of a joint's speed, as a multiple of the rated one: a folded MICO needs 2.5 times that of
+#: its third joint for the rated tool speed.
+JOINT_EXCESS: Final = 3.0
+#: What a tool that has rested may move at once, as a multiple of one action at top speed: the
+#: kinematics' errors let a tool catch up.
+BURST: Final = 1.4
+#: Force, as a multiple of its limit, at which the arms hold still instead of yielding.
+FORCE_EXCESS: Final = 2.0
+#: Allowed error of the tool positions that are predicted from joint targets (m).
+_PREDICTION_ERROR: Final = 0.001
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,14 @@ class SafetyLimits:
     def longest(self) -> float:
         """The longest displacement of a set-point in one action, metres."""
         return self.max_speed * ACTION_DURATION
+
+    def joint_travel(self, robot: Robot) -> Floats:
+        """Return what each joint may turn in one action at most, (dof,) radians.
+
+        Joints may exceed their rated speed by the same factor as the tool.
+        """
+        factor = JOINT_EXCESS * self.max_speed / RATED_SPEED
+        return np.asarray(robot.joint_speed_limits) * ACTION_DURATION * factor
 
     def freedom(self, hand_force: Floats, torso_force: float) -> Floats:
         """Return the factor by which forces scale the set-point lead limit.
@@ -120,6 +140,95 @@ def kept_clear(
     result = position.copy()
     result[:, 1] = kept
     return result, bool((kept != lateral).any())
+
+
+class TargetLimits:
+    """Check joint targets and the arms' motion against the limits, whoever computed the targets.
+
+    :param geometry: of the bench.
+    :param limits: of speed, force and clearance.
+    """
+
+    def __init__(self, geometry: BenchGeometry, limits: SafetyLimits) -> None:
+        self._geometry, self._limits = geometry, limits
+        self._travel = limits.joint_travel(geometry.robot)
+        self._shape = len(geometry.base_position), len(self._travel)
+
+    def broken(self, targets: Floats, arms: ArmReading, hips: Floats | None) -> str:
+        """Return why joint targets must not reach the servos, empty if they may.
+
+        The Jacobian predicts where they lead the tools; that must be a set-point within the limits.
+
+        :param targets: (arms, dof) radians.
+        :param arms: newest reading.
+        :param hips: (arms, 3) hip joints of the person, metres, or None without a person.
+        """
+        robot, limits = self._geometry.robot, self._limits
+        if targets.shape != self._shape or not np.isfinite(targets).all():
+            return f"joint targets of shape {targets.shape}: must be {self._shape}, all finite"
+        if ((targets < robot.joint_lower) | (targets > robot.joint_upper)).any():
+            return "a joint target is beyond the joint limits"
+        step = targets - arms.joint_position
+        if self.too_far(targets, arms.joint_position):
+            return (
+                f"a joint target is {np.abs(step).max():.2f} rad away, out of reach of one action"
+            )
+        tool = arms.tool_position
+        point = tool + (arms.jacobian[:, :3] @ step[..., None])[..., 0]
+        start = self._allowed(tool, hips)
+        strayed = np.linalg.norm(self._allowed(point, hips) - point, axis=-1)
+        if (strayed > _PREDICTION_ERROR + np.linalg.norm(start - tool, axis=-1)).any():
+            return "the joint targets lead a tool out of its workspace or too near to the hips"
+        # At a held height, the set-point rule limits the level part of the lead alone.
+        axes = slice(3 if self._geometry.held_height is None else 2)
+        lead = np.linalg.norm((point - start)[:, axes], axis=-1)
+        free = limits.freedom(arms.hand_force, arms.torso_force)
+        if (lead > LEAD_LIMIT * limits.longest * free + _PREDICTION_ERROR).any():
+            return f"the joint targets lead a tool by {lead.max():.3f} m, too far for its force"
+        return ""
+
+    def too_far(self, targets: Floats, present: Floats) -> bool:
+        """Return whether a target (arms, dof) leads its joint by more than the lead limit."""
+        return not (np.abs(targets - present) <= LEAD_LIMIT * self._travel).all()
+
+    def pressed(self, arms: ArmReading) -> str:
+        """Return which force is so high that yielding does not suffice, empty for none."""
+        limits = self._limits
+        if arms.torso_force > FORCE_EXCESS * limits.torso_force:
+            return f"the trunk is pressed with {arms.torso_force:.0f} N"
+        if (arms.hand_force > FORCE_EXCESS * limits.hand_force).any():
+            return f"a hand presses with {arms.hand_force.max():.0f} N"
+        return ""
+
+    def slowed(
+        self, targets: Floats, present: Floats, last: Floats, jacobian: Floats, left: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the part of the way to joint targets that the speed limits allow.
+
+        Only a motion beyond the last command counts, since moving a target back to its joint slows
+        the arm down.
+
+        :param targets: (arms, dof) radians.
+        :param present: (arms, dof) joint positions.
+        :param last: (arms, dof) the last command.
+        :param jacobian: (arms, 6, dof) of the tools.
+        :param left: (arms,) what the arms may move, as a multiple of one action at top speed.
+        :return: the command, and the multiple (arms,) that it uses.
+        """
+        kept = bounded(targets, np.minimum(present, last), np.maximum(present, last))
+        beyond = targets - kept
+        tool = np.linalg.norm((jacobian[:, :3] @ beyond[..., None])[..., 0], axis=-1)
+        turned = (np.abs(beyond) / self._travel).max(axis=-1)
+        needed = np.maximum(tool / self._limits.longest, turned)
+        share = np.minimum(1.0, left / np.maximum(needed, 1e-12))[:, None]
+        return np.where(share < 1, kept + share * beyond, targets), np.minimum(needed, left)
+
+    def _allowed(self, points: Floats, hips: Floats | None) -> Floats:
+        """Return the nearest allowed set-points to points (arms, 3), metres."""
+        geometry = self._geometry
+        if self._limits.clearance and hips is not None:
+            points, _ = kept_clear(points, hips, geometry.base_position, self._limits.clearance)
+        return geometry.workspace.clip(points)
 
 
 @dataclass

@@ -11,16 +11,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Final
+from typing import Final
 
 from saver_advisors.integration.assembly import OUTPUTS, ControlLoop, LoopSettings, build_loop
 from saver_advisors.integration.bench import RobotBench
 from saver_advisors.integration.hub import Hub
+from saver_advisors.integration.wire import KINDS, SignOfLife, Wire
 
 #: The three computers of the dissertation: one for perception, one for planning, one for motion.
-#: Camera, encoders and servos belong to the bench's own process.
+#: Camera, encoders and servos belong to the bench's own process, as does the check of pictures,
+#: which would send each of them there and back.
 COMPUTERS: Final[Mapping[str, tuple[str, ...]]] = {
-    "seeing": ("picture check", "pose", "lift", "bench frame", "filter"),
+    "seeing": ("pose", "lift", "bench frame", "filter"),
     "planning": ("policy",),
     "moving": ("set-points", "kinematics"),
 }
@@ -45,6 +47,7 @@ class SupervisorError(RuntimeError):
 class _Computer:
     """The state of a process.
 
+    :param key: the public key by which its messages are recognised.
     :param heard: time of its start or its last sign of life, seconds of the monotonic clock.
     :param ready: whether it has given a sign of life.
     """
@@ -52,6 +55,7 @@ class _Computer:
     name: str
     stages: tuple[str, ...]
     process: subprocess.Popen[bytes]
+    key: str
     heard: float
     ready: bool = False
     restarts: int = 0
@@ -76,7 +80,8 @@ class ProcessLoop:
         elsewhere = [name for stages in self._computers_stages.values() for name in stages]
         self.settings = settings
         self.loop: ControlLoop = build_loop(settings, bench, elsewhere=elsewhere)
-        self.hub = Hub([*self.loop.graph.boxes])
+        topics = self.loop.graph.boxes.keys() & KINDS.keys()
+        self.hub = Hub(Wire(bench.geometry), topics, [OUTPUTS[name] for name in elsewhere])
         self.loop.graph.observers.append(self.hub.forward)
         #: Calls and mean wall-clock seconds of each remote stage.
         self.timings: dict[str, list[float]] = {}
@@ -142,44 +147,47 @@ class ProcessLoop:
         self.hub.close()
 
     def _begin(self, name: str, stages: tuple[str, ...], restarts: int = 0) -> _Computer:
+        keys = self.hub.admit({OUTPUTS[stage]: stage for stage in stages})
         job = {
-            "group": name,
             "stages": stages,
             "settings": self.settings.to_mapping(),
             "geometry": self.loop.bench.geometry.to_mapping(),
-            "publisher_port": self.hub.publisher_port,
-            "results_port": self.hub.results_port,
+            "keys": keys,
             "parent": os.getpid(),
         }
-        command = [sys.executable, "-m", "saver_advisors.integration.worker"]
+        # -P: no module of the current folder takes the place of an installed one.
+        command = [sys.executable, "-P", "-m", "saver_advisors.integration.worker"]
         process = subprocess.Popen(command, stdin=subprocess.PIPE)
         assert process.stdin is not None
         with process.stdin as stdin:
             stdin.write(json.dumps(job).encode())
-        return _Computer(name, stages, process, heard=time.monotonic(), restarts=restarts)
+        heard = time.monotonic()
+        return _Computer(name, stages, process, keys["public"], heard, restarts=restarts)
 
     def _poll(self) -> None:
         graph = self.loop.graph
         for topic, message in self.hub.received(self._sign_of_life):
-            if topic in graph.boxes:
+            # One of the last trial has a later time; it must not move the arms in this one.
+            if message.stamp.time <= graph.now:
                 graph.publish(topic, message, graph.now)
 
-    def _sign_of_life(self, sign: dict[str, Any]) -> None:
-        one = self._computers.get(str(sign.get("group")))
-        if one is None or sign.get("process") != one.process.pid:
+    def _sign_of_life(self, key: str, sign: SignOfLife) -> None:
+        one = next((one for one in self._computers.values() if one.key == key), None)
+        if one is None:
             return
         health, now = self.loop.health, self.loop.graph.now
         if one.restarts and not one.ready:
             health.note(now, "restarted", one.name, f"process {one.process.pid} is ready")
         one.ready, one.heard = True, time.monotonic()
-        self.timings.update(sign.get("stages", {}))
-        faults = sign.get("faults", {})
         for stage in one.stages:
+            if stage in sign.stages:
+                self.timings[stage] = sign.stages[stage]
             health.faults.pop(stage, None)
-            if stage in faults:
-                health.faults[stage] = str(faults[stage])
-        for kind, stage, reason in sign.get("events", ()):
-            health.note(now, str(kind), str(stage), str(reason))
+            if stage in sign.faults:
+                health.faults[stage] = sign.faults[stage]
+        for kind, stage, reason in sign.events:
+            if stage in one.stages:
+                health.note(now, kind, stage, reason)
 
     def _watch(self) -> None:
         """Restart processes that have ended or give no sign of life."""
@@ -193,6 +201,7 @@ class ProcessLoop:
 
     def _replace(self, one: _Computer, ending: str) -> None:
         health, name = self.loop.health, one.name
+        self.hub.expel(one.key)
         reason = f"process {one.process.pid} {ending}"
         health.note(self.loop.graph.now, "crashed", name, reason)
         for stage in one.stages:

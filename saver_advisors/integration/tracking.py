@@ -159,6 +159,7 @@ class FilterStage(LoopStage):
 
     :param base_position: (arms, 3) of the arms' bases, metres.
     :param settings: of the filter.
+    :param camera_position: (3,) metres, bench frame.
     :param latency: see `LoopStage`.
     """
 
@@ -166,11 +167,13 @@ class FilterStage(LoopStage):
         self,
         base_position: NDArray[np.float64],
         settings: FilterSettings = FilterSettings(),
+        camera_position: NDArray[np.float64] = BENCH_POSE.position,
         latency: Latency = 0.0,
     ) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
         self._base = base_position
         self._settings = settings
+        self._camera = camera_position
         self.reset()
 
     def reset(self) -> None:
@@ -214,7 +217,7 @@ class FilterStage(LoopStage):
         """Return whether an arm of the robot is between the camera and a position (3,)."""
         begin = arms.tool_position + self._base
         end = begin + _FOREARM * arms.tool_rotation[..., 2]
-        towards, radius = BENCH_POSE.position - place, self._settings.arm_radius
+        towards, radius = self._camera - place, self._settings.arm_radius
         return any(
             segment_distance(place, towards, *ends) < radius
             for ends in zip(begin, end, strict=True)

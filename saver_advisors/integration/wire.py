@@ -1,104 +1,177 @@
 """Messages between processes: a JSON header and the arrays' bytes; nothing is unpickled.
 
-A message has several parts: topic, header, then one part per array. The header contains the class,
-the stamp, plain fields, and name, type and shape of each array.
+A message contains its topic and a zero byte, the header's length and the header, and the arrays.
+The header contains stamp, plain fields and the sender's time. Class, types and shapes follow from
+the topic and the bench, so that a message of another size is refused before anything is allocated
+for it. It is a single ZeroMQ part: the rest of one in several parts might never arrive.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any, Final
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
+from saver_advisors.integration import messages as kinds
+from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.messages import Message, Stamp
 
-#: Class name -> class, of all messages.
-KINDS: Final[dict[str, type[Message]]] = {kind.__name__: kind for kind in Message.__subclasses__()}
-#: Types that arrays may have.
-TYPES: Final = ("float64", "float32", "uint8", "bool", "int64")
-#: Largest array (bytes); a Full HD colour picture has 6 MB.
-LARGEST: Final = 32 * 2**20
-_PLAIN: Final = (bool, int, float, str)
+#: Topic -> class of its messages.
+KINDS: Final[Mapping[str, type[Message]]] = {
+    **dict.fromkeys(("frame", "picture"), kinds.Picture),
+    **dict.fromkeys(("camera_pose", "bench_pose"), kinds.SpacePose),
+    "pixel_pose": kinds.PixelPose,
+    "person": kinds.Person,
+    "arms": kinds.ArmReading,
+    "action": kinds.Action,
+    "set_points": kinds.SetPoints,
+    "joint_targets": kinds.JointTargets,
+    "servo": kinds.ServoCommand,
+}
+#: Longest header or sign of life (bytes).
+LONGEST_TEXT: Final = 2**16
 
 
 class WireError(ValueError):
     """Report bytes that are not a message; states what is wrong with them."""
 
 
-def encode(topic: str, message: Message, now: float) -> list[bytes]:
-    """Encode a message.
+@dataclass(frozen=True)
+class _ArrayKind:
+    """What an array must be.
 
-    :param topic: of the message.
-    :param message: of one of the classes in `KINDS`.
-    :param now: the sender's time, seconds of the trial.
-    :return: its parts.
-    :raises TypeError: for a message of another class, or a field that is neither plain nor an
-        array.
+    :param name: of class and field.
+    :param nan: whether NaN is allowed.
     """
-    kind = type(message).__name__
-    if KINDS.get(kind) is not type(message):
-        raise TypeError(f"message of class {kind}: must be one of {', '.join(KINDS)}")
-    plain: dict[str, Any] = {}
-    arrays: list[dict[str, Any]] = []
-    parts: list[bytes] = []
-    for field in fields(message):
-        value = getattr(message, field.name)
-        if field.name == "stamp":
-            continue
-        if isinstance(value, np.ndarray) and value.dtype.name in TYPES:
-            arrays.append({"name": field.name, "type": value.dtype.name, "shape": value.shape})
-            parts.append(np.ascontiguousarray(value).tobytes())
-        elif isinstance(value, _PLAIN):
-            plain[field.name] = value
-        else:
-            raise TypeError(f"{kind}.{field.name} of {type(value).__name__} cannot be sent")
-    stamp = [message.stamp.time, message.stamp.sequence, message.stamp.source]
-    header = {"kind": kind, "now": now, "stamp": stamp, "plain": plain, "arrays": arrays}
-    return [topic.encode(), json.dumps(header).encode(), *parts]
+
+    name: str
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+    nan: bool
+
+    @property
+    def size(self) -> int:
+        """Its bytes."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def checked(self, array: Any) -> NDArray[Any]:
+        """Return the array in its type and in one piece.
+
+        :raises WireError: for another type or shape, or a value that is not finite.
+        """
+        values = np.asarray(array)
+        if values.shape != self.shape or not np.can_cast(values.dtype, self.dtype, "same_kind"):
+            must = f"must be {self.dtype}{list(self.shape)}"
+            raise WireError(f"{self.name} of {values.dtype}{list(values.shape)}: {must}")
+        if (
+            values.dtype.kind == "f"
+            and not (np.isfinite(values) | (self.nan and np.isnan(values))).all()
+        ):
+            raise WireError(f"{self.name}: every value must be finite{' or NaN' * self.nan}")
+        return np.ascontiguousarray(values, self.dtype)
 
 
-def decode(parts: Sequence[bytes]) -> tuple[str, Message, float]:
-    """Decode a message.
+class Wire:
+    """Turn the messages of a bench into bytes and back.
 
-    :param parts: as received.
-    :return: topic, message and the sender's time.
-    :raises WireError: for anything that :func:`encode` does not return.
+    :param geometry: of the bench: gives the number of arms and joints and the camera's size.
     """
-    if len(parts) < 2:
-        raise WireError(f"{len(parts)} parts: must be topic, header and arrays")
-    header = read_json(parts[1])
-    kind = KINDS.get(str(header.get("kind")))
-    if kind is None:
-        raise WireError(f"kind {header.get('kind')!r}: must be one of {', '.join(KINDS)}")
-    values = _plain_fields(header)
-    described = header.get("arrays")
-    if not isinstance(described, list) or len(described) != len(parts) - 2:
-        raise WireError(f"{kind.__name__}: {len(parts) - 2} arrays came, the header differs")
-    values |= dict(map(_array, described, parts[2:]))
-    expected = {field.name for field in fields(kind)} - {"stamp"}
-    if set(values) != expected:
-        raise WireError(
-            f"{kind.__name__} has fields {sorted(values)}, must have {sorted(expected)}"
-        )
-    now = header.get("now")
-    if not isinstance(now, int | float) or not math.isfinite(now):
-        raise WireError(f"now={now!r}: must be a time")
-    message = kind(stamp=_stamp(header.get("stamp")), **values)
-    try:
-        return parts[0].decode(), message, float(now)
-    except UnicodeDecodeError as error:
-        raise WireError(f"the topic is no text: {error}") from error
+
+    def __init__(self, geometry: BenchGeometry) -> None:
+        camera = geometry.camera
+        sizes = {"height": camera.height, "width": camera.width}
+        sizes |= {"arms": len(geometry.base_position), "dof": len(geometry.robot.arm_joints)}
+        self._arrays: dict[str, dict[str, _ArrayKind]] = {}
+        self._plain: dict[str, dict[str, type]] = {}
+        for topic, kind in KINDS.items():
+            hints = get_type_hints(kind, include_extras=True)
+            del hints["stamp"]
+            self._plain[topic] = {n: h for n, h in hints.items() if get_origin(h) is not Annotated}
+            self._arrays[topic] = {
+                name: _array_kind(f"{kind.__name__}.{name}", hint, sizes)
+                for name, hint in hints.items()
+                if name not in self._plain[topic]
+            }
+
+    def longest(self, topics: Collection[str]) -> int:
+        """Return the bytes of the longest message of these topics, or of a sign of life."""
+        sizes = [sum(kind.size for kind in self._arrays[topic].values()) for topic in topics]
+        return 2 * LONGEST_TEXT + max(sizes, default=0)
+
+    def encode(self, topic: str, message: Message, now: float) -> bytes:
+        """Encode a message.
+
+        :param topic: of the message, one of `KINDS`.
+        :param message: of its class.
+        :param now: the sender's time, seconds of the trial.
+        :return: its bytes.
+        :raises WireError: for another topic or class, or a field that must not be sent.
+        """
+        if type(message) is not KINDS.get(topic):
+            raise WireError(f"topic {topic!r} with a message of {type(message).__name__}")
+        plain = {name: getattr(message, name) for name in self._plain[topic]}
+        stamp = [message.stamp.time, message.stamp.sequence, message.stamp.source]
+        self._check_plain(topic, plain)
+        _stamp(stamp)
+        header = json.dumps({"now": now, "stamp": stamp, "plain": plain}).encode()
+        arrays = self._arrays[topic].items()
+        parts = [kind.checked(getattr(message, name)).tobytes() for name, kind in arrays]
+        return b"".join([topic.encode() + b"\0", len(header).to_bytes(4), header, *parts])
+
+    def decode(self, message: bytes) -> tuple[str, Message, float]:
+        """Decode a message.
+
+        :param message: as received.
+        :return: topic, message and the sender's time.
+        :raises WireError: for anything that :meth:`encode` does not return.
+        """
+        end = message.find(b"\0", 0, 40) + 1
+        topic = message[: max(end - 1, 0)].decode(errors="replace")
+        if topic not in KINDS:
+            raise WireError(f"topic {topic!r}: must be one of {', '.join(KINDS)}")
+        arrays = self._arrays[topic]
+        begin, length = end + 4, int.from_bytes(message[end : end + 4])
+        header, offset = read_json(message[begin : begin + length]), begin + length
+        size = offset + sum(kind.size for kind in arrays.values())
+        if len(message) != size:
+            raise WireError(f"{topic!r} of {len(message)} bytes: must be {size}")
+        values = {}
+        for name, kind in arrays.items():
+            count = math.prod(kind.shape)
+            array = np.frombuffer(message, kind.dtype, count, offset).reshape(kind.shape)
+            # The copy is writable and does not keep the message alive.
+            values[name] = kind.checked(array.copy())
+            offset += kind.size
+        plain: Any = header.get("plain")
+        now: Any = header.get("now")
+        self._check_plain(topic, plain)
+        if not _is_number(now):
+            raise WireError(f"now={now!r}: must be a time")
+        stamp = _stamp(header.get("stamp"))
+        return topic, KINDS[topic](stamp=stamp, **values, **plain), float(now)
+
+    def _check_plain(self, topic: str, plain: Any) -> None:
+        fields = self._plain[topic]
+        if not isinstance(plain, dict) or plain.keys() != fields.keys():
+            raise WireError(f"{topic!r} with plain={plain!r}: must have {sorted(fields)}")
+        for name, kind in fields.items():
+            value = plain[name]
+            if not (_is_number(value) if kind is float else isinstance(value, kind)):
+                raise WireError(f"{topic!r} with {name}={value!r}: must be {kind.__name__}")
 
 
 def read_json(part: bytes) -> dict[str, Any]:
-    """Parse a JSON object.
+    """Parse a JSON object of at most `LONGEST_TEXT` bytes.
 
     :raises WireError: for anything else.
     """
+    if len(part) > LONGEST_TEXT:
+        raise WireError(f"the header has {len(part)} bytes: must be {LONGEST_TEXT} at most")
     try:
         value = json.loads(part)
     except (ValueError, RecursionError) as error:
@@ -108,32 +181,59 @@ def read_json(part: bytes) -> dict[str, Any]:
     return value
 
 
-def _plain_fields(header: dict[str, Any]) -> dict[str, Any]:
-    plain = header.get("plain")
-    if not isinstance(plain, dict) or not all(isinstance(one, _PLAIN) for one in plain.values()):
-        raise WireError(f"plain={plain!r}: must be plain values by name")
-    return dict(plain)
+@dataclass(frozen=True)
+class SignOfLife:
+    """What a process reports about itself.
+
+    :param stages: stage -> number of calls and mean wall-clock seconds.
+    :param faults: stage -> reason.
+    :param events: kind, stage and reason of each.
+    """
+
+    stages: dict[str, list[float]]
+    faults: dict[str, str]
+    events: list[list[str]]
+
+    @staticmethod
+    def read(part: bytes) -> SignOfLife:
+        """Read what was written as JSON.
+
+        :raises WireError: for anything else.
+        """
+        sign = read_json(part)
+        match sign:
+            case {"stages": dict(stages), "faults": dict(faults), "events": list(events)}:
+                if (
+                    all(_is_list(row, 2, _is_number) for row in stages.values())
+                    and all(_is_list(row, 3, _is_text) for row in events)
+                    and all(map(_is_text, faults.values()))
+                ):
+                    return SignOfLife(stages, faults, events)
+        raise WireError(f"sign of life {str(sign)[:80]}: must have stages, faults and events")
+
+
+def _is_number(value: Any) -> bool:
+    # Python's comparison, since a JSON integer can be too large for a float.
+    return isinstance(value, int | float) and type(value) is not bool and abs(value) < 2**53
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_list(value: Any, length: int, is_valid: Callable[[Any], bool]) -> bool:
+    return isinstance(value, list) and len(value) == length and all(map(is_valid, value))
 
 
 def _stamp(value: Any) -> Stamp:
     match value:
-        case [int() | float() as time, int() as sequence, str() as source]:
+        case [time, int(sequence), str(source)] if _is_number(time) and time >= 0:
             return Stamp(float(time), sequence, source)
     raise WireError(f"stamp={value!r}: must be time, sequence and source")
 
 
-def _array(description: Any, part: bytes) -> tuple[str, np.ndarray]:
-    match description:
-        case {"name": str() as name, "type": str() as kind, "shape": list() as shape}:
-            pass
-        case _:
-            raise WireError(f"array {description!r}: must have a name, a type and a shape")
-    if kind not in TYPES:
-        raise WireError(f"array {name!r} of type {kind!r}: must be one of {', '.join(TYPES)}")
-    if len(shape) > 4 or not all(type(size) is int and 0 <= size <= LARGEST for size in shape):
-        raise WireError(f"array {name!r} of shape {shape!r}: must be up to 4 sizes")
-    size = math.prod(shape) * np.dtype(kind).itemsize
-    if size > LARGEST or size != len(part):
-        raise WireError(f"array {name!r} of {kind}{shape} has {len(part)} bytes, not {size}")
-    # The copy is writable and does not keep the message alive.
-    return name, np.frombuffer(part, dtype=kind).reshape(shape).copy()
+def _array_kind(name: str, hint: Any, sizes: Mapping[str, int]) -> _ArrayKind:
+    array, shape, *nan = get_args(hint)
+    scalar = get_args(get_args(array)[1])[0]
+    numbers = tuple(sizes[size] if size in sizes else int(size) for size in shape.split())
+    return _ArrayKind(name, np.dtype(scalar), numbers, bool(nan))

@@ -1,6 +1,6 @@
 """A process of stages: receives messages from the bench's process, and sends results back.
 
-python -m saver_advisors.integration.worker  < settings as JSON
+python -P -m saver_advisors.integration.worker  < settings as JSON
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from saver_advisors.integration.assembly import LoopSettings, build_stage
 from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import Health
-from saver_advisors.integration.hub import ALIVE, HOST, open_socket
+from saver_advisors.integration.hub import ALIVE, arrived, open_socket
 from saver_advisors.integration.messages import Message
-from saver_advisors.integration.wire import decode, encode
+from saver_advisors.integration.wire import Wire, WireError
 
 #: Seconds between signs of life.
 SIGN_EVERY: Final = 0.1
@@ -40,12 +40,11 @@ class _NoPlant:
 class Worker:
     """Run stages on the clock of the incoming messages.
 
-    :param job: ``group``, ``stages``, ``settings``, ``geometry``, ``publisher_port``,
-        ``results_port`` and ``parent``, as `supervisor.ProcessLoop` writes them.
+    :param job: ``stages``, ``settings``, ``geometry``, ``keys`` and ``parent``, as
+        `supervisor.ProcessLoop` writes them.
     """
 
     def __init__(self, job: Mapping[str, Any]) -> None:
-        self._group = str(job["group"])
         self._parent = int(job["parent"])
         # Latency is not simulated here: a call takes the time that it takes.
         settings = replace(LoopSettings.from_mapping(job["settings"]), latencies={})
@@ -57,13 +56,15 @@ class Worker:
         topics = {topic for stage in stages for topic in stage.inputs} - self._own
         self._graph = Graph(stages, self._health, topics)
         self._graph.observers.append(self._send)
-        self._context = zmq.Context()
-        self._inputs = open_socket(self._context, zmq.SUB)
-        self._outputs = open_socket(self._context, zmq.PUSH)
+        self._wire, keys = Wire(geometry), job["keys"]
+        longest, context = self._wire.longest(topics), zmq.Context()
+        hidden = {} if keys["publisher"].startswith("ipc:") else keys
+        self._inputs = open_socket(context, zmq.SUB, longest, hidden)
+        self._outputs = open_socket(context, zmq.PUSH, longest, keys)
         for topic in sorted(topics):
-            self._inputs.setsockopt(zmq.SUBSCRIBE, topic.encode())
-        self._inputs.connect(f"{HOST}:{job['publisher_port']}")
-        self._outputs.connect(f"{HOST}:{job['results_port']}")
+            self._inputs.setsockopt(zmq.SUBSCRIBE, topic.encode() + b"\0")
+        self._inputs.connect(keys["publisher"])
+        self._outputs.connect(keys["results"])
         self._last_sign: dict[str, Any] = {}
         self._signed = 0.0
 
@@ -80,8 +81,8 @@ class Worker:
     def _receive(self) -> None:
         """Receive everything that has arrived, and run the stages on the newest messages."""
         now = self._graph.now
-        while self._inputs.poll(0):
-            topic, message, sent = decode(self._inputs.recv_multipart())
+        for frame in arrived(self._inputs):
+            topic, message, sent = self._wire.decode(frame.bytes)
             if sent < now - 1.0:  # the bench has begun a new trial
                 self._graph.reset()
                 now = 0.0
@@ -90,8 +91,12 @@ class Worker:
         self._graph.run_until(now + _NOTHING_LATER, _NoPlant())
 
     def _send(self, topic: str, message: Message, now: float) -> None:
-        if topic in self._own:
-            self._outputs.send_multipart(encode(topic, message, now))
+        if topic not in self._own:
+            return
+        try:
+            self._outputs.send(self._wire.encode(topic, message, now))
+        except WireError as error:  # such as a policy's NaN
+            self._health.faults[message.stamp.source] = str(error)
 
     def _sign(self) -> None:
         """Send a sign of life with faults and events, at once when these change."""
@@ -109,8 +114,8 @@ class Worker:
             name: [len(seconds), sum(seconds) / max(len(seconds), 1)]
             for name, seconds in self._graph.seconds.items()
         }
-        sign = {"group": self._group, "process": os.getpid(), "stages": timings, **news}
-        self._outputs.send_multipart([ALIVE, json.dumps(sign).encode()])
+        sign = {"stages": timings, **news}
+        self._outputs.send(ALIVE + json.dumps(sign).encode())
 
 
 def main() -> int:

@@ -62,11 +62,11 @@ def episode_horizon(env: VecEnv) -> int:
     """
     horizon = _attribute(env, "horizon")
     if horizon is None:
+        horizon = getattr(_attribute(env, "spec"), "max_episode_steps", None)
+    if horizon is None:
         # Our own vector env keeps it with the episodes' other settings.
         settings = getattr(_attribute(env, "episodes"), "settings", None)
         horizon = getattr(settings, "horizon", None)
-    if horizon is None:
-        horizon = getattr(_attribute(env, "spec"), "max_episode_steps", None)
     if horizon is None:
         raise ValueError(
             "the environment does not report its episode length (no attribute `horizon`, no "

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +29,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 FILE_FORMAT = "saver-goal-replay-1"
+_MOST_HEADER_BYTES = 2**20
 _SLOT_ARRAYS = ("length", "observation", "achieved_goal", "desired_goal", "action", "advised")
 
 
@@ -280,45 +283,77 @@ class EpisodeBuffer(ReplayBuffer):
         :raises FileNotFoundError: if there is none.
         :raises ValueError: if the file is damaged, of another format, or of another shape.
         """
-        header, arrays = _read_npz(Path(path))
-        used = header["used"]
-        expected = self._header(used)["shape"]
-        for name, value in expected.items():
-            if header["shape"].get(name) != value:
-                raise ValueError(
-                    f"{path}: {name} is {header['shape'].get(name)}, this buffer's is {value}"
-                )
-        targets: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in _SLOT_ARRAYS}
-        wanted = {name: (used, *target.shape[1:]) for name, target in targets.items()}
-        wanted |= {"slot": (self.n_envs,), "running": (self.n_envs,)}
-        for name, shape in wanted.items():
-            if arrays[name].shape != shape:
-                raise ValueError(f"{path}: {name} is {arrays[name].shape}, should be {shape}")
+        path = Path(path)
+        own: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in _SLOT_ARRAYS}
+        others = {"slot": self._slot, "running": self._running}
+        with _opened(path) as archive:
+            header = self._checked_header(path, archive)
+            used = header["used"]
+            wanted = {name: ((used, *one.shape[1:]), one.dtype) for name, one in own.items()}
+            wanted |= {name: (one.shape, one.dtype) for name, one in others.items()}
+            # A small file may hold large arrays, compressed: look before they are read.
+            for name, layout in wanted.items():
+                if (found := _layout(archive, name)) != layout:
+                    raise ValueError(f"{path}: {name} is {found}, should be {layout}")
+            arrays = {name: _array(archive, name) for name in wanted}
         self.reset()
-        for name, target in targets.items():
+        for name, target in own.items():
             target[:used] = arrays[name]
-        self._slot = arrays["slot"].astype(np.int64)
-        self._running = arrays["running"].astype(bool)
+        self._slot, self._running = arrays["slot"], arrays["running"]
         self._next_slot = self.pos = header["next_slot"]
         self.full = header["full"]
         self._random.bit_generator.state = header["random"]
 
+    def _checked_header(self, path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
+        """Read the header of a file, and check that this buffer can hold its content."""
+        shape, kind = _layout(archive, "header")
+        if shape != () or kind.itemsize > _MOST_HEADER_BYTES:
+            raise ValueError(f"{path}: its header is {shape} of {kind}")
+        header = json.loads(str(_array(archive, "header")))
+        if not isinstance(header, dict) or header.get("format") != FILE_FORMAT:
+            raise ValueError(f"{path}: its format is not {FILE_FORMAT!r}")
+        for name, value in self._header(0)["shape"].items():
+            if header["shape"].get(name) != value:
+                raise ValueError(
+                    f"{path}: {name} is {header['shape'].get(name)}, this buffer's is {value}"
+                )
+        for name, most in (("used", self.n_slots), ("next_slot", self.n_slots - 1)):
+            if type(header[name]) is not int or not 0 <= header[name] <= most:
+                raise ValueError(f"{path}: {name}={header[name]!r} must lie from 0 to {most}")
+        return header
 
-def _read_npz(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Read the header and the arrays of a file, or raise a ValueError that names it."""
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open a file of ``save_npz``; damage raises a ValueError that names the file."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            arrays = {name: file[name] for name in ("slot", "running", *_SLOT_ARRAYS)}
+        with zipfile.ZipFile(path) as archive:
+            yield archive
     except FileNotFoundError:
         raise
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except (
+        *(OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, RuntimeError),
+        *(zipfile.BadZipFile, zlib.error),
+    ) as error:
+        if str(error).startswith(str(path)):
+            raise
         raise ValueError(
             f"{path} is not a complete file written by a replay buffer's save_npz: {error}"
         ) from error
-    if not isinstance(header, dict) or header.get("format") != FILE_FORMAT:
-        raise ValueError(f"{path}: its format is not {FILE_FORMAT!r}")
-    return header, arrays
+
+
+def _layout(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return the shape and the type of an array in a file, without reading the array."""
+    with archive.open(f"{name}.npy") as member:
+        np.lib.format.read_magic(member)
+        shape, _, kind = np.lib.format.read_array_header_1_0(member)
+    return shape, kind
+
+
+def _array(archive: zipfile.ZipFile, name: str) -> npt.NDArray[Any]:
+    with archive.open(f"{name}.npy") as member:
+        array: npt.NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+    return array
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, Final
 
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.policies.networks import NetworkSpec
@@ -47,16 +47,15 @@ class PolicyCard:
     networks: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
-        for name in ("env_id", "algorithm", "command", "commit", "task"):
-            if not isinstance(getattr(self, name), str):
-                raise ValueError(f"card: {name}={getattr(self, name)!r} must be a text")
+        for one in fields(self):
+            value = getattr(self, one.name)
+            types, words = _TYPES[str(one.type)]
+            if not isinstance(value, types) or isinstance(value, bool):
+                raise ValueError(f"card: {one.name}={value!r} must be {words}")
         for name in ("steps", "success_episodes", "wall_clock_s"):
-            value = getattr(self, name)
-            if not _is_number(value) or value < 0:
-                raise ValueError(f"card: {name}={value!r} must be a number of at least 0")
-        if not isinstance(self.env_kwargs, Mapping):
-            raise ValueError(f"card: env_kwargs={self.env_kwargs!r} must be a mapping")
-        if not _is_number(self.success) or not 0.0 <= self.success <= 1.0:
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"card: {name}={getattr(self, name)!r} must be at least 0")
+        if not 0.0 <= self.success <= 1.0:
             raise ValueError(f"card: success={self.success!r} must lie between 0 and 1")
 
     @property
@@ -94,15 +93,22 @@ class PolicyCard:
         :param text: the result of `to_json`.
         :raises ValueError: for any other text.
         """
-        values = json.loads(text)
+        try:
+            values = json.loads(text)
+        except RecursionError as error:
+            raise ValueError(f"card: nested too deeply: {error}") from error
         if not isinstance(values, dict):
             raise ValueError("card: not a JSON object")
         return cls.from_dict(values)
 
 
-def _is_number(value: Any) -> bool:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return number and abs(value) < math.inf
+_TYPES: Final[Mapping[str, tuple[tuple[type, ...], str]]] = {
+    "str": ((str,), "a text"),
+    "int": ((int,), "a whole number"),
+    "float": ((float, int), "a number"),
+    "Mapping[str, Any]": ((Mapping,), "a mapping"),
+    "NetworkSpec | None": ((NetworkSpec, type(None)), "a description of networks"),
+}
 
 
 def card_markdown(name: str, card: PolicyCard) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike, fspath
@@ -15,6 +16,7 @@ from saver_advisors.policies.cards import PolicyCard, card_markdown
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.policies.frozen import PretrainedPolicy
 from saver_advisors.policies.networks import PolicyNetworks
+from saver_advisors.policies.stored_models import networks_of_run, networks_of_zip
 from saver_advisors.policies.teacher import Teacher
 from saver_envs.weights import Header, Shapes, check_finite, read_weights, write_weights
 
@@ -53,7 +55,7 @@ def save_policy(
     networks = policy if isinstance(policy, PolicyNetworks) else policy.networks
     tensors = networks.state_dict()
     check_finite(path, tensors, _MAY_BE_INFINITE)
-    _check_values(path, networks)
+    _checked(path, networks)
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {"card": replace(card, networks=networks.spec).to_json()}
     write_weights(path, KIND, tensors, header)
@@ -88,11 +90,17 @@ def load_policy(name_or_path: str | PathLike[str]) -> PretrainedPolicy:
 
 
 def load_teacher(name_or_path: str | PathLike[str]) -> Teacher:
-    """Load a teacher from a weight file.
+    """Load a teacher.
 
-    :param name_or_path: as for `load_policy`.
-    :raises ValueError: as for `load_policy`.
+    :param name_or_path: as for `load_policy`; or the folder of a run of `saver train`, for its best
+        policy; or the zip file of a model that SB3 saved, which is read without unpickling it.
+    :raises ValueError: as for `load_policy`, or for a model that cannot be read.
     """
+    path = Path(name_or_path)
+    if os.path.isdir(path):  # unlike Path's, it is False for a name that is too long
+        return Teacher(_checked(path, networks_of_run(path)), path.resolve().name)
+    if path.suffix == ".zip" and os.path.isfile(path):
+        return Teacher(_checked(path, networks_of_zip(path)), path.stem)
     return load_policy(name_or_path).teacher()
 
 
@@ -102,8 +110,9 @@ def _find(name_or_path: str | PathLike[str]) -> Path:
     :raises ValueError: if it is neither a shipped name nor a file.
     """
     path = Path(name_or_path)
-    if path.suffix == ".safetensors" or path.is_file() or len(path.parts) > 1:
-        if not path.is_file():
+    there = os.path.isfile(path)
+    if path.suffix == ".safetensors" or there or len(path.parts) > 1:
+        if not there:
             raise ValueError(f"there is no weight file {str(path)!r}")
         return path
     name, names = fspath(name_or_path), shipped_policies()
@@ -128,8 +137,7 @@ def read_networks(path: Path) -> tuple[PolicyNetworks, PolicyCard]:
     assert card.networks is not None  # checked with the shapes
     networks = PolicyNetworks(card.networks)
     networks.load_state_dict(tensors, strict=True)
-    _check_values(path, networks)
-    return networks, card
+    return _checked(path, networks), card
 
 
 def _shapes(header: Header) -> Shapes:
@@ -140,11 +148,12 @@ def _shapes(header: Header) -> Shapes:
         return PolicyNetworks(spec).state_dict()
 
 
-def _check_values(path: Path, networks: PolicyNetworks) -> None:
+def _checked(path: Path, networks: PolicyNetworks) -> PolicyNetworks:
     if (networks.std <= 0).any() or (networks.clip <= 0).any():
         raise ValueError(f"{path}: std and clip must be positive")
     if (networks.action_high <= networks.action_low).any():
         raise ValueError(f"{path}: action_high must exceed action_low")
+    return networks
 
 
 def write_card(weights: str | Path) -> Path:

@@ -8,7 +8,7 @@ included, or `NormalizedGoalFeatures` of the `learner` package.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from torch import Tensor, nn
 
 from saver_advisors.learner.policies import NormalizedGoalFeatures
 from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
+
+Layers = Sequence[tuple[Tensor, Tensor]]
 
 
 def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
@@ -35,29 +37,70 @@ def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
     inputs, normaliser = _normaliser(model, actor.features_extractor)
     layers = actor_layers(actor)
     critics = [list(_flatten([network])) for network in critic.q_networks]
+    try:
+        networks = build_frozen(
+            _tensors(layers),
+            [_tensors(one) for one in critics],
+            inputs,
+            normaliser,
+            (torch.as_tensor(action_space.low), torch.as_tensor(action_space.high)),
+            _activation([layers, *critics]),
+        )
+    except (RuntimeError, ValueError) as error:
+        raise TypeError(
+            f"the layers of {type(model).__name__} cannot be frozen: {error}"
+        ) from error
+    own = [list(network.children()) for network in (networks.actor, *networks.critics)]
+    for built, given in zip(own, [layers, *critics], strict=True):
+        if [_kind(layer) for layer in built] != [_kind(layer) for layer in given]:
+            raise TypeError(
+                f"the layers {given} cannot be frozen: use Linear, LayerNorm (optional) and "
+                "activation for each hidden layer, then Linear"
+            )
+    return networks
+
+
+def build_frozen(
+    actor: Layers,
+    critics: Sequence[Layers],
+    inputs: tuple[tuple[str, int], ...],
+    normaliser: tuple[Tensor, Tensor, Tensor],
+    bounds: tuple[Tensor, Tensor],
+    activation: str,
+) -> PolicyNetworks:
+    """Build frozen networks, whose shapes follow from the weights.
+
+    :param actor: weight and bias of each layer; those of a LayerNorm have one dimension.
+    :param critics: the same for each critic; at least one.
+    :param inputs: names and sizes of the inputs, in order.
+    :param normaliser: mean, standard deviation and clip of each input.
+    :param bounds: least and greatest action.
+    :param activation: a key of `ACTIVATIONS`.
+    :return: networks on the CPU, in float32, that share no memory with the weights.
+    :raises ValueError: for sizes out of range.
+    :raises RuntimeError: for weights that do not fit together.
+    """
     spec = NetworkSpec(
         inputs=inputs,
-        action_size=int(action_space.shape[0]),
-        actor_hidden=_widths(layers)[:-1],
+        action_size=len(actor[-1][1]),
+        actor_hidden=_widths(actor)[:-1],
         critic_hidden=_widths(critics[0])[:-1],
         n_critics=len(critics),
-        critic_outputs=_widths(critics[0])[-1],
-        activation=_activation([layers, *critics]),
-        actor_layer_norm=_has_layer_norm(layers),
-        critic_layer_norm=_has_layer_norm(critics[0]),
+        critic_outputs=len(critics[0][-1][1]),
+        activation=activation,
+        actor_layer_norm=any(weight.dim() == 1 for weight, _ in actor),
+        critic_layer_norm=any(weight.dim() == 1 for weight, _ in critics[0]),
     )
-    networks = PolicyNetworks(spec)
-    with torch.no_grad():
-        for buffer, values in zip(
-            (networks.mean, networks.std, networks.clip), normaliser, strict=True
-        ):
-            buffer.copy_(values)
-        networks.action_low.copy_(torch.as_tensor(action_space.low))
-        networks.action_high.copy_(torch.as_tensor(action_space.high))
-    _copy(networks.actor, layers, "actor")
-    for target, source in zip(networks.critics, critics, strict=True):
-        _copy(target, source, "critic")
-    return networks
+    with torch.device("meta"):  # nothing is allocated before all shapes have been compared
+        networks = PolicyNetworks(spec)
+    parts = ("mean", "std", "clip", "action_low", "action_high")
+    tensors = dict(zip(parts, (*normaliser, *bounds), strict=True))
+    for prefix, layers in (("actor", actor), *((f"critics.{k}", c) for k, c in enumerate(critics))):
+        names = [name for name in networks.state_dict() if name.startswith(f"{prefix}.")]
+        tensors |= zip(names, (one for layer in layers for one in layer), strict=True)
+    copies = {name: one.detach().cpu().float().clone() for name, one in tensors.items()}
+    networks.load_state_dict(copies, assign=True)
+    return networks.requires_grad_(False)
 
 
 def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
@@ -99,12 +142,12 @@ def _flatten(modules: Iterable[nn.Module]) -> Iterator[nn.Module]:
             yield module
 
 
-def _widths(layers: list[nn.Module]) -> tuple[int, ...]:
-    return tuple(layer.out_features for layer in layers if isinstance(layer, nn.Linear))
+def _tensors(layers: list[nn.Module]) -> Layers:
+    return [(layer.weight, layer.bias) for layer in layers if hasattr(layer, "weight")]  # type: ignore[misc]
 
 
-def _has_layer_norm(layers: list[nn.Module]) -> bool:
-    return any(isinstance(layer, nn.LayerNorm) for layer in layers)
+def _widths(layers: Layers) -> tuple[int, ...]:
+    return tuple(len(bias) for weight, bias in layers if weight.dim() == 2)
 
 
 def _activation(networks: list[list[nn.Module]]) -> str:
@@ -120,25 +163,9 @@ def _activation(networks: list[list[nn.Module]]) -> str:
     return used[0] if used else "relu"
 
 
-def _copy(target: nn.Module, layers: list[nn.Module], part: str) -> None:
-    """Copy weights layer by layer.
-
-    :raises TypeError: if the layers differ from the target's, which are those of `PolicyNetworks`.
-    """
-    own = list(target.children())
-    if [_kind(layer) for layer in own] != [_kind(layer) for layer in layers]:
-        raise TypeError(
-            f"the {part}'s layers {layers} cannot be frozen: use Linear, LayerNorm (optional) and "
-            "activation for each hidden layer, then Linear, and the same widths in all critics"
-        )
-    for new, old in zip(own, layers, strict=True):
-        new.load_state_dict(old.state_dict())
-
-
 def _kind(layer: nn.Module) -> tuple[Any, ...]:
-    """Return all that two layers must have in common to compute the same from equal weights."""
-    shapes = {name: value.shape for name, value in layer.state_dict().items()}
-    return type(layer), getattr(layer, "eps", None), shapes
+    """Return what two layers must have in common to compute the same from equal weights."""
+    return type(layer), getattr(layer, "eps", None)
 
 
 def _normaliser(

@@ -77,11 +77,14 @@ class NetworkSpec:
                     f"{name} has {len(widths)} layers: at most {MAX_DEPTH} are allowed"
                 )
             for width in widths:
-                _check_size(name, width, 1)
-        _check_size("action_size", self.action_size, 1)
-        _check_size("critic_outputs", self.critic_outputs, 1)
-        if not 0 <= self.n_critics <= MAX_DEPTH:
-            raise ValueError(f"n_critics={self.n_critics} must lie between 0 and {MAX_DEPTH}")
+                _check_size(name, width)
+        _check_size("action_size", self.action_size)
+        _check_size("critic_outputs", self.critic_outputs)
+        if type(self.n_critics) is not int or not 0 <= self.n_critics <= MAX_DEPTH:
+            raise ValueError(f"n_critics={self.n_critics!r} must be from 0 to {MAX_DEPTH}")
+        for name in ("actor_layer_norm", "critic_layer_norm"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name}={getattr(self, name)!r} must be true or false")
 
     @property
     def feature_size(self) -> int:
@@ -102,19 +105,17 @@ class NetworkSpec:
         """
         try:
             fields = dict(values)
-            fields["inputs"] = tuple((str(key), int(size)) for key, size in fields["inputs"])
+            fields["inputs"] = tuple((key, size) for key, size in fields["inputs"])
             for name in ("actor_hidden", "critic_hidden"):
-                fields[name] = tuple(int(width) for width in fields[name])
+                fields[name] = tuple(fields[name])
             return cls(**fields)
         except (KeyError, TypeError) as error:
             raise ValueError(f"not a network description: {error}") from error
 
 
-def _check_size(name: str, value: object, minimum: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or not minimum <= value <= MAX_WIDTH:
-        raise ValueError(
-            f"{name} holds {value!r}: sizes are whole numbers from {minimum} to {MAX_WIDTH}"
-        )
+def _check_size(name: str, value: object) -> None:
+    if type(value) is not int or not 1 <= value <= MAX_WIDTH:
+        raise ValueError(f"{name} holds {value!r}: sizes are whole numbers from 1 to {MAX_WIDTH}")
 
 
 def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
@@ -124,7 +125,7 @@ def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
             f"inputs are {keys}: they must be one or more of {list(OBSERVATION_KEYS)}, each once"
         )
     for key, size in inputs:
-        _check_size(f"inputs[{key!r}]", size, 1)
+        _check_size(f"inputs[{key!r}]", size)
 
 
 def _network(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.policies.freezing import networks_from_sb3
-from saver_advisors.policies.inference import FloatArray, FrozenPolicy
+from saver_advisors.policies.inference import FloatArray, FrozenPolicy, check_rows
 from saver_advisors.policies.networks import PolicyNetworks
 
 if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+TeacherFunction = Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]
 
 
 class Teacher:
@@ -108,10 +110,43 @@ class Teacher:
         )
 
     def __repr__(self) -> str:
-        return (
-            f"Teacher({self.name!r}, observation {self.observation_size}, goal {self.goal_size}, "
-            f"action {self.action_size}, critics {self.networks.spec.n_critics})"
-        )
+        sizes = f"observation {self.observation_size}, goal {self.goal_size}"
+        return f"{type(self).__name__}({self.name!r}, {sizes}, action {self.action_size})"
+
+
+class FunctionTeacher(Teacher):
+    """Advise with a function of one arm's observation and goal; it has no critics and no weights.
+
+    :param function: (n, observation_size) and (n, goal_size) -> actions (n, action_size).
+    :param sizes: of an arm's observation, goal and action.
+    :param name: of the teacher.
+    """
+
+    def __init__(self, function: TeacherFunction, sizes: tuple[int, int, int], name: str) -> None:
+        self.observation_size, self.goal_size, self.action_size = sizes
+        self.function = function
+        self.name = name
+        self.has_critics = False
+
+    def act(
+        self,
+        observation: NDArray[Any],
+        goal: NDArray[Any],
+        achieved_goal: NDArray[Any] | None = None,
+    ) -> FloatArray:
+        """Return the function's actions; see ``Teacher.act``.
+
+        :raises ValueError: if their shape does not fit, or one is not finite.
+        """
+        check_rows("observation", observation, self.observation_size, self.name)
+        check_rows("desired_goal", goal, self.goal_size, self.name)
+        action = np.asarray(self.function(observation, goal), np.float32)
+        if action.shape != (len(observation), self.action_size) or not np.isfinite(action).all():
+            raise ValueError(
+                f"teacher {self.name!r} returned {action.shape}: it must return finite actions "
+                f"({len(observation)}, {self.action_size})"
+            )
+        return action
 
 
 class TeacherGroup:

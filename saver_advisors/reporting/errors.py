@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ def user_mistakes(argument: str = "") -> Iterator[None]:
     """
     try:
         yield
-    except (ValueError, TypeError, OSError) as error:
+    except (ValueError, TypeError, OSError, argparse.ArgumentTypeError) as error:
         message = " ".join(str(error).split())
         raise UsageError(f"{argument}: {message}" if argument else message) from error
 

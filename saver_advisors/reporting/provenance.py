@@ -101,8 +101,12 @@ def portable_command(command: str) -> str:
     :return: the command, with the program and absolute paths reduced to their file names
     """
     program, *words = shlex.split(command)
-    named = (Path(word).name if Path(word).is_absolute() else word for word in words)
-    return shlex.join([Path(program).name, *named])
+    named = [Path(word).name if Path(word).is_absolute() else word for word in words]
+    package, name = Path(program).parts[-2:] if "/" in program else ("", program)
+    if name != "__main__.py":
+        return shlex.join([name, *named])
+    first = ["saver"] if package == "cli" else ["python", "-m", package]
+    return shlex.join([*first, *named])
 
 
 def command_line() -> str:

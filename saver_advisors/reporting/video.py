@@ -63,15 +63,12 @@ def record(
     :param progress: show a progress bar
     :return: the recordings
     """
-    import gymnasium
     from tqdm import tqdm
 
-    env = gymnasium.make(
-        f"saver_envs:{env_id}",
-        render_mode="rgb_array",
-        width=width,
-        height=height,
-        **(env_kwargs or {}),
+    from saver_envs.envs.goal_env import SaverGoalEnv
+
+    env = SaverGoalEnv(
+        env_id, render_mode="rgb_array", width=width, height=height, **(env_kwargs or {})
     )
     try:
         numbers = tqdm(range(episodes), unit="video episode", disable=not progress)

@@ -15,8 +15,10 @@ from saver_advisors.advising import (
     TeacherProposals,
     build_advised,
     make_advisor,
+    names_code,
     warm_start_from_teachers,
 )
+from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import (
     GoalDDPG,
     GoalLearnerMixin,
@@ -63,8 +65,9 @@ def build_env(config: RunConfig, threads: int = 1) -> VecEnv:
     """
     options = {**config.env_kwargs, **config.train_env_kwargs}
     try:
+        seed = training_seed(config.seed)
         return SaverVecEnv(
-            config.env_id, n_envs=config.n_envs, seed=config.seed, threads=threads, **options
+            config.env_id, n_envs=config.n_envs, seed=seed, threads=threads, **options
         )
     except (ValueError, TypeError):
         # Find out which of the two settings is wrong.
@@ -111,6 +114,8 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         device="cpu",
         **arguments,
     )
+    # SB3's constructor has seeded the environments with the run's own seed.
+    env.seed(training_seed(config.seed))
     model.set_logger(Logger(folder=None, output_formats=[]))
     if advice is not None and advice.warm_start:
         with naming("advice"):
@@ -172,6 +177,9 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     assert advice is not None
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
+    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
+    if any(map(names_code, teachers)):
+        named["n_arms"] = getattr(task_of(env), "n_arms", None)
     advisor = make_advisor(
         **named,
         observation_space=env.observation_space,

@@ -2,12 +2,14 @@
 
 A checkpoint is a folder: ``policy.safetensors`` (networks, targets, normaliser),
 ``training.safetensors`` (optimizers, the entropy coefficient, torch's generator), ``replay.npz``
-and ``state.json`` (counters, the other generators, and the caller's values). It is written beside
-the old one and then renamed, so that a crash or a full disk leaves a complete one.
+and ``state.json`` (counters, the other generators, the caller's values, and checksums of itself and
+of the other files). It is written beside the old one and then renamed, so that a crash or a full
+disk leaves a complete one.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -22,6 +24,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from saver_advisors.learner.algorithms import GoalLearnerMixin
 from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.reporting.provenance import write_json_atomic
+from saver_envs.files import read_json
 from saver_envs.weights import read_weights, write_weights
 
 KIND = "saver-checkpoint"
@@ -53,7 +56,7 @@ def load_policy(path: str | Path, policy: th.nn.Module) -> None:
     :raises ValueError: if the file is damaged or of another shape.
     """
     try:
-        policy.load_state_dict(_read_tensors(Path(path)))
+        policy.load_state_dict(read_tensors(Path(path)))
     except RuntimeError as error:
         raise ValueError(f"{path} does not fit this policy: {error}") from error
 
@@ -74,15 +77,19 @@ def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[s
         save_policy(partial / POLICY_FILE, model.policy)
         write_weights(partial / TRAINING_FILE, KIND, _training_tensors(model), {})
         _buffer(model).save_npz(partial / REPLAY_FILE)
-        write_json_atomic(partial / STATE_FILE, {**_counters(model), "extra": extra})
+        files = {path.name: _file_checksum(path) for path in sorted(partial.iterdir())}
+        # Through JSON, as it is read back: tuples become lists, numbers as keys text.
+        state = json.loads(json.dumps({**_counters(model), "extra": extra, "files": files}))
+        write_json_atomic(partial / STATE_FILE, {**state, "sha256": _checksum(state)})
+        _swap(partial, folder)
     except OSError as error:
         shutil.rmtree(partial, ignore_errors=True)
+        reason = getattr(error.__cause__, "strerror", None) or error.strerror or error
         raise OSError(
             error.errno,
-            f"the checkpoint {folder} could not be written ({error.strerror or error}); "
-            "an earlier one is intact. Free some disk space and resume",
+            f"the checkpoint {folder} could not be written ({reason}); an earlier one is intact. "
+            "Free some disk space, or make the folder writable, and resume",
         ) from error
-    _swap(partial, folder)
 
 
 def find_checkpoint(folder: str | Path) -> Path | None:
@@ -113,33 +120,54 @@ def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, 
     load_policy(folder / POLICY_FILE, model.policy)
     _load_training_tensors(folder / TRAINING_FILE, model)
     _buffer(model).load_npz(folder / REPLAY_FILE)
-    model.num_timesteps = state["steps"]
-    model._n_updates = state["updates"]
-    model._episode_num = state["episodes"]
     assert isinstance(model, GoalLearnerMixin)
     random = state["random"]
-    np.random.set_state(random["numpy"])  # noqa: NPY002
-    model._exploration_random.bit_generator.state = random["exploration"]
-    model.action_space.np_random.bit_generator.state = random["action_space"]
+    try:
+        model.num_timesteps, model._n_updates, model._episode_num = (
+            int(state[name]) for name in ("steps", "updates", "episodes")
+        )
+        np.random.set_state(random["numpy"])  # noqa: NPY002
+        model._exploration_random.bit_generator.state = random["exploration"]
+        model.action_space.np_random.bit_generator.state = random["action_space"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{folder / STATE_FILE} does not fit this model: {error!r}") from error
     return dict(state["extra"])
 
 
 def read_state(folder: Path) -> dict[str, Any]:
-    """Read ``steps``, ``updates``, ``episodes``, ``random`` and ``extra`` of a checkpoint.
+    """Read a checkpoint's counters and the caller's values, and verify the checksums of its files.
+
+    Checkpoints written before checksums were introduced have none and are read without.
 
     :param folder: from ``find_checkpoint``.
-    :return: the content of its ``state.json``.
-    :raises ValueError: if the file is damaged.
+    :return: ``steps``, ``updates``, ``episodes``, ``random`` and ``extra``.
+    :raises FileNotFoundError: if a file is missing.
+    :raises ValueError: if a file is damaged.
     """
     path = folder / STATE_FILE
-    try:
-        state = json.loads(path.read_text(encoding="utf-8"))
-        missing = {"steps", "updates", "episodes", "random", "extra"} - set(state)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not a checkpoint's state: {error}") from error
-    if missing:
-        raise ValueError(f"{path} is not a checkpoint's state: it lacks {sorted(missing)}")
+    state = read_json(path)
+    wanted = {"steps", "updates", "episodes", "random", "extra"}
+    lacking = sorted(wanted - set(state)) if isinstance(state, dict) else sorted(wanted)
+    if lacking or not isinstance(state["extra"], dict):
+        raise ValueError(f"{path} is not a checkpoint's state: it lacks {lacking or 'extra'}")
+    written = state.pop("sha256", None)
+    if (written is not None or "files" in state) and written != _checksum(state):
+        raise ValueError(f"{path} is damaged: its checksum does not match")
+    for name, checksum in state.get("files", {}).items():
+        if not (folder / name).is_file():
+            raise FileNotFoundError(f"{folder / name} is missing: restore it, or start a new run")
+        if _file_checksum(folder / name) != checksum:
+            raise ValueError(f"{folder / name} is damaged: its checksum does not match")
     return dict(state)
+
+
+def _checksum(state: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
+
+
+def _file_checksum(path: Path) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _buffer(model: OffPolicyAlgorithm) -> GoalReplayBuffer:
@@ -180,7 +208,7 @@ def _training_tensors(model: OffPolicyAlgorithm) -> dict[str, th.Tensor]:
 
 
 def _load_training_tensors(path: Path, model: OffPolicyAlgorithm) -> None:
-    tensors = _read_tensors(path)
+    tensors = read_tensors(path)
     modules, variables = model._get_torch_save_params()
     try:
         for name in modules:
@@ -211,7 +239,13 @@ def _load_optimizer(
     optimizer.load_state_dict({"state": moments, "param_groups": groups})
 
 
-def _read_tensors(path: Path) -> dict[str, th.Tensor]:
+def read_tensors(path: Path) -> dict[str, th.Tensor]:
+    """Read and verify the tensors of a checkpoint's file.
+
+    :param path: of the file.
+    :raises FileNotFoundError: if there is none.
+    :raises ValueError: if the file is damaged.
+    """
     if not path.exists():
         raise FileNotFoundError(f"there is no file {path}")
     # A run that diverges is still resumed exactly, so infinite values are allowed.

@@ -10,7 +10,6 @@ A run is a folder::
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -23,8 +22,9 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_advisors.training.building import build_env, build_model
-from saver_advisors.training.checkpoint import POLICY_FILE, load_policy
-from saver_advisors.training.run import Evaluate, Run, RunResult
+from saver_advisors.training.checkpoint import POLICY_FILE, load_policy, read_tensors
+from saver_advisors.training.run import Evaluate, Run, RunResult, find_own_checkpoint
+from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
 from saver_advisors.training.threads import threads_of_algebra
 
@@ -59,11 +59,15 @@ def train(
     :param callback: SB3 callbacks; their start and end hooks are called once per block.
     :return: the state of the run.
     :raises FileExistsError: if the folder holds a run and ``resume`` is false.
+    :raises FileNotFoundError: if it holds a run whose checkpoint is missing.
+    :raises FolderInUseError: if another process trains in the folder.
     :raises ValueError: for settings that do not fit together, a checkpoint that is damaged or has
         another configuration, or less than one thread.
     :raises TypeError: for unknown arguments of the environment or unsuitable teachers.
     :raises OSError: if a checkpoint cannot be written; the previous one is intact.
     """
+    # First the folder: the settings of a run may name code, which is imported when it is built.
+    find_own_checkpoint(Path(output_dir), config, resume)
     with open_run(
         config, output_dir, threads=threads, env_factory=env_factory, evaluate=evaluate
     ) as run:
@@ -117,8 +121,9 @@ def load_trained(
     if which not in ("best", "latest"):
         raise ValueError(f"which={which} must be 'best' or 'latest'")
     output_dir = Path(output_dir)
-    values = json.loads((output_dir / "run.json").read_text(encoding="utf-8"))["config"]
+    values = read_record(output_dir)["config"]
     config = replace(RunConfig.from_mapping(values), advice=None, n_envs=1)
+    read_tensors(output_dir / which / POLICY_FILE)  # verified before an environment's module runs
     with closing((env_factory or build_env)(config)) as env:
         model = build_model(config, env)
     load_policy(output_dir / which / POLICY_FILE, model.policy)

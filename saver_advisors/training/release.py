@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,9 @@ from saver_advisors.policies.files import export_policy
 from saver_advisors.reporting.provenance import portable_command
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained
+from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
+from saver_envs.files import read_json
 
 
 def evaluate_trained(
@@ -27,7 +28,7 @@ def evaluate_trained(
     :param threads: threads of the simulation.
     :return: the outcome of each episode.
     """
-    config = RunConfig.from_mapping(_read(run_dir, "run.json")["config"])
+    config = RunConfig.from_mapping(read_record(run_dir)["config"])
     model = load_trained(run_dir, which)
     return evaluate_policy(
         lambda observation: model.predict(observation, deterministic=True)[0],
@@ -59,10 +60,11 @@ def release_run(
     }
     chosen = max(selection, key=lambda which: selection[which])
     summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=REPORT_SEED).summary()
-    record = _read(run_dir, "run.json")
+    record = read_record(run_dir)
     config = RunConfig.from_mapping(record["config"])
     best = chosen == "best"
-    progress = _read(run_dir, "best/evaluation.json") if best else read_curve(run_dir)[-1]
+    evaluation = Path(run_dir) / "best" / "evaluation.json"
+    progress = read_json(evaluation) if best else read_curve(run_dir)[-1]
     card = {
         "env_id": config.env_id,
         "algorithm": config.algorithm,
@@ -79,7 +81,3 @@ def release_run(
     }
     export_policy(load_trained(run_dir, chosen), path, card)
     return {"selection": selection, "chosen": chosen, "summary": summary}
-
-
-def _read(run_dir: str | Path, name: str) -> dict[str, Any]:
-    return dict(json.loads((Path(run_dir) / name).read_text(encoding="utf-8")))

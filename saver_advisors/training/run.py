@@ -8,7 +8,6 @@ run equals an uninterrupted one.
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
 import threading
@@ -16,7 +15,7 @@ import time
 import types
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,9 @@ from stable_baselines3.common.utils import ConstantSchedule
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
-from saver_advisors.advising import Advisor
+from saver_advisors.advising import Advisor, names_code
 from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
@@ -36,6 +36,7 @@ from saver_advisors.reporting.provenance import load_averages, provenance, write
 from saver_advisors.training.building import build_model, build_stages, demonstration_steps
 from saver_advisors.training.checkpoint import (
     POLICY_FILE,
+    STATE_FILE,
     find_checkpoint,
     load_checkpoint,
     read_state,
@@ -43,7 +44,8 @@ from saver_advisors.training.checkpoint import (
     save_policy,
 )
 from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_curve, write_curve
-from saver_advisors.training.settings import RunConfig
+from saver_advisors.training.run_folder import RECORD_FILE, locked, read_record
+from saver_advisors.training.settings import RunConfig, naming
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
@@ -95,6 +97,9 @@ class Run:
         self.output_dir = output_dir
         self.env = env
         self.evaluate = evaluate
+        if (plain := _without_code(config)) is not None:
+            # Everything else must fit before the code that the settings name is imported.
+            build_model(plain, env)
         self.model = build_model(config, env)
         self.advisor: Advisor | None = getattr(self.model, "advisor", None)
         self.stages = build_stages(config, self.model)
@@ -129,36 +134,36 @@ class Run:
         :param callback: SB3 callbacks.
         :return: the state of the run.
         :raises FileExistsError: if the folder holds a run and ``resume`` is false.
+        :raises FileNotFoundError: if the run in the folder has no checkpoint to resume from.
+        :raises FolderInUseError: if another process trains in the folder.
         :raises ValueError: for a checkpoint that is damaged or has another configuration.
         :raises OSError: if a checkpoint cannot be written.
         """
-        self._begin(resume)
         total = self.config.total_steps
         limit = total if stop_after_steps is None else min(total, stop_after_steps)
-        saved_at = self.steps
-        with (
-            tqdm(total=total, initial=self.steps, unit="step", disable=not progress) as bar,
-            _stop_requests() as stop,
-        ):
-            while self.steps < limit and not stop.is_set():
-                before = self.steps
-                if self.steps < self.demonstration_steps:
-                    self._demonstrate_block()
-                else:
-                    self._train_block(callback)
-                bar.update(self.steps - before)
-                done = self.steps >= total
-                rate = None
-                if done or self._is_due(self.config.eval_every, before):
-                    rate = self._evaluate()
-                    bar.set_postfix(success=f"{rate:.2f}")
-                if self.stages is not None:
-                    self.stages.update(self.model, success_rate=rate)
-                if done or self._is_due(self.config.checkpoint_every, before):
+        with locked(self.output_dir), _stop_requests() as stop:
+            self._begin(resume)
+            saved_at = self.steps
+            with tqdm(total=total, initial=saved_at, unit="step", disable=not progress) as bar:
+                while self.steps < limit and not stop.is_set():
+                    before = self.steps
+                    if self.steps < self.demonstration_steps:
+                        self._demonstrate_block()
+                    else:
+                        self._train_block(callback)
+                    bar.update(self.steps - before)
+                    done = self.steps >= total
+                    rate = None
+                    if done or self._is_due(self.config.eval_every, before):
+                        rate = self._evaluate()
+                        bar.set_postfix(success=f"{rate:.2f}")
+                    if self.stages is not None:
+                        self.stages.update(self.model, success_rate=rate)
+                    if done or self._is_due(self.config.checkpoint_every, before):
+                        self._checkpoint()
+                        saved_at = self.steps
+                if saved_at != self.steps:
                     self._checkpoint()
-                    saved_at = self.steps
-            if saved_at != self.steps:
-                self._checkpoint()
         return RunResult(
             output_dir=self.output_dir,
             finished=self.steps >= total,
@@ -170,9 +175,9 @@ class Run:
         )
 
     def _begin(self, resume: bool) -> None:
-        """Create the folder or load its checkpoint; append this session to ``run.json``."""
+        """Load the folder's checkpoint or write the first; append this session to ``run.json``."""
         checkpoint = find_own_checkpoint(self.output_dir, self.config, resume)
-        self.output_dir.mkdir(parents=True, exist_ok=True)
+        sessions: list[Any] = []
         if checkpoint is not None:
             extra = load_checkpoint(checkpoint, self.model)
             self.wall_clock_s = extra["wall_clock_s"]
@@ -183,16 +188,18 @@ class Run:
                 self.stages.load_state_dict(extra["stages"], self.model)
             curve = read_curve(self.output_dir)
             self.curve = [point for point in curve if point["steps"] <= self.steps]
+            if (self.output_dir / RECORD_FILE).exists():
+                sessions = read_record(self.output_dir)["sessions"]
         # Points written after the checkpoint would appear twice.
         write_curve(self.output_dir, self.curve)
-        path = self.output_dir / "run.json"
-        sessions: list[Any] = []
-        if self.steps > 0 and path.exists():
-            sessions = json.loads(path.read_text(encoding="utf-8"))["sessions"]
         sessions.append({"from_steps": self.steps, **provenance()})
-        config = self.config.to_mapping()
-        write_json_atomic(path, {"seed": config["seed"], "config": config, "sessions": sessions})
-        self._restart_environments()
+        record = {"seed": self.config.seed, "config": self.config.to_mapping()}
+        write_json_atomic(self.output_dir / RECORD_FILE, {**record, "sessions": sessions})
+        if checkpoint is None:
+            # There is always one to resume from, and a full disk is noticed before the training.
+            self._checkpoint()
+        else:
+            self._restart_environments()
 
     def _is_due(self, every: int, before: int) -> bool:
         """Return whether the steps done since ``before`` include a multiple of ``every``."""
@@ -300,9 +307,7 @@ class Run:
 
     def _restart_environments(self) -> None:
         """Reset with a seed that depends only on the run's seed and its step count."""
-        seed = np.random.SeedSequence([self.config.seed, self.steps]).generate_state(1)[0]
-        # SB3 adds an environment's index to the seed, which must stay below 2**31.
-        self.env.seed(int(seed % 2**30))
+        self.env.seed(training_seed(self.config.seed, self.steps))
         self.model._last_obs = self.env.reset()  # type: ignore[assignment]
         self.model._last_episode_starts = np.ones(self.config.n_envs, bool)
 
@@ -315,19 +320,30 @@ def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Pa
     :param resume: whether the run may continue from a checkpoint.
     :return: the checkpoint's folder; None for a new run.
     :raises FileExistsError: if the folder holds a run and ``resume`` is false.
+    :raises FileNotFoundError: if it holds a run whose checkpoint is missing.
     :raises ValueError: for a checkpoint that is damaged or has another configuration.
     """
-    checkpoint = find_checkpoint(output_dir / "latest")
+    latest = output_dir / "latest"
+    checkpoint = find_checkpoint(latest)
     if not resume and (checkpoint is not None or (output_dir / CURVE_FILE).exists()):
         raise FileExistsError(
             f"output_dir={output_dir} already contains a run: continue it with resume=True, or "
             "choose another folder"
         )
     if checkpoint is None:
+        if latest.exists() or (output_dir / "best").exists() or read_curve(output_dir):
+            raise FileNotFoundError(
+                f"{latest / STATE_FILE} is missing, so the run in {output_dir} cannot be resumed: "
+                "restore the folder 'latest' from a copy, or start a new run in another folder"
+            )
         return None
     # Through the class, so that settings newer than the checkpoint get their defaults.
-    recorded = RunConfig.from_mapping(read_state(checkpoint)["extra"]["config"])
-    saved, wanted = recorded.to_mapping(), config.to_mapping()
+    extra = read_state(checkpoint)["extra"]
+    with naming(str(checkpoint / STATE_FILE)):
+        if not {"config", "wall_clock_s"} <= extra.keys():
+            raise ValueError("it lacks the settings or the time of the run")
+        saved = RunConfig.from_mapping(extra["config"]).to_mapping()
+    wanted = config.to_mapping()
     changes = [
         f"{name}: {saved[name]!r} -> {wanted[name]!r}"
         for name in sorted(wanted.keys() - MAY_CHANGE)
@@ -339,6 +355,27 @@ def find_own_checkpoint(output_dir: Path, config: RunConfig, resume: bool) -> Pa
             f"only {sorted(MAY_CHANGE)} may change when a run is resumed"
         )
     return checkpoint
+
+
+def _without_code(config: RunConfig) -> RunConfig | None:
+    """Return the settings without the code that they name: teachers, strategy; None if they name
+    none.
+    """
+    advice = config.advice
+    if advice is None:
+        return None
+    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
+    if any(map(names_code, teachers)):
+        return replace(config, advice=None)
+    if ":" not in advice.strategy:
+        return None
+    plain: dict[str, Any] = {
+        "strategy": "none",
+        "threshold": None,
+        "correcting": None,
+        "settings": {},
+    }
+    return replace(config, advice=replace(advice, **plain))
 
 
 @contextmanager

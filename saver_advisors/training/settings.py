@@ -10,6 +10,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
+from saver_advisors.evaluation.protocol import check_selection, training_seed
 from saver_advisors.reporting.provenance import write_json_atomic
 from saver_advisors.variable_reward.replay import RELABELLINGS
 
@@ -37,7 +38,8 @@ class AdviceConfig:
     with every strategy, ``none`` included.
 
     :param strategy: name, such as ``mc-q``, or "module:Class".
-    :param teacher: a shipped policy's name or a weight file; or a list with one of those per arm.
+    :param teacher: a shipped policy's name, a weight file, a run's folder, a zip file of SB3,
+        "module:function" or "scripted:ID"; or a list with one of those per arm.
     :param budget: environment steps that may be advised.
     :param threshold: threshold of a correcting strategy; None selects the strategy's default.
     :param correcting: the second half of ``early-mc``; None selects its default.
@@ -112,7 +114,8 @@ class RunConfig:
     :param n_envs: number of environments stepped together.
     :param algorithm: ``ddpg``, ``td3``, ``sac`` or ``tqc``.
     :param total_steps: environment steps of all environments together, rounded up to a block.
-    :param seed: seed of all random numbers of the run.
+    :param seed: seed of all random numbers of the run; the protocol's seeds of its episodes follow
+        from it (``saver_advisors.evaluation.protocol``).
     :param net_arch: widths of the hidden layers of actor and critics.
     :param batch_size: transitions per gradient step.
     :param learning_rate: learning rate of Adam.
@@ -148,7 +151,8 @@ class RunConfig:
     :param advice: how teachers are used, or None.
     :param eval_every: environment steps between evaluations.
     :param eval_episodes: episodes per evaluation, without noise and advice.
-    :param eval_seed: seed of the first evaluation episode; the others follow consecutively.
+    :param eval_seed: seed of the first evaluation episode; the others follow consecutively. All are
+        selection seeds.
     :param checkpoint_every: environment steps between checkpoints.
     :raises TypeError: for a value of the wrong type.
     :raises ValueError: for a value out of range, or settings that exclude each other.
@@ -199,6 +203,8 @@ class RunConfig:
                 f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: hindsight goals "
                 "and a teacher's actions need an off-policy algorithm"
             )
+        training_seed(self.seed)  # raises if it has none
+        check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
         for name, used in (
             ("advice.bootstrap", bootstrap),
@@ -293,7 +299,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
         # YAML 1.1 reads JSON's 1e-05 as text.
         content = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (ValueError, yaml.YAMLError) as error:
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise ValueError(f"{path} is neither YAML nor JSON: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path} must contain names and values")

@@ -164,12 +164,15 @@ def ready_advice(
     :raises ValueError: for teachers, arms, strategy or budget that do not fit.
     :raises TypeError: for an unknown argument.
     """
-    from saver_advisors.advising import make_advisor
+    from saver_advisors.advising import make_advisor, names_code
     from saver_envs.envs.spaces import action_space, observation_space
     from saver_envs.registration import make_episodes
 
     episodes = make_episodes(env_id, **env_kwargs)
     run = {"total_steps": total_steps, "horizon": episodes.settings.horizon, "seed": seed}
+    given = advice.get("teacher")
+    if any(map(names_code, given if isinstance(given, list) else [given])):
+        run["n_arms"] = episodes.task.n_arms
     ready = {**run, **advice}
     make_advisor(
         **{name: value for name, value in ready.items() if name != "warm_start"},

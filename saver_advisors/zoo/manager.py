@@ -13,7 +13,9 @@ import numpy as np
 from rl_zoo3.exp_manager import ExperimentManager
 from rl_zoo3.utils import get_class_by_name
 from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.vec_env import VecEnv
 
+from saver_advisors.evaluation.protocol_env import ProtocolVecEnv
 from saver_advisors.reporting.errors import user_mistakes
 from saver_advisors.zoo.algorithms import register_algorithms
 from saver_advisors.zoo.vec_env import BatchedVecEnv
@@ -53,7 +55,7 @@ class SuccessEvalCallback(EvalCallback):
 
 
 class SaverExperimentManager(ExperimentManager):
-    """RL Zoo's manager, whose evaluations keep the model that succeeds most often.
+    """RL Zoo's manager with the protocol's seeds, keeping the model that succeeds most often.
 
     A settings file may name a replay buffer by module and class. RL Zoo evaluates the text as
     Python, with the names that it has imported.
@@ -66,6 +68,16 @@ class SaverExperimentManager(ExperimentManager):
         """
         with user_mistakes():
             return super().setup_experiment()
+
+    def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
+        """Create RL Zoo's environments, for training or for evaluation; see `ProtocolVecEnv`.
+
+        :param n_envs: their number.
+        :param eval_env: whether they are for evaluations.
+        :param no_log: whether not to write RL Zoo's monitor file.
+        """
+        venv: VecEnv = super().create_envs(n_envs, eval_env, no_log)
+        return ProtocolVecEnv(venv, self.seed, selection=eval_env)
 
     def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> Any:
         buffer = hyperparams.get("replay_buffer_class")

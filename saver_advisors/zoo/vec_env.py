@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium
-from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker, TimeLimit
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecMonitor
 
 from saver_envs.envs.goal_env import SaverGoalEnv
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-ALLOWED = (Monitor, OrderEnforcing, PassiveEnvChecker)
+ALLOWED = (Monitor, OrderEnforcing, PassiveEnvChecker, TimeLimit)
 """Wrappers that the batch does not need."""
 _DRAWING = ("env_id", "render_mode", "width", "height", "camera_name")
 
@@ -71,4 +71,7 @@ def _recipe(env: gymnasium.Env[Any, Any]) -> tuple[str, dict[str, Any]]:
     if not isinstance(env.unwrapped, SaverGoalEnv) or spec is None:
         raise ValueError(f"{env} is not an environment of saver_envs: choose --vec-env dummy")
     options = {name: value for name, value in spec.kwargs.items() if name not in _DRAWING}
+    limited = env.spec
+    if limited is not None and limited.max_episode_steps is not None:
+        options["max_episode_steps"] = limited.max_episode_steps
     return str(spec.kwargs["env_id"]), options

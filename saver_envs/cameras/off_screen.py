@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import subprocess
 import sys
+from functools import lru_cache
 from typing import Any, Literal
 
 import mujoco
+from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from saver_envs.robots.description import COLLISION_GROUP
@@ -54,11 +58,10 @@ class OffScreenView:
         :param kind: ``rgb`` (height, width, 3) uint8; ``depth`` (height, width) float32, metres
             along the view; or ``segmentation`` (height, width, 2) int32, object ids and types.
         :param shadows: whether lights cast shadows; without is faster.
-        :raises RuntimeError: on Linux without a display and without another way to draw: GLFW,
-            which MuJoCo would try, would end the process.
+        :raises RuntimeError: where there is no way to draw; the message says what to install.
         """
         if self._renderer is None:
-            _require_graphics()
+            require_graphics()
             self._renderer = mujoco.Renderer(self._model, *self._size)
         renderer = self._renderer
         renderer.disable_depth_rendering()
@@ -79,13 +82,56 @@ class OffScreenView:
             self._renderer = None
 
 
-def _require_graphics() -> None:
-    displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    # Not the variable: MuJoCo read it when it was imported.
-    context = getattr(mujoco, "GLContext", None)  # there is none with MUJOCO_GL=disable
-    by_glfw = getattr(context, "__module__", "") == "mujoco.glfw"
-    if sys.platform == "linux" and by_glfw and not displays:
+def displays_named() -> bool:
+    """Return whether there may be a display; on Linux its variable says so."""
+    on_linux = sys.platform == "linux"
+    return not on_linux or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+def require_display() -> None:
+    """Check that a window can be opened.
+
+    :raises RuntimeError: where none can; GLFW would end the process.
+    """
+    if not displays_named() or (sys.platform == "linux" and not _draws("glfw")):
         raise RuntimeError(
-            "no display: pictures need one, or MUJOCO_GL=egl (with a driver) or MUJOCO_GL=osmesa "
-            "(without) in the environment before MuJoCo is imported"
+            "render_mode='human': there is no display to open a window on; use "
+            "render_mode='rgb_array', or run under xvfb-run"
         )
+
+
+def require_graphics() -> None:
+    """Choose a way to draw without a display where ``MUJOCO_GL`` does not: EGL, then OSMesa.
+
+    :raises RuntimeError: where neither works; GLFW, MuJoCo's default, would end the process.
+    """
+    # Not the variable: MuJoCo read it when it was imported.
+    context = getattr(gl_context, "GLContext", None)  # there is none with MUJOCO_GL=disable
+    by_glfw = getattr(context, "__module__", "") == "mujoco.glfw"
+    if sys.platform != "linux" or not by_glfw or (displays_named() and _draws("glfw")):
+        return
+    for backend in ("egl", "osmesa"):
+        if _draws(backend):
+            # As MuJoCo itself does on import; the renderer looks it up when it is built.
+            gl_context.GLContext = importlib.import_module(f"mujoco.{backend}").GLContext
+            return
+    raise RuntimeError(
+        "pictures need a display, EGL or OSMesa, and none of them works here: install one, on "
+        "Debian and Ubuntu with `apt install libegl1 libgl1-mesa-dri` or `apt install libosmesa6`, "
+        "or run under xvfb-run"
+    )
+
+
+@lru_cache(maxsize=8)
+def _draws(backend: str) -> bool:
+    """Return whether MuJoCo draws with a backend.
+
+    Tried in another process: a backend that fails may end it, and PyOpenGL keeps the first one.
+    """
+    draw = "import mujoco as m; m.Renderer(m.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
+    environment = {**os.environ, "MUJOCO_GL": backend}
+    environment.pop("PYOPENGL_PLATFORM", None)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", draw], env=environment, capture_output=True, check=False
+    )
+    return done.returncode == 0

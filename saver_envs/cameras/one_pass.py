@@ -12,9 +12,10 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
-from saver_envs.cameras.off_screen import camera_index
+from saver_envs.cameras.off_screen import camera_index, require_graphics
 from saver_envs.cameras.rgbd import Camera
 from saver_envs.robots.description import COLLISION_GROUP
 
@@ -82,7 +83,8 @@ class OnePassCamera:
     def _open(self) -> None:
         if self._context is None:
             height, width = self._size
-            self._gl = mujoco.GLContext(width, height)
+            require_graphics()
+            self._gl = gl_context.GLContext(width, height)
             self._gl.make_current()
             self._context = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_50)
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
+import gymnasium
 import numpy as np
-from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
 
 from saver_envs.control import checked_action
 from saver_envs.envs.single_episode import SingleEpisode
-from saver_envs.envs.spaces import GoalReward, action_space, observation_space
+from saver_envs.envs.spaces import GoalReward, action_space, observation_space, warn_if_short
+
+DictObservation = dict[str, NDArray[np.float32]]
 
 
-class SaverGoalEnv(SingleEpisode, GoalReward, GoalEnv):
+class SaverGoalEnv(SingleEpisode, GoalReward, gymnasium.Env[Any, Any]):
     """One episode of a registered id behind the goal API.
 
-    It can be pickled and deep-copied within an episode: the copy continues identically.
+    An environment that ``gymnasium.make`` built leaves the horizon to Gymnasium's ``TimeLimit``, as
+    any other does; one that was built by its class ends its episodes itself. It can be
+    pickled and deep-copied within an episode: the copy continues identically.
 
     :param env_id: a registered id; ``gymnasium.make`` fills it in.
     :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
@@ -37,7 +40,7 @@ class SaverGoalEnv(SingleEpisode, GoalReward, GoalEnv):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+    ) -> tuple[DictObservation, dict[str, Any]]:
         """Start an episode.
 
         :param seed: makes this and the following episodes reproducible.
@@ -45,6 +48,8 @@ class SaverGoalEnv(SingleEpisode, GoalReward, GoalEnv):
         :return: observation and info.
         """
         super().reset(seed=seed)
+        if self.spec is not None:
+            warn_if_short(self.episodes, int(self.episodes.elapsed[0]))
         self.episodes.set_generator(0, self.np_random)
         outcome = self.episodes.reset()
         if self.render_mode == "human":
@@ -53,38 +58,27 @@ class SaverGoalEnv(SingleEpisode, GoalReward, GoalEnv):
 
     def step(
         self, action: NDArray[np.floating]
-    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+    ) -> tuple[DictObservation, float, bool, bool, dict[str, Any]]:
         """Apply one action for 0.04 s.
 
         :param action: (action_size,), clipped to [-1, 1].
         :return: observation, reward, terminated (never), truncated, info.
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset.
         """
-        outcome = self.episodes.step(checked_action(action, self.action_space.shape)[None])
+        outcome = self.episodes.step(checked_action(action, (self.episodes.action_size,))[None])
         if self.render_mode == "human":
             self.render()
         return (
             self._observation(),
             float(outcome.reward[0]),
             False,
-            bool(outcome.truncated[0]),
+            bool((outcome.truncated if self.spec is None else outcome.diverged)[0]),
             outcome.info_of(0),
         )
 
-    def _observation(self) -> dict[str, NDArray[np.float32]]:
+    def _observation(self) -> DictObservation:
         return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The model of the episode, with the fields that it has now; changing it has no effect."""
-        return self.episodes.simulation.model_of(0)
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The state of the episode as MuJoCo's data, copied; changing it has no effect."""
-        data = mujoco.MjData(self.episodes.scene.model)
-        self.episodes.simulation.copy_into(0, data)
-        return data
 
     def compute_terminated(
         self,

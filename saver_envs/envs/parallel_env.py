@@ -12,6 +12,7 @@ from pettingzoo import ParallelEnv
 
 from saver_envs.control import checked_action
 from saver_envs.envs.single_episode import SingleEpisode
+from saver_envs.envs.spaces import box
 from saver_envs.episodes import Outcome
 
 Arrays = dict[str, NDArray[np.float32]]
@@ -32,8 +33,7 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
 
     :param env_id: a registered id.
     :param render_mode: ``human``, ``rgb_array``, ``depth_array`` or ``None``.
-    :param max_cycles: actions in an episode, under PettingZoo's name; takes precedence over
-        ``horizon``.
+    :param max_cycles: ``max_episode_steps`` under PettingZoo's name, which takes precedence.
     :param width: pixels of a picture.
     :param height: pixels of a picture.
     :param camera_name: ``front``, ``three_quarter``, ``side`` or ``overhead``.
@@ -51,25 +51,22 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         **options: Any,
     ) -> None:
         if max_cycles is not None:
-            options["horizon"] = max_cycles
+            options["max_episode_steps"] = max_cycles
         super().__init__(env_id, render_mode, **options)
         self.metadata = {**self.metadata, "is_parallelizable": True, "name": env_id}
         task = self.episodes.task
         self.possible_agents = [f"arm_{index}" for index in range(task.n_arms)]
         self.agents: list[str] = []
         seen, goal = task.observation_layout, task.goal_layout
-        size = seen.block + seen.shared + goal.block + 2 * goal.shared
+        limits = self._of_agents(*(self.episodes.limits_of(one) for one in (seen, goal, goal)))
         action_size = self.episodes.action_size_per_arm
-        self.observation_spaces = {
-            agent: spaces.Box(-np.inf, np.inf, (size,), np.float32)
-            for agent in self.possible_agents
-        }
+        self.observation_spaces = {agent: box(one) for agent, one in limits.items()}
         self.action_spaces = {
             agent: spaces.Box(-1.0, 1.0, (action_size,), np.float32)
             for agent in self.possible_agents
         }
-        state_size = self.episodes.observation_size + 2 * self.episodes.goal_size
-        self.state_space = spaces.Box(-np.inf, np.inf, (state_size,), np.float32)
+        parts = (self.episodes.limits_of(one) for one in (seen, goal, goal))
+        self.state_space = box(np.concatenate([*parts]))
         self._generator: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
@@ -108,7 +105,9 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
             acted; all empty once the episode is over.
         :raises ValueError: for a missing or unknown agent, a wrong shape or a value that is not
             finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset.
         """
+        self.episodes.require_begun()
         agents = self.agents
         if not agents and not actions:
             return {}, {}, {}, {}, {}
@@ -139,16 +138,18 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         )
 
     def _observations(self) -> Arrays:
-        task, seen = self.episodes.task, self.episodes.observation()
-        goal = task.goal_layout
-        team = (goal.tail(seen.achieved_goal[0]), goal.tail(seen.desired_goal[0]))
+        seen = self.episodes.observation()
+        return self._of_agents(seen.observation[0], seen.achieved_goal[0], seen.desired_goal[0])
+
+    def _of_agents(
+        self, observation: NDArray[Any], achieved: NDArray[Any], desired: NDArray[Any]
+    ) -> dict[str, NDArray[Any]]:
+        """Return what each agent sees of an observation and goals, or of their limits."""
+        layout, goal = self.episodes.task.observation_layout, self.episodes.task.goal_layout
+        team = (goal.tail(achieved), goal.tail(desired))
         return {
             agent: np.concatenate(
-                [
-                    task.observation_layout.of_agent(seen.observation[0], arm),
-                    goal.blocks(seen.desired_goal[0])[arm],
-                    *team,
-                ]
+                [layout.of_agent(observation, arm), goal.blocks(desired)[arm], *team]
             )
             for arm, agent in enumerate(self.possible_agents)
         }

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from saver_envs.cameras.off_screen import camera_index
+from saver_envs.cameras.off_screen import camera_index, require_display
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
 from saver_envs.episodes import ACTION_DURATION, Episodes
+from saver_envs.validation import require, require_kind
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 #: Frames per second at which a recording plays in real time.
@@ -25,7 +26,9 @@ class Pictures:
     :param height: pixels of a picture.
     :param camera: name of a camera of the scene.
     :param valid_modes: the render modes of the adapter.
-    :raises ValueError: for an unknown render mode or camera; the message lists the valid ones.
+    :raises ValueError: for an unknown render mode or camera, where the message lists the valid
+        ones, or a size out of range.
+    :raises RuntimeError: for ``human`` without a display.
     """
 
     def __init__(
@@ -41,7 +44,16 @@ class Pictures:
             raise ValueError(
                 f"render_mode={render_mode!r}: valid modes are {', '.join(valid_modes)}"
             )
+        if render_mode == "human":
+            require_display()
         camera_index(episodes.scene.model, camera)
+        buffer = episodes.scene.model.vis.global_
+        for name, pixels, most in (
+            ("width", width, buffer.offwidth),
+            ("height", height, buffer.offheight),
+        ):
+            require_kind(name, pixels, "int")
+            require(name, pixels, 1 <= pixels <= most, f"1 to {most} pixels")
         self.render_mode = render_mode
         self._episodes = episodes
         self._view = (width, height, camera)

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
 
     def __init__(self, env_id: str, *, depth_noise: bool = True, **options: Any) -> None:
         self._world = SaverGoalEnv(env_id, **options)
-        self.render_mode = self._world.render_mode
+        self.render_mode, self.metadata = self._world.render_mode, self._world.metadata
         self.episodes = self._world.episodes
         camera_index(self.episodes.scene.model, CAMERA)
         self.episodes.simulation.keep_samples = True
@@ -101,8 +102,11 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         :param action: (6,), clipped to [-1, 1].
         :return: observation, reward, terminated (never), truncated, info.
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset.
         """
         _, reward, terminated, truncated, info = self._world.step(action)
+        if self.spec is not None:  # Gymnasium's `TimeLimit` counts the steps
+            truncated = info["diverged"]
         self._steps += 1
         now = self._steps * ACTION_DURATION
         taken = math.floor(now * KINECT_V2.rate + _ROUNDING) / KINECT_V2.rate
@@ -121,6 +125,16 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
         seen = np.clip(depth, 0.0, KINECT_V2.farthest)
         return {"rgb": self._eye.rgb(), "depth": seen}
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model of the episode, copied."""
+        return self._world.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of the episode, copied."""
+        return self._world.data
 
     def render(self) -> Any:
         """Draw the scene as the underlying id does."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
+
+from saver_envs.cameras.off_screen import displays_named
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
@@ -34,6 +37,22 @@ class SingleEpisode:
         self.render_mode = render_mode
         self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
         self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
+        if not displays_named():
+            # Gymnasium's checker opens every mode that an environment offers.
+            modes = [mode for mode in RENDER_MODES if mode != "human"]
+            self.metadata = {**self.metadata, "render_modes": modes}
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model of the episode, with the fields that it has now; changing it has no effect."""
+        return self.episodes.simulation.model_of(0)
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state of the episode as MuJoCo's data, copied; changing it has no effect."""
+        data = mujoco.MjData(self.episodes.scene.model)
+        self.episodes.simulation.copy_into(0, data)
+        return data
 
     def render(self) -> Any:
         """Draw the scene.

@@ -4,31 +4,52 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from saver_envs.episodes import Episodes
+from saver_envs.validation import real_array, require
 
 
 def observation_space(episodes: Episodes) -> spaces.Dict:
     """Return the goal-conditioned space: ``observation``, ``achieved_goal``, ``desired_goal``."""
 
-    def box(size: int) -> spaces.Box:
-        return spaces.Box(-np.inf, np.inf, (size,), np.float32)
-
+    task = episodes.task
     return spaces.Dict(
         {
-            "observation": box(episodes.observation_size),
-            "achieved_goal": box(episodes.goal_size),
-            "desired_goal": box(episodes.goal_size),
+            "observation": box(episodes.limits_of(task.observation_layout)),
+            "achieved_goal": box(episodes.limits_of(task.goal_layout)),
+            "desired_goal": box(episodes.limits_of(task.goal_layout)),
         }
     )
+
+
+def box(limits: NDArray[np.floating]) -> spaces.Box:
+    """Return the box of float32 within ``limits`` (size,) around 0."""
+    limits = limits.astype(np.float32)
+    return spaces.Box(-limits, limits, dtype=np.float32)
 
 
 def action_space(episodes: Episodes) -> spaces.Box:
     """Return the box [-1, 1] of all arms' actions."""
     return spaces.Box(-1.0, 1.0, (episodes.action_size,), np.float32)
+
+
+def warn_if_short(episodes: Episodes, steps: int) -> None:
+    """Warn of rated episodes that end after the actions of unrated ones.
+
+    :param episodes: of the environment.
+    :param steps: number of actions after which they end.
+    """
+    task = episodes.task
+    rated = episodes.settings.limit_joint_speed
+    if rated and steps == task.horizon < task.rated_horizon:
+        gymnasium.logger.warn(
+            f"rated=True: episodes end after {steps} actions, as registered, but arms within the "
+            f"makers' limits need more: pass max_episode_steps={task.rated_horizon} as well"
+        )
 
 
 class GoalReward:
@@ -42,5 +63,14 @@ class GoalReward:
         desired_goal: NDArray[np.floating],
         info: Any = None,
     ) -> NDArray[np.float32]:
-        """Return the reward of goals (..., goal_size), shape (...); pure."""
-        return self.episodes.task.reward(np.asarray(achieved_goal), np.asarray(desired_goal))
+        """Return the reward of goals (..., goal_size), shape (...); pure.
+
+        :raises ValueError: for goals of another size, or that are not real numbers.
+        """
+        achieved = real_array("achieved_goal", achieved_goal)
+        desired = real_array("desired_goal", desired_goal)
+        for name, goals in (("achieved_goal", achieved), ("desired_goal", desired)):
+            size = self.episodes.goal_size
+            holds = goals.shape[-1:] == (size,)
+            require(f"{name}.shape", goals.shape, holds, f"(..., {size})")
+        return self.episodes.task.reward(achieved, desired)

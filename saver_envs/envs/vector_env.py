@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics
 from saver_envs.envs.pictures import RENDER_FPS, Pictures
-from saver_envs.envs.spaces import GoalReward, action_space, observation_space
+from saver_envs.envs.spaces import GoalReward, action_space, observation_space, warn_if_short
 from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
 from saver_envs.validation import require
@@ -37,7 +37,6 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
     :param env_id: a registered id; ``gymnasium.make_vec`` fills it in.
     :param num_envs: number of episodes.
     :param render_mode: ``rgb_array``, ``depth_array`` or ``None``.
-    :param max_episode_steps: actions in an episode; takes precedence over ``horizon``.
     :param autoreset_mode: when an episode that is over is reset: at the next step, which then
         ignores its action (``NextStep``), in the step that ends it (``SameStep``), or by the
         caller with ``reset(options={"reset_mask": ...})`` (``Disabled``).
@@ -62,7 +61,6 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         env_id: str,
         num_envs: int = 1,
         render_mode: str | None = None,
-        max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
         width: int = DEFAULT_SIZE[0],
@@ -71,13 +69,12 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         inverse_kinematics: InverseKinematics | None = None,
         **options: Any,
     ) -> None:
-        if max_episode_steps is not None:
-            options["horizon"] = max_episode_steps
         self.autoreset_mode = _parse_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.episodes = make_episodes(env_id, num_envs, threads, inverse_kinematics, **options)
+        warn_if_short(self.episodes, self.episodes.settings.horizon)
         self.single_observation_space = observation_space(self.episodes)
         self.single_action_space = action_space(self.episodes)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -181,9 +178,7 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         return self.episodes.observation().as_dict()
 
     def _require_begun(self) -> None:
-        never_begun = [row for row, made in enumerate(self._generators) if made is None]
-        if never_begun:
-            raise ResetNeeded(f"episodes {never_begun} have not begun: call reset() first")
+        self.episodes.require_begun()
         if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
             rows = np.flatnonzero(self._over).tolist()
             raise ResetNeeded(

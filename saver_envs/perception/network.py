@@ -14,6 +14,7 @@ from saver_envs.perception.backbones import BACKBONES, FEATURES, conv
 from saver_envs.perception.fields import HEAT, N_CHANNELS
 from saver_envs.perception.skeleton import LIMB_NAMES, N_LIMBS, limb_indices
 
+MAX_LAYERS: Final = 32
 #: Hidden layers of a branch: (kernel, channels) each. A 1 x 1 layer to 3 channels follows.
 Layers = tuple[tuple[int, int], ...]
 #: Runs the branches of a stage on an input and the channels that it holds.
@@ -27,7 +28,8 @@ class PoseArchitecture:
     :param backbone: ``light`` or ``vgg19``.
     :param stage1: hidden layers of each branch of stage 1. The paper does not give them.
     :param stage2: hidden layers of each branch of stage 2.
-    :raises ValueError: for an unknown backbone.
+    :raises ValueError: for an unknown backbone, or layers that no pose network needs: a file may
+        ask for more than fits into memory.
     """
 
     backbone: str
@@ -37,6 +39,13 @@ class PoseArchitecture:
     def __post_init__(self) -> None:
         if self.backbone not in BACKBONES:
             raise ValueError(f"backbone={self.backbone!r}: valid are {', '.join(BACKBONES)}")
+        for name, layers in (("stage1", self.stage1), ("stage2", self.stage2)):
+            small = all(1 <= kernel <= 31 and 1 <= width <= 1024 for kernel, width in layers)
+            if not small or len(layers) > MAX_LAYERS:
+                raise ValueError(
+                    f"{name} must have at most {MAX_LAYERS} layers, with kernels from 1 to 31 and "
+                    "1 to 1,024 channels"
+                )
 
 
 LIGHT: Final = PoseArchitecture("light", ((1, 16), (3, 16), (3, 16)), ((1, 16),) + 3 * ((3, 16),))

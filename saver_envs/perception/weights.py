@@ -16,6 +16,8 @@ from saver_envs.weights import Header, Shapes, read_header, read_weights, write_
 
 KIND: Final = "saver-pose"
 WEIGHTS_DIR: Final = Path(__file__).parent / "weights"
+#: What a header of other types or numbers raises.
+MALFORMED: Final = (LookupError, TypeError, ValueError, OverflowError, RecursionError)
 #: The network that ships.
 SHIPPED: Final = WEIGHTS_DIR / "light.safetensors"
 
@@ -48,7 +50,11 @@ def read_info(path: Path) -> dict[str, Any]:
     :param path: of a file written by :func:`save_network`.
     :raises ValueError: if it is not a weight file of a pose network.
     """
-    return _content(read_header(path, KIND))
+    header = read_header(path, KIND)
+    try:
+        return _content(header)
+    except MALFORMED as error:
+        raise ValueError(f"{path} contradicts itself: {error}") from error
 
 
 def load_network(path: Path = SHIPPED, limbs: Sequence[str] | None = None) -> PoseNetwork:
@@ -80,10 +86,14 @@ def _content(header: Header) -> dict[str, Any]:
     for stage in ("stage1", "stage2"):
         shape[stage] = tuple((int(kernel), int(width)) for kernel, width in shape[stage])
     content["architecture"] = PoseArchitecture(**shape)
+    content["limbs"] = [LIMB_NAMES[k] for k in limb_indices(list(content["limbs"]))]
     return content
 
 
 def _shapes(header: Header) -> Shapes:
-    content = _content(header)
+    try:
+        content = _content(header)
+    except MALFORMED as error:
+        raise ValueError(str(error)) from error
     with torch.device("meta"):
         return PoseNetwork(content["architecture"], content["limbs"]).state_dict()

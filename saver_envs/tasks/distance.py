@@ -58,6 +58,8 @@ class Distance(CarryTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2")
+        # Two arms that face each other do not reach objects this far apart.
+        require("layout", self.layout, self.layout == "row", "'row'")
         choices = {"reward_stage": RewardStage, "reward_combination": RewardCombination}
         for name, choice in choices.items():
             value, valid = getattr(self, name), get_args(choice)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+
+#: Greatest absolute values by unit, for bounded observations: well beyond what arms of this size
+#: reach (1 m) and what they give to an object.
+LIMITS = {"m": 5.0, "m/s": 20.0, "rad": 2 * math.pi, "rad/s": 250.0, "1": 1.0}
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,8 @@ class Part:
     :param scale: the numbers are multiplied by it, which brings them to the order of positions in
         metres.
     :param shared: there is one for all arms; otherwise each arm has its own.
+    :param limit: greatest absolute value before scaling, for bounded observations; that of the unit
+        in :data:`LIMITS` by default.
     """
 
     name: str
@@ -30,6 +37,7 @@ class Part:
     unit: str
     scale: float = 1.0
     shared: bool = False
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,25 @@ class Layout:
             end[part.shared] += part.size
             found[part.name] = slice(start, end[part.shared])
         return found
+
+    @cached_property
+    def limits(self) -> Array:
+        """Greatest absolute value (size,) of each number, scaled.
+
+        :raises ValueError: for a part whose limit is unknown.
+        """
+        limits = {}
+        for part in self.parts:
+            limit = LIMITS.get(part.unit) if part.limit is None else part.limit
+            if limit is None:
+                raise ValueError(
+                    f"bounded_observations: the part {part.name!r} needs a limit, as its unit "
+                    f"{part.unit!r} is none of {', '.join(LIMITS)}"
+                )
+            shape = (1, part.size) if part.shared else (1, self.n_arms, part.size)
+            limits[part.name] = np.full(shape, limit)
+        joined: Array = self.join(limits)[0]
+        return joined
 
     def part(self, name: str) -> Part:
         """Return a part.

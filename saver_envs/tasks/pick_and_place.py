@@ -8,7 +8,7 @@ from typing import ClassVar
 from saver_envs.robots.description import Fingers
 from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
 from saver_envs.tasks.table import TableTask
-from saver_envs.validation import require
+from saver_envs.validation import require_share
 
 #: Half of the targets are in the air, up to this height (m).
 AIR_SHARE, AIR_HEIGHT = 0.5, 0.25
@@ -29,8 +29,7 @@ class CarryTask(TableTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        probability = self.in_hand_probability
-        require("in_hand_probability", probability, 0 <= probability <= 1, "0 to 1")
+        require_share("in_hand_probability", self.in_hand_probability)
 
     def start_rules(self) -> StartRules:
         """Return the rules of a start: hands above the table, half of the targets in the air."""
@@ -57,6 +56,10 @@ class PickAndPlace(CarryTask):
 
     name: ClassVar[str] = "pick-and-place"
     expert: ClassVar[str | None] = "saver_envs.experts.pick:expert"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_share("contested_share", self.contested_share)
 
     def start_rules(self) -> StartRules:
         """Return the rules of a start, contested ones included."""

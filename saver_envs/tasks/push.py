@@ -8,6 +8,7 @@ from typing import ClassVar
 from saver_envs.robots.description import Fingers
 from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
 from saver_envs.tasks.table import TableTask
+from saver_envs.validation import require_share
 
 #: Height of the tool above the table while pushing (m): the fingers meet the cube below its top.
 PUSH_HEIGHT = 0.025
@@ -27,6 +28,10 @@ class Push(TableTask):
     fingers: ClassVar[Fingers] = Fingers.LOCKED
     held_height: ClassVar[float | None] = PUSH_HEIGHT
     expert: ClassVar[str | None] = "saver_envs.experts.push:expert"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_share("contested_share", self.contested_share)
 
     def start_rules(self) -> StartRules:
         """Return the rules of a start: hands low, targets on the table, room to push."""

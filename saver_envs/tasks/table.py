@@ -50,9 +50,9 @@ class TableTask(Task):
         size, mass = self.object_size, self.object_mass
         friction, damping = self.object_friction, self.object_damping
         require("object_size", size, least <= size <= greatest, f"{least} to {greatest} m")
-        require("object_mass", mass, 0 < mass < np.inf, "above 0 kg")
-        require("object_friction", friction, 0 <= friction < np.inf, "at least 0")
-        require("object_damping", damping, 0 <= damping < np.inf, "at least 0 N s/m")
+        require("object_mass", mass, 0.001 <= mass <= 100, "0.001 to 100 kg")
+        require("object_friction", friction, 0 <= friction <= 10, "0 to 10")
+        require("object_damping", damping, 0 <= damping <= 1000, "0 to 1000 N s/m")
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
 
     @cached_property

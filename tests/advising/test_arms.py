@@ -62,7 +62,7 @@ def test_a_run_advises_some_arms_by_teachers_of_their_own(tmp_path: Path) -> Non
 @pytest.mark.parametrize("n_arms", [3, 4])
 def test_one_teacher_advises_any_number_of_arms(n_arms: int) -> None:
     """The shipped teacher of one arm, in the scene of three and of four."""
-    env = SaverVecEnv("DualJacoPush-v0", n_envs=2, seed=0, n_arms=n_arms, horizon=6)
+    env = SaverVecEnv("DualJacoPush-v0", n_envs=2, seed=0, n_arms=n_arms, max_episode_steps=6)
     spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
     advisor = make_advisor("early", "jaco-push", 2 * 6, **spaces)
     assert advisor.mapping.n_arms == n_arms

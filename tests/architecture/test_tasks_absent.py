@@ -20,7 +20,7 @@ for module, name in (
     ("wrist_push", "WristPush"),
 ):
     stub = ModuleType(f"saver_envs.tasks.{module}")
-    setattr(stub, name, type(name, (), {}))
+    setattr(stub, name, type(name, (), {"horizon": 50}))
     sys.modules[stub.__name__] = stub
 
 import gymnasium

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import shlex
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +15,27 @@ import pytest
 from gymnasium import make_vec
 from run_files import curve, write_run
 
-from saver_advisors.benchmark.recorder import BenchmarkPlan, Recorder
-from saver_advisors.benchmark.third_party import (
-    BudgetSpent,
-    CountedVectorEnv,
-    load_object,
-    resolved,
-)
 from saver_advisors.cli import build_parser, main
 from saver_advisors.cli.benchmark_run import plan_of as plan_from
+from saver_advisors.cli.benchmark_run import seed_range
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.protocol import (
     EVALUATE_EVERY,
     REPORT_EPISODES,
     REPORT_SEED,
+    SEED_STRIDE,
     SELECTION_EPISODES,
     SELECTION_SEED,
     TRAINING_SEED,
+    off_protocol,
     training_seed,
+)
+from saver_advisors.experiments.recorder import BenchmarkPlan, Recorder
+from saver_advisors.experiments.third_party import (
+    BudgetSpent,
+    CountedVectorEnv,
+    load_object,
+    resolved,
 )
 from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.training.defaults import default_settings
@@ -44,7 +49,7 @@ def words(output: Path, algorithm: str, *more: object) -> list[str]:
     """A run of 80 steps: 2 environments, episodes of 10."""
     tiny = "--steps 80 --seed 3 --n-envs 2 --eval-every 40 --eval-episodes 2 --report-episodes 3"
     start = ["benchmark", "run", "--env", "JacoPush-v0", "--algo", algorithm]
-    end = ["--output", str(output), "--env-kwargs", "horizon=10"]
+    end = ["--output", str(output), "--env-kwargs", "max_episode_steps=10"]
     return [*start, *tiny.split(), *end, *map(str, more)]
 
 
@@ -111,7 +116,7 @@ def plan_of(**changes: Any) -> BenchmarkPlan:
         "name": "run",
         "row": "row",
         "env_id": "JacoPush-v0",
-        "env_kwargs": {"horizon": 10},
+        "env_kwargs": {"max_episode_steps": 10},
         "algorithm": "x:Y",
         "algo_kwargs": {},
         "source_sha256": None,
@@ -132,7 +137,7 @@ def test_steps_that_only_reset_are_not_counted(tmp_path: Path, mode: str) -> Non
         "saver_envs:JacoPush-v0",
         2,
         vectorization_mode="vector_entry_point",
-        horizon=10,
+        max_episode_steps=10,
         autoreset_mode=mode,
     )
     counted = CountedVectorEnv(env, recorder)
@@ -190,7 +195,7 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
             }
 
     monkeypatch.setattr(
-        "saver_advisors.benchmark.recorder.evaluate_policy", lambda *_, **__: Outcomes()
+        "saver_advisors.experiments.recorder.evaluate_policy", lambda *_, **__: Outcomes()
     )
     assert main(words(tmp_path, f"{HERE}:Counter", "--eval-every", 20)) == 0
     content = record(tmp_path)
@@ -204,7 +209,7 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
 def test_an_interrupted_run_leaves_its_curve_and_is_redone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from saver_advisors.benchmark import recorder as module
+    from saver_advisors.experiments import recorder as module
 
     def interrupt(self: Recorder, steps: int) -> None:
         advance(self, steps)
@@ -314,6 +319,104 @@ def test_the_example_relabels_with_what_its_episode_reached_later() -> None:
     np.testing.assert_array_equal(rewards == 0, goal == 101 + step)
 
 
+@pytest.mark.slow
+def test_several_seeds_in_processes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    several = words(tmp_path, f"{HERE}:Drifter")
+    several[several.index("--seed") : several.index("--seed") + 2] = ["--seeds", "3-4"]
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
+    kept = record(tmp_path)
+    assert main([*several, "--processes", "2"]) == 0
+    out = capsys.readouterr().out
+    assert "JacoPush-v0-Drifter-seed3.json is already finished" in out
+    assert "JacoPush-v0-Drifter-seed4  done" in out
+    by_seed = {one.seed: one for one in read_training_runs([tmp_path]).runs}
+    assert sorted(by_seed) == [3, 4]
+    assert by_seed[3].provenance == kept["provenance"], "a finished seed is kept"
+    assert all(one.finished and one.final_success is not None for one in by_seed.values())
+    # One more seed of the same settings, and none of others.
+    assert main([*several, "--n-envs", "4"]) == 2
+    assert "n_envs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [("0-4", [0, 1, 2, 3, 4]), ("7", [7]), ("3,0,3", [0, 3]), ("0-1,5-6", [0, 1, 5, 6])],
+)
+def test_ranges_of_seeds(text: str, seeds: list[int]) -> None:
+    assert seed_range(text) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "4-2", "a", "0-", "-1", "0..4"])
+def test_ranges_that_are_none(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=r"must be such as|holds no seed"):
+        seed_range(text)
+
+
+RULES = {"eval_every": EVALUATE_EVERY, "eval_episodes": SELECTION_EPISODES}
+REPORT = {"episodes": REPORT_EPISODES, "seed": REPORT_SEED, "success_rate": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("config", "final", "told"),
+    [
+        ({}, REPORT, []),
+        ({**RULES, "eval_seed": SELECTION_SEED}, REPORT, []),
+        ({"eval_every": 10}, REPORT, ["eval_every 10 not 25000"]),
+        ({"eval_episodes": 5, "eval_seed": 0}, REPORT, ["eval_episodes 5", "eval_seed 0"]),
+        ({}, {**REPORT, "episodes": 50, "seed": 9}, ["final episodes 50", "final seed 9"]),
+        ({}, None, ["no final episodes"]),
+    ],
+)
+def test_deviations_from_the_protocol_are_listed(
+    config: dict[str, Any], final: dict[str, Any] | None, told: list[str]
+) -> None:
+    found = off_protocol(config, final)
+    assert len(found) == len(told)
+    assert all(one.startswith(start) for one, start in zip(found, told, strict=True))
+
+
+def test_runs_off_protocol_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ours, yours = tmp_path / "ours", tmp_path / "yours"
+    for folder in (ours, yours):
+        folder.mkdir()
+    final = {"success_rate": 0.9, "ci95": [0.8, 1.0], "episodes": 500, "seed": 0}
+    for seed in range(5):
+        write_run(ours, "JacoPush-v0", "by the rules", seed, curve(8), final=final)
+    write_run(yours, "JacoPush-v0", "short", 0, curve(8), final={**final, "episodes": 20})
+    write_run(yours, "JacoPush-v0", "early", 0, curve(8), final=None)
+    page, data = tmp_path / "page.md", tmp_path / "all.json"
+    words = ["benchmark", "compare", str(yours), "--baselines", str(ours), "--table", str(page)]
+    assert main([*words, "--json", str(data)]) == 0
+    text = page.read_text()
+    assert "| short | 1 of 5 seeds; final episodes 20 not 500 |" in text
+    assert "| early | 1 of 5 seeds; no final episodes |" in text
+    assert "| by the rules | " not in text.split("not measured by the protocol")[1].split("\n\n")[1]
+    assert "1 of 5 seeds" in capsys.readouterr().out
+    marked = {one["row"]: one["off_protocol"] for one in json.loads(data.read_text())["detail"]}
+    assert marked["by the rules"] == ""
+
+
+def test_a_result_says_that_it_is_off_protocol(tmp_path: Path) -> None:
+    assert main(words(tmp_path, f"{HERE}:Drifter")) == 0
+    assert record(tmp_path)["off_protocol"] == [
+        "eval_every 40 not 25000",
+        "eval_episodes 2 not 100",
+        "final episodes 3 not 500",
+    ]
+
+
+def test_a_file_of_the_current_folder_hides_no_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "colorsys.py").write_text("hls_to_rgb = None")
+    (tmp_path / "own_algorithms_here.py").write_text("Mine = dict")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "colorsys", raising=False)
+    assert load_object("own_algorithms_here:Mine") is dict
+    assert callable(load_object("colorsys:hls_to_rgb"))
+
+
 def test_comparing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     yours, ours = tmp_path / "yours", tmp_path / "ours"
     yours.mkdir()
@@ -353,7 +456,7 @@ def test_comparing_what_is_not_finished(tmp_path: Path, capsys: pytest.CaptureFi
 def test_the_page_says_what_the_code_does() -> None:
     text = (ROOT / "docs" / "benchmark-protocol.md").read_text()
     for told in (
-        f"from {TRAINING_SEED:,} up",
+        f"from {TRAINING_SEED:,} + {SEED_STRIDE:,} x",
         f"{SELECTION_SEED:,} to {SELECTION_SEED + SELECTION_EPISODES - 1:,}",
         f"{SELECTION_EPISODES} episodes every {EVALUATE_EVERY:,} steps",
         f"{REPORT_SEED} to {REPORT_SEED + REPORT_EPISODES - 1}",
@@ -379,4 +482,4 @@ def test_the_budget_is_the_environments_own(tmp_path: Path) -> None:
     given = ["benchmark", "run", "--env", "JacoPush-v0", "--algo", f"{HERE}:Drifter"]
     args = build_parser("benchmark").parse_args([*given, "--seed", "0", "--output", str(tmp_path)])
     own = default_settings("JacoPush-v0")["total_steps"]
-    assert plan_from(args, load_object(f"{HERE}:Drifter")).total_steps == own
+    assert plan_from(args, load_object(f"{HERE}:Drifter"), 0).total_steps == own

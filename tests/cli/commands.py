@@ -36,7 +36,7 @@ def tiny_train(output: Path, *more: object) -> list[object]:
     """The words of a tiny training run: 40 steps of episodes of 10."""
     return [
         *("train", "--env", "JacoPush-v0", "--output", output, "--steps", 40, "--no-progress"),
-        *("--env-kwargs", "horizon=10", "--set", *TINY, *more),
+        *("--env-kwargs", "max_episode_steps=10", "--set", *TINY, *more),
     ]
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 from commands import Saver, tiny_train
+
+from saver_advisors.cli.program import missing_extra
 
 CASES = {
     "unknown command": (["evaluat"], ["evaluat", "evaluate"]),
@@ -58,7 +61,7 @@ CASES = {
     ),
     "unknown keyword of the environment": (
         ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--env-kwargs", "horizn=3"],
-        ["--env-kwargs", "'horizn'", "did you mean 'horizon'", "max_speed"],
+        ["--env-kwargs", "'horizn'", "unexpected keyword argument", "max_speed"],
     ),
     "keyword out of range": (
         ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--env-kwargs", "max_speed=9"],
@@ -72,6 +75,18 @@ CASES = {
         ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--json", "no/where.json"],
         ["--json", "'no'", "does not exist"],
     ),
+    "result where nothing can be written": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--json", "/proc/r.json"],
+        ["--json", "'/proc'", "cannot be written to"],
+    ),
+    "run where nothing can be written": (
+        ["train", "--env", "JacoPush-v0", "--output", "/proc/runs/push"],
+        ["--output", "'/proc'", "cannot be written to"],
+    ),
+    "page where nothing can be written": (
+        ["benchmark", "speed", "--table", "/proc/speed.md"],
+        ["--table", "'/proc'", "cannot be written to"],
+    ),
     "result that is no JSON file": (
         ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--json", "result.txt"],
         ["--json", "'result.txt'", ".json"],
@@ -84,6 +99,17 @@ CASES = {
     "threads of our loop": (
         ["train", "--zoo", "sac", "--env", "JacoPush-v0", "--output", "run", "--threads", "2"],
         ["--threads", "--num-threads"],
+    ),
+    "logs of our loop": (
+        ["train", "--zoo", "sac", "--env", "JacoPush-v0", "--output", "run", "--tensorboard"],
+        ["--tensorboard", "--tensorboard-log"],
+    ),
+    "seeds that are none": (
+        [
+            *("benchmark", "run", "--env", "JacoPush-v0", "--algo", "a:B", "--output", "results"),
+            *("--seeds", "4-2"),
+        ],
+        ["--seeds", "'4-2'", "smaller"],
     ),
     "training in nothing": (["train", "--output", "run"], ["--env", "saver envs"]),
     "unknown algorithm": (
@@ -200,3 +226,54 @@ def test_a_run_without_an_evaluation_has_no_curve(
     result = saver("curves", tmp_path)
     assert result.status == 2
     assert "no evaluation yet" in result.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("evaluate", "--env", "JacoPush-v0", "--policy", "FOLDER"), "policy is FOLDER/latest"),
+        (("export", "FOLDER", "--path", "a.safetensors"), "argument RUN_DIR: 'FOLDER'"),
+    ],
+)
+def test_a_run_without_an_evaluation_has_no_best_policy(
+    saver: Saver, run_dir: Path, tmp_path: Path, words: tuple[str, ...], said: str
+) -> None:
+    shutil.copytree(run_dir, tmp_path, dirs_exist_ok=True)
+    shutil.rmtree(tmp_path / "best")
+    (tmp_path / "curve.jsonl").write_text("")
+    result = saver(*(word.replace("FOLDER", str(tmp_path)) for word in words))
+    assert result.status == 2
+    assert result.err.count("\n") == 1
+    assert "has no evaluation yet" in result.err
+    assert said.replace("FOLDER", str(tmp_path)) in result.err
+
+
+def test_a_missing_extra_is_named(saver: Saver, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(args: object) -> int:
+        raise ModuleNotFoundError("No module named 'zmq'", name="zmq")
+
+    monkeypatch.setattr("saver_advisors.cli.envs.run", missing)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    result = saver("envs")
+    assert result.status == 2
+    wanted = "needs the package zmq: pip install 'saver-envs[integration]'"
+    assert result.err == f"saver envs: error: {wanted}\n"
+
+
+@pytest.mark.parametrize(
+    ("module", "usual", "extra"),
+    [
+        ("torch.nn", "train", "train"),
+        ("torch", "modelling", "modelling"),
+        ("PIL", "pose", "pose"),
+        ("wandb", "train", "logging"),
+        ("somebody_elses", "train", None),
+        (None, "train", None),
+    ],
+)
+def test_the_extra_of_a_module(
+    monkeypatch: pytest.MonkeyPatch, module: str | None, usual: str, extra: str | None
+) -> None:
+    assert missing_extra(module, usual) is None, "what is installed is not missing"
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name == "sys" or None)
+    assert missing_extra(module, usual) == extra

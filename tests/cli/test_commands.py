@@ -83,18 +83,18 @@ def test_evaluate_a_shipped_policy(saver: Saver, tmp_path: Path) -> None:
 def test_evaluate_other_kinds(saver: Saver, tmp_path: Path, env: str, policy: str) -> None:
     path = tmp_path / "result.json"
     words = ("evaluate", "--env", env, "--policy", policy, "--episodes", 2)
-    result = saver(*words, "--env-kwargs", "horizon=5", "--json", path)
+    result = saver(*words, "--env-kwargs", "max_episode_steps=5", "--json", path)
     assert result.status == 0, result.err
     content = read_json(path)
     assert content["policy"] == policy
     assert content["length_mean"] == 5
-    assert content["env_kwargs"] == {"horizon": 5}
+    assert content["env_kwargs"] == {"max_episode_steps": 5}
 
 
 def test_a_random_policy_is_reproducible(saver: Saver, tmp_path: Path) -> None:
     words = ("evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", 3)
     for name in "ab":
-        saver(*words, "--env-kwargs", "horizon=5", "--json", tmp_path / f"{name}.json")
+        saver(*words, "--env-kwargs", "max_episode_steps=5", "--json", tmp_path / f"{name}.json")
     first, second = (read_json(tmp_path / f"{name}.json") for name in "ab")
     assert first["final_distance_mean"] == second["final_distance_mean"]
 
@@ -107,7 +107,9 @@ def test_a_video_shows_the_episodes_that_were_asked_for(saver: Saver, tmp_path: 
 
     path = tmp_path / "push.mp4"
     words = ("evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", 3)
-    result = saver(*words, "--env-kwargs", "horizon=4", "--video", path, "--video-episodes", 2)
+    result = saver(
+        *words, "--env-kwargs", "max_episode_steps=4", "--video", path, "--video-episodes", 2
+    )
     assert result.status == 0, result.err
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert frames == 2 * (4 + 1 + HOLD)
@@ -122,7 +124,7 @@ def test_train_leaves_a_run_that_other_commands_read(
     assert read_json(run_dir / "run.json")["config"]["net_arch"] == [8]
     result = saver(
         *("evaluate", "--env", "JacoPush-v0", "--policy", run_dir, "--episodes", 2),
-        *("--env-kwargs", "horizon=5"),
+        *("--env-kwargs", "max_episode_steps=5"),
     )
     assert result.status == 0, result.err
     figure, path = tmp_path / "curve.png", tmp_path / "curve.json"
@@ -138,7 +140,7 @@ def test_train_leaves_a_run_that_other_commands_read(
     assert "push, one arm" in weights.with_suffix(".md").read_text()
     result = saver(
         *("evaluate", "--env", "JacoPush-v0", "--policy", weights, "--episodes", 2),
-        *("--env-kwargs", "horizon=5"),
+        *("--env-kwargs", "max_episode_steps=5"),
     )
     assert result.status == 0, result.err
 
@@ -171,8 +173,12 @@ def test_a_student_is_advised(saver: Saver, tmp_path: Path) -> None:
     result = saver(
         *("train", "--env", "DualJacoPush-v0", "--output", folder, "--steps", 40),
         *("--advice", "mc-q", "--teacher", NAME, "--budget", 30, "--threshold", 0.05),
-        *("--no-progress", "--env-kwargs", "horizon=10", "--set"),
-        *(word for word in tiny_train(folder) if "=" in str(word) and "horizon" not in str(word)),
+        *("--no-progress", "--env-kwargs", "max_episode_steps=10", "--set"),
+        *(
+            word
+            for word in tiny_train(folder)
+            if "=" in str(word) and "max_episode_steps" not in str(word)
+        ),
     )
     assert result.status == 0, result.err
     advice = read_json(folder / "run.json")["config"]["advice"]
@@ -216,11 +222,11 @@ def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
 
 
 def test_settings_add_up_however_they_are_given(saver: Saver) -> None:
-    first = ("--set", "batch_size=7", "gamma=0.5", "--env-kwargs", "horizon=9")
+    first = ("--set", "batch_size=7", "gamma=0.5", "--env-kwargs", "max_episode_steps=9")
     second = ("--set", "seed=3", "--env-kwargs", "rated=true")
     result = saver("train", "--env", "JacoPush-v0", *first, *second, "--print-config")
     assert result.status == 0, result.err
-    for line in ("batch_size: 7", "gamma: 0.5", "seed: 3", "horizon: 9", "rated: true"):
+    for line in ("batch_size: 7", "gamma: 0.5", "seed: 3", "max_episode_steps: 9", "rated: true"):
         assert line in result.out
 
 

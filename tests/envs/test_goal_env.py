@@ -9,7 +9,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from hypothesis import given
+from hypothesis import strategies as st
 from rollouts import (
     ALL_IDS,
     CUBE_IDS,
@@ -25,6 +28,9 @@ from rollouts import (
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from saver_envs.envs.goal_env import SaverGoalEnv
+from saver_envs.envs.parallel_env import SaverParallelEnv
+from saver_envs.envs.pixel_env import SaverPixelEnv
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import ENVIRONMENTS, default_options
 
 
@@ -78,7 +84,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
 @pytest.mark.parametrize("env_id", SPARSE_IDS)
 def test_episode_api(env_id: str) -> None:
     """Truncated at the horizon and never terminated; success and costs in every info."""
-    env = gymnasium.make(env_id, horizon=4)
+    env = SaverGoalEnv(env_id, max_episode_steps=4)
     _, info = env.reset(seed=0)
     names = {"is_success", "goal_reached", "diverged", "cost", "cost_collision"}
     names |= {"cost_distance"} if "Distance" in env_id else set()
@@ -168,7 +174,7 @@ def test_orientation_has_a_positive_real_part(env_id: str) -> None:
 
 
 @pytest.mark.parametrize("env_id", FEW_IDS)
-@pytest.mark.parametrize("bad", ["shape", "nan", "inf", "scalar"])
+@pytest.mark.parametrize("bad", ["shape", "nan", "inf", "scalar", "complex", "text", "object"])
 def test_bad_actions_change_nothing(env_id: str, bad: str) -> None:
     env = gymnasium.make(env_id).unwrapped
     assert isinstance(env, SaverGoalEnv)
@@ -180,9 +186,12 @@ def test_bad_actions_change_nothing(env_id: str, bad: str) -> None:
         "nan": np.full(size, np.nan),
         "inf": np.concatenate([np.zeros(size - 1), [np.inf]]),
         "scalar": 0.5,
+        "complex": np.full(size, 0.5 + 0.5j),
+        "text": np.full(size, "0.5"),
+        "object": [None] * size,
     }
     before, seen = env.episodes.get_state(), env.episodes.observation()
-    with pytest.raises(ValueError, match=r"shape|finite"):
+    with pytest.raises(ValueError, match=r"(?s)action.*(shape|finite|real numbers)"):
         env.step(actions[bad])
     after = env.episodes.get_state()
     assert_same(before.simulation, after.simulation)
@@ -218,7 +227,7 @@ def test_unknown_keywords_ids_and_modes_list_the_valid_ones() -> None:
 @pytest.mark.parametrize("env_id", FEW_IDS)
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])
 def test_copies_made_in_mid_episode_go_on_identically(env_id: str, how: str) -> None:
-    env = gymnasium.make(env_id, horizon=20)
+    env = gymnasium.make(env_id, max_episode_steps=20)
     env.action_space.seed(1)
     env.reset(seed=5)
     for _ in range(7):
@@ -245,7 +254,7 @@ def test_copies_are_independent() -> None:
 
 
 def test_going_back_to_a_state_twice_repeats_it() -> None:
-    episodes = begun("DualJacoPickAndPlace-v0", 3, horizon=10)
+    episodes = begun("DualJacoPickAndPlace-v0", 3, max_episode_steps=10)
     state = episodes.get_state()
 
     def play() -> list[Any]:
@@ -265,7 +274,91 @@ def test_going_back_to_a_state_twice_repeats_it() -> None:
 
 @pytest.mark.parametrize("env_id", SPARSE_IDS)
 def test_specs_can_be_pickled_and_made_again(env_id: str) -> None:
-    env = gymnasium.make(env_id, horizon=7, max_speed=0.3)
+    env = gymnasium.make(env_id, max_episode_steps=7, max_speed=0.3)
     again = gymnasium.make(pickled_and_back(env.spec))
     assert again.unwrapped.episodes.settings == env.unwrapped.episodes.settings
     assert gymnasium.make(copy.deepcopy(env.spec)).spec == env.spec
+
+
+@given(
+    st.sampled_from([np.float32, np.float64, np.int16, np.complex64, "U3", object, np.bool_]),
+    st.lists(st.integers(0, 5), max_size=3),
+    st.floats(width=32),
+)
+def test_actions_are_applied_or_refused(kind: Any, shape: list[int], value: float) -> None:
+    env = SHARED_ENV
+    env.reset(seed=0)
+    with np.errstate(all="ignore"):
+        action = np.full(shape, value).astype(kind)
+    valid = tuple(shape) == (3,) and action.dtype.kind in "fib" and bool(np.isfinite(action).all())
+    before = env.episodes.get_state().simulation
+    if not valid:
+        with pytest.raises(ValueError, match="action"):
+            env.step(action)
+        assert_same(before, env.episodes.get_state().simulation)
+        return
+    observation, reward, *_ = env.step(action)
+    assert observation in env.observation_space
+    assert np.isfinite(reward)
+
+
+SHARED_ENV = SaverGoalEnv("JacoPush-v0")
+GOALS = st.sampled_from([(), (2,), (3,), (4,), (5, 3), (0, 3), (3, 5), (2, 2, 3)])
+
+
+@given(GOALS, GOALS, st.sampled_from([np.float32, np.int8, np.complex128, "U2", object]))
+def test_goals_of_another_size_are_refused(
+    achieved: tuple[int, ...], desired: tuple[int, ...], kind: Any
+) -> None:
+    first, second = np.zeros(achieved), np.ones(desired).astype(kind)
+    valid = achieved[-1:] == desired[-1:] == (3,) and second.dtype.kind in "fi"
+    try:
+        together = np.broadcast_shapes(achieved, desired)
+    except ValueError:
+        valid = False
+    if valid:
+        assert SHARED_ENV.compute_reward(first, second, {}).shape == together[:-1]
+    else:
+        with pytest.raises(ValueError, match=r"_goal(\.shape)?=|broadcast"):
+            SHARED_ENV.compute_reward(first, second, {})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: SaverGoalEnv("JacoPush-v0"),
+        lambda: SaverPixelEnv("WristPush-v0"),
+        lambda: gymnasium.make("JacoPush-v0").unwrapped,
+        lambda: gymnasium.make_vec("JacoPush-v0", num_envs=2),
+        lambda: SaverVecEnv("JacoPush-v0", 2),
+        lambda: SaverParallelEnv("DualJacoPush-v0"),
+    ],
+)
+def test_a_step_before_the_first_reset_is_refused(make: Any) -> None:
+    """Also by a copy; after the reset both go on."""
+    env = make()
+    arms = isinstance(env, SaverParallelEnv)
+    action: Any = {one: np.zeros(3) for one in env.possible_agents} if arms else None
+    action = np.zeros(env.action_space.shape) if action is None else action
+    if isinstance(env, SaverVecEnv):
+        action = np.zeros((2, 3))
+    for one in (env, copy.deepcopy(env)):
+        with pytest.raises(ResetNeeded, match=r"Cannot call env.step\(\) before calling env.reset"):
+            one.step(action)
+    for one in () if isinstance(env, SaverPixelEnv) else (env, copy.deepcopy(env)):
+        one.reset()
+        one.step(action)
+    env.close()
+
+
+@pytest.mark.parametrize("env_id", [*SPARSE_IDS, "WristPushPixels-v0"])
+def test_model_and_data_are_those_of_the_episode(env_id: str) -> None:
+    env = gymnasium.make(env_id).unwrapped
+    episodes = env.episodes
+    for step in range(3):
+        episodes.reset() if step == 0 else episodes.step(np.zeros((1, episodes.action_size)))
+        np.testing.assert_array_equal(env.data.qpos, episodes.simulation.qpos[0])
+        np.testing.assert_array_equal(env.data.qvel, episodes.simulation.qvel[0])
+    assert env.model.nq == len(env.data.qpos)
+    env.data.qpos[:] = 7
+    assert (episodes.simulation.qpos != 7).all()

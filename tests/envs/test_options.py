@@ -7,12 +7,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rollouts import assert_same, begun, cubes_of, objects_of, random_actions, touching
 
-from saver_envs.episodes import JOINT_LEAD, Episodes
+from saver_envs.episodes import JOINT_LEAD, LONGEST_EPISODE, Episodes
 from saver_envs.reachability import reachability_map
-from saver_envs.registration import make_episodes
+from saver_envs.registration import default_options, make_episodes
 from saver_envs.scenes import BASE_SPACING
 
 
@@ -38,7 +40,7 @@ def test_objects() -> None:
 
 
 def test_horizon_threshold_and_clock() -> None:
-    env = gymnasium.make("JacoPush-v0", horizon=3, success_threshold=0.02)
+    env = gymnasium.make("JacoPush-v0", max_episode_steps=3, success_threshold=0.02)
     env.reset(seed=0)
     assert [env.step(np.zeros(3))[3] for _ in range(3)] == [False, False, True]
     goal = np.zeros(3)
@@ -135,7 +137,7 @@ def test_joint_control() -> None:
 @pytest.mark.parametrize("layout", ["row", "ring"])
 @pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "JacoPickAndPlace-v0"])
 def test_number_of_arms(env_id: str, n_arms: int, layout: Any) -> None:
-    env = gymnasium.make(env_id, n_arms=n_arms, layout=layout, horizon=5)
+    env = gymnasium.make(env_id, n_arms=n_arms, layout=layout, max_episode_steps=5)
     assert env.observation_space["observation"].shape == (28 * n_arms,)
     assert env.observation_space["desired_goal"].shape == (3 * n_arms,)
     size = (3 if "Push" in env_id else 4) * n_arms
@@ -153,20 +155,86 @@ def test_number_of_arms(env_id: str, n_arms: int, layout: Any) -> None:
     [
         ({"n_arms": 5}, "1 to 4"),
         ({"n_arms": 0}, "1 to 4|exactly|n_arms"),
-        ({"layout": "heap"}, "'row' and 'ring'"),
+        ({"layout": "heap"}, "'row' or 'ring'"),
         ({"control": "mind"}, "'cartesian' or 'joints'"),
-        ({"horizon": 0}, "at least 1"),
+        ({"max_episode_steps": 0}, "1 to 1000000"),
         ({"max_speed": 0}, "max_speed"),
         ({"success_threshold": 0.5}, "success_threshold"),
         ({"object_size": 0.4}, "object_size=0.4: must be 0.04 to 0.12 m"),
         ({"object_mass": 0}, "object_mass"),
         ({"object_friction": -1}, "object_friction"),
         ({"object_damping": float("nan")}, "object_damping"),
+        ({"object_friction": 1e300}, "object_friction=1e.300: must be 0 to 10"),
+        ({"object_mass": 1e300}, "object_mass=1e.300: must be 0.001 to 100 kg"),
+        ({"object_size": "0.05"}, "object_size='0.05': must be a finite number"),
+        ({"object_size": True}, "object_size=True: must be a finite number"),
+        ({"contested_share": 1.1}, "contested_share=1.1: must be 0 to 1"),
+        ({"contested_share": float("nan")}, "contested_share=nan: must be a finite number"),
+        ({"max_episode_steps": 1.5}, "max_episode_steps=1.5: must be a whole number"),
+        ({"max_episode_steps": float("inf")}, "max_episode_steps=inf: must be a whole number"),
+        ({"max_episode_steps": True}, "max_episode_steps=True: must be a whole number"),
+        ({"max_episode_steps": 10**400}, "max_episode_steps=10+: must be 1 to 1000000 actions"),
+        ({"n_arms": 1.0}, "n_arms=1.0: must be a whole number"),
+        ({"rated": "yes"}, "rated='yes': must be True or False"),
+        ({"rated": 1}, "rated=1: must be True or False"),
+        ({"bounded_observations": None}, "bounded_observations=None: must be True or False"),
+        ({"max_speed": 1 + 1j}, "max_speed=.1.1j.: must be a finite number"),
+        ({"n": 0}, "n=0: must be at least 1"),
+        ({"n": 2.0}, "n=2.0: must be a whole number"),
+        ({"threads": "2"}, "threads='2': must be a whole number"),
     ],
 )
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make_episodes("JacoPush-v0", **options)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    task = make_episodes(
+        "JacoPush-v0",
+        max_episode_steps=np.int64(7),
+        rated=np.True_,
+        object_mass=np.float32(0.25),
+        object_damping=0,
+    ).task
+    assert (task.object_mass, task.object_damping) == (0.25, 0)
+
+
+OPTIONS = sorted(default_options("DualJacoPush-v0"))
+#: What people and files pass by mistake.
+ODD = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.floats(),
+    st.complex_numbers(),
+    st.text(max_size=5),
+    st.binary(max_size=3),
+    st.lists(st.floats(), max_size=3),
+    st.builds(object),
+)
+
+
+@given(st.sampled_from(OPTIONS), ODD)
+@settings(max_examples=300)
+def test_an_option_is_accepted_or_refused_by_name(name: str, value: Any) -> None:
+    """Nothing but a valid value gets through, and no other error is raised than the one of it."""
+    try:
+        episodes = make_episodes("DualJacoPush-v0", **{name: value})
+    except ValueError as error:
+        assert str(error).startswith(f"{name}={value!r}: must be ")
+        return
+    default = default_options("DualJacoPush-v0")[name]
+    if isinstance(default, bool):
+        assert isinstance(value, bool)
+    elif isinstance(default, str):
+        assert isinstance(value, str)
+    elif value is not None:
+        assert isinstance(value, int | float)
+        assert not isinstance(value, bool)
+        assert np.isfinite(float(value))
+    assert 1 <= episodes.settings.horizon <= LONGEST_EPISODE
+    assert 1 <= episodes.task.n_arms <= 4
 
 
 @pytest.mark.parametrize(
@@ -181,7 +249,8 @@ def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
     ],
 )
 def test_options_of_another_task_are_unknown(env_id: str, option: str) -> None:
-    with pytest.raises(TypeError, match=f"unknown keyword '{option}' of {env_id}.*horizon"):
+    message = f"{env_id} got an unexpected keyword argument '{option}'.*valid keywords are .*rated"
+    with pytest.raises(TypeError, match=message):
         make_episodes(env_id, **{option: 0.5})
 
 
@@ -190,6 +259,8 @@ def test_reward_stages_of_the_distance_task() -> None:
     assert make_episodes("DualJacoDistance-v0", reward_stage="goal").task.reward_stage == "goal"
     with pytest.raises(ValueError, match="exactly 2"):
         make_episodes("DualJacoDistance-v0", n_arms=3)
+    with pytest.raises(ValueError, match="layout='ring': must be 'row'"):
+        make_episodes("DualJacoDistance-v0", layout="ring")
     with pytest.raises(ValueError, match="one of goal, constrained"):
         make_episodes("DualJacoDistance-v0", reward_stage="both")
     with pytest.raises(ValueError, match="reward_combination='max'"):

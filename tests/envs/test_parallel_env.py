@@ -108,7 +108,7 @@ def test_keywords_reach_the_episodes() -> None:
 
 
 def test_copies_made_in_mid_episode_go_on_identically() -> None:
-    env = parallel_env(env_id="DualJacoDistance-v0", horizon=5)
+    env = parallel_env(env_id="DualJacoDistance-v0", max_episode_steps=5)
     env.reset(seed=0)
     twin = copy.deepcopy(env)
     for action in random_actions(8, 14, 1)[:, 0]:

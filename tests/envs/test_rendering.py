@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+import os
+import subprocess
 import sys
+from typing import Any
 
 import gymnasium
 import mujoco
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 from rollouts import FEW_IDS
 
+from saver_envs.cameras import off_screen
 from saver_envs.envs.parallel_env import parallel_env
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
@@ -118,13 +122,91 @@ def test_the_other_adapters() -> None:
     vector.close()
 
 
-def test_no_display_is_an_error_and_not_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["width", "height"])
+@pytest.mark.parametrize("value", [0, -1, 1.5, True, "64", 10**6])
+def test_sizes_are_checked_before_anything_is_drawn(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=f"{name}={value!r}: must be"):
+        gymnasium.make("JacoPush-v0", **{name: value})
+
+
+HEADLESS = {"MUJOCO_GL": "", "DISPLAY": "", "WAYLAND_DISPLAY": "", "PYOPENGL_PLATFORM": ""}
+
+
+def python(code: str, **environment: str) -> str:
+    """Run code in a fresh interpreter on Linux without a display; return what it prints."""
+    environment = {**os.environ, **HEADLESS, **environment}
+    words = [sys.executable, "-c", f"import gymnasium, saver_envs\n{code}"]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is a display")
+RENDER = """
+env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", width=64, height=48)
+env.reset(seed=0)
+print(env.render().std() > 10)
+"""
+
+
+@on_linux
+def test_without_a_display_and_a_choice_pictures_work() -> None:
+    assert python(RENDER) == "True"
+
+
+@on_linux
+def test_so_they_do_behind_a_display_that_does_not_answer() -> None:
+    assert python(RENDER, DISPLAY=":12345") == "True"
+
+
+@on_linux
+@pytest.mark.parametrize("display", ["", ":12345"])
+def test_a_window_without_a_display_is_an_error_and_not_the_end(display: str) -> None:
+    code = """
+for name in ("JacoPush-v0", "WristPushPixels-v0"):
+    try:
+        gymnasium.make(name, render_mode="human")
+    except RuntimeError as error:
+        print(error)
+"""
+    printed = python(code, DISPLAY=display)
+    assert printed.count("there is no display to open a window on; use render_mode='rgb_arr") == 2
+
+
+@on_linux
+def test_gymnasiums_checker_draws_what_can_be_drawn() -> None:
+    code = """
+from gymnasium.utils.env_checker import check_env
+env = gymnasium.make("JacoPush-v0").unwrapped
+check_env(env)
+print(env.metadata["render_modes"])
+"""
+    assert python(code) == "['rgb_array', 'depth_array']"
+
+
+def test_where_nothing_draws_the_error_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[str] = []
     for display in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(display, raising=False)
-    monkeypatch.setattr(mujoco.GLContext, "__module__", "mujoco.glfw")
+    monkeypatch.setattr(off_screen.gl_context.GLContext, "__module__", "mujoco.glfw")
     monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(off_screen, "_draws", tried.append)
     env = gymnasium.make("JacoPush-v0", render_mode="rgb_array", **SIZE)
     env.reset(seed=0)
-    with pytest.raises(RuntimeError, match="no display: pictures need one, or MUJOCO_GL=egl"):
+    with pytest.raises(RuntimeError, match=r"none of them works here: install one.*libosmesa6"):
         env.render()
+    assert tried == ["egl", "osmesa"]
     env.close()
+
+
+@on_linux
+def test_a_backend_that_is_not_there_does_not_draw() -> None:
+    assert not off_screen._draws("nonsense")
+
+
+def test_no_other_package_speaks_when_an_environment_is_made() -> None:
+    code = "import gymnasium; gymnasium.make('saver_envs:JacoPush-v0').reset(seed=0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert (done.stdout, done.stderr) == (b"", b"")

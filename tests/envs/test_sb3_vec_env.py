@@ -27,8 +27,8 @@ def test_equals_sb3s_own_vector_of_single_envs_over_200_steps(env_id: str) -> No
 
 
 def test_terminal_observations() -> None:
-    ours = SaverVecEnv("JacoPush-v0", 2, seed=0, horizon=3)
-    single = gymnasium.make("JacoPush-v0", horizon=3)
+    ours = SaverVecEnv("JacoPush-v0", 2, seed=0, max_episode_steps=3)
+    single = gymnasium.make("JacoPush-v0", max_episode_steps=3)
     single.reset(seed=1)
     ours.reset()
     for step, action in enumerate(random_actions(3, 3, 2)):
@@ -79,7 +79,7 @@ def test_relabelling_as_her_calls_it() -> None:
 
 
 def test_copies_made_in_mid_episode_go_on_identically() -> None:
-    env = SaverVecEnv("JacoPickAndPlace-v0", 2, seed=0, horizon=6)
+    env = SaverVecEnv("JacoPickAndPlace-v0", 2, seed=0, max_episode_steps=6)
     env.reset()
     env.step(random_actions(4, 1, 2)[0])
     twin = pickled_and_back(env)

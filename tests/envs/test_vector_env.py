@@ -20,6 +20,7 @@ from rollouts import (
     row_of,
 )
 
+from saver_envs.envs.goal_env import SaverGoalEnv
 from saver_envs.envs.vector_env import SaverVectorEnv
 
 
@@ -68,7 +69,7 @@ def test_conforms_to_gymnasiums_own_vector_of_single_envs(env_id: str, mode: Aut
     """Every observation, reward, flag and info, bit for bit, in every automatic reset mode."""
     n, horizon = 3, 8
     ours = made(env_id, n, max_episode_steps=horizon, autoreset_mode=mode)
-    single = gymnasium.make(env_id, horizon=horizon)
+    single = SaverGoalEnv(env_id, max_episode_steps=horizon)
     theirs = SyncVectorEnv([lambda: copy.deepcopy(single)] * n, autoreset_mode=mode)
     assert_same(ours.reset(seed=7), theirs.reset(seed=7))
     assert ours.action_space == theirs.action_space
@@ -89,7 +90,7 @@ def test_conforms_to_gymnasiums_own_vector_of_single_envs(env_id: str, mode: Aut
 @pytest.mark.parametrize("env_id", FEW_IDS)
 def test_equals_three_single_envs_over_200_steps(env_id: str) -> None:
     ours = made(env_id, 3, autoreset_mode="SameStep")
-    singles = [gymnasium.make(env_id).unwrapped for _ in range(3)]
+    singles = [SaverGoalEnv(env_id) for _ in range(3)]
     observation, infos = ours.reset(seed=20)
     for index, env in enumerate(singles):
         alone, info = env.reset(seed=20 + index)
@@ -121,7 +122,7 @@ def test_episodes_out_of_phase_after_a_divergence(mode: AutoresetMode) -> None:
     """One episode breaks down: it is reset by itself, and the others never notice."""
     n, horizon, broken_at, broken = 3, 9, 4, 1
     ours = made("JacoPush-v0", n, max_episode_steps=horizon, autoreset_mode=mode)
-    single = gymnasium.make("JacoPush-v0", horizon=horizon)
+    single = SaverGoalEnv("JacoPush-v0", max_episode_steps=horizon)
     theirs = SyncVectorEnv([lambda: copy.deepcopy(single)] * n, autoreset_mode=mode)
     ours.reset(seed=3)
     theirs.reset(seed=3)

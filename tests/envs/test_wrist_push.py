@@ -215,7 +215,7 @@ def test_options_of_cubes_are_refused(options: dict[str, Any]) -> None:
 
 
 def test_pixels_are_a_sound_environment() -> None:
-    env = gymnasium.make("WristPushPixels-v0", horizon=3).unwrapped
+    env = gymnasium.make("WristPushPixels-v0", max_episode_steps=3).unwrapped
     check_env(env, skip_render_check=True)
     env.close()
 

@@ -125,7 +125,7 @@ def test_real_episodes_are_reproducible_one_by_one():
     def drift(observation):
         return 0.3 * np.sign(observation["desired_goal"] - observation["achieved_goal"])
 
-    few = {"env_kwargs": {"horizon": 8}}
+    few = {"env_kwargs": {"max_episode_steps": 8}}
     together = evaluate_policy(drift, "JacoPush-v0", episodes=4, seed=20, n_envs=2, **few)
     alone = evaluate_policy(drift, "JacoPush-v0", episodes=1, seed=23, **few)
     assert together.lengths.tolist() == [8] * 4
@@ -151,7 +151,7 @@ def test_a_task_without_a_constraint_has_no_deviation():
         lambda observation: np.zeros((len(observation["observation"]), 6)),
         "DualJacoPush-v0",
         episodes=2,
-        env_kwargs={"horizon": 3},
+        env_kwargs={"max_episode_steps": 3},
     )
     assert still.deviations is None
     assert "deviation_mean" not in still.summary()
@@ -159,6 +159,6 @@ def test_a_task_without_a_constraint_has_no_deviation():
         lambda observation: np.zeros((len(observation["observation"]), 8)),
         "DualJacoDistance-v0",
         episodes=2,
-        env_kwargs={"horizon": 3},
+        env_kwargs={"max_episode_steps": 3},
     )
     assert 0 < kept.deviations[:, 1].max() <= 0.0151, "nobody has touched the cubes"

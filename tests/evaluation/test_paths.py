@@ -24,7 +24,7 @@ def test_paths_are_those_of_the_evaluated_episode() -> None:
         action[:, 2], action[:, 6] = 1.0, -1.0  # one hand up, one down
         return action
 
-    kwargs = {"horizon": 20}
+    kwargs = {"max_episode_steps": 20}
     paths = follow(apart, DISTANCE, title="apart", seed=3, env_kwargs=kwargs)
     assert paths.hands.shape == paths.objects.shape == (21, 2, 3)
     assert paths.seconds[-1] == pytest.approx(0.8)
@@ -39,13 +39,13 @@ def test_paths_are_those_of_the_evaluated_episode() -> None:
 
 
 def test_without_a_constraint_there_is_no_band(tmp_path: Path) -> None:
-    paths = follow(still(6), "DualJacoPush-v0", title="push", env_kwargs={"horizon": 3})
+    paths = follow(still(6), "DualJacoPush-v0", title="push", env_kwargs={"max_episode_steps": 3})
     assert paths.band is None
     draw_paths([paths]).savefig(tmp_path / "paths.png")
     assert (tmp_path / "paths.png").stat().st_size > 10_000
 
 
 def test_one_arm_has_no_distance() -> None:
-    paths = follow(still(3), "JacoPush-v0", title="alone", env_kwargs={"horizon": 2})
+    paths = follow(still(3), "JacoPush-v0", title="alone", env_kwargs={"max_episode_steps": 2})
     with pytest.raises(ValueError, match="no distance"):
         draw_paths([paths])

@@ -8,8 +8,13 @@ from typing import Any
 import pytest
 from tiny_grids import GridFile, tiny_grid
 
+from saver_advisors.cli import main
+from saver_advisors.evaluation.protocol import EVALUATE_EVERY
 from saver_advisors.experiments import ExperimentRun, read_grid
+from saver_advisors.experiments.grid import check_rows
+from saver_advisors.experiments.recorder import BenchmarkPlan
 
+ALGORITHMS = Path(__file__).resolve().parents[1] / "benchmarks" / "algorithms.py"
 CONFIGS = Path(__file__).resolve().parents[2] / "zoo_configs"
 
 
@@ -137,3 +142,91 @@ def test_the_shipped_grid_of_stages_has_method_ablations_and_baselines() -> None
     assert by_row["own value"].constraint_relabelling == "keep"
     assert by_row["own value"].per_arm_critics
     assert by_row["min, eight layers"].net_arch == (512, 512, *(256,) * 6)
+
+
+def with_row(row: dict[str, Any], **settings: Any) -> dict[str, Any]:
+    """A tiny grid with one more row."""
+    content = tiny_grid(**settings)
+    content["groups"]["push"]["rows"]["more"] = row
+    return content
+
+
+def test_a_row_with_an_algorithm_of_ones_own(grid_file: GridFile) -> None:
+    row = {"algorithm": f"{ALGORITHMS}:Drifter", "algo_kwargs": {"speed": 0.25}, "seeds": [4]}
+    grid = read_grid(grid_file(with_row({**row, "settings": {"n_envs": 3}, "teacher_steps": 7})))
+    run = grid.named("push-more-seed4")
+    plan = run.config
+    assert isinstance(plan, BenchmarkPlan)
+    assert (plan.name, plan.row, plan.group) == ("push-more-seed4", "more", "push")
+    assert (plan.seed, plan.n_envs, plan.total_steps, plan.eval_every) == (4, 3, 160, 40)
+    assert (plan.env_kwargs, plan.algo_kwargs) == ({"max_episode_steps": 10}, {"speed": 0.25})
+    assert (plan.report_episodes, plan.teacher_steps) == (2, 7)
+    assert len(plan.source_sha256 or "") == 64
+    assert ExperimentRun.from_mapping(run.to_mapping()) == run
+    check_rows(grid.runs)
+
+
+def test_a_third_party_row_follows_the_protocol_by_default(grid_file: GridFile) -> None:
+    content = with_row({"algorithm": f"{ALGORITHMS}:Drifter"})
+    del content["groups"]["push"]["settings"]["eval_every"]
+    plan = read_grid(grid_file(content)).named("push-more-seed0").config
+    assert plan.eval_every == EVALUATE_EVERY
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ({"algorithm": "td3"}, "algorithm='td3' must be MODULE:CLASS or FILE.py:CLASS"),
+        ({"algorithm": "nowhere.py:A"}, "the file 'nowhere.py' does not exist"),
+        ({"algorithm": "a:B", "settings": {"net_arch": [8]}}, "settings: unknown ['net_arch']"),
+        ({"algorithm": "a:B", "settings": {"n_envs": "many"}}, "n_envs='many'"),
+        ({"algorithm": "a:B", "algo_kwargs": 3}, "algo_kwargs must be a mapping"),
+        ({"algorithm": "a:B", "teacher_steps": -1}, "teacher_steps=-1"),
+    ],
+)
+def test_a_wrong_third_party_row_is_named(
+    grid_file: GridFile, row: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        read_grid(grid_file(with_row(row)))
+    assert f"push.more: {message}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ({"settings": {"env_kwargs": {"n_arms": 9}}}, "env_kwargs: n_arms=9"),
+        ({"settings": {"env_kwargs": {"speeed": 1}}}, "'speeed'"),
+        ({"advice": {"strategy": "early", "teacher": "nobody"}}, "policy 'nobody' is unknown"),
+        ({"advice": {"strategy": "lately"}}, "'lately'"),
+        ({"algorithm": "no.such.module:A"}, "'no.such.module' cannot be imported"),
+        ({"algorithm": f"{ALGORITHMS}:Drift"}, "has no 'Drift'"),
+        ({"algorithm": f"{ALGORITHMS}:Drifter", "algo_kwargs": {"a": "import:math:t"}}, "'t'"),
+    ],
+)
+def test_all_rows_are_checked_before_the_first_run(
+    grid_file: GridFile,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    row: dict[str, Any],
+    message: str,
+) -> None:
+    output = tmp_path / "runs"
+    words = ["experiments", "run", str(grid_file(with_row(row))), "--output", str(output)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "argument GRID.yml: push.more: " in said
+    assert message in said
+    assert said.count("\n") == 1
+    assert not output.exists(), "nothing was begun"
+
+
+def test_no_module_is_imported_before_all_other_rows_fit(
+    grid_file: GridFile, tmp_path: Path
+) -> None:
+    (tmp_path / "own.py").write_text("raise SystemExit('imported')")
+    content = with_row({"algorithm": f"{tmp_path / 'own.py'}:A"})
+    content["groups"]["push"]["rows"]["none"] = {"settings": {"env_kwargs": {"n_arms": 9}}}
+    grid = read_grid(grid_file(content))
+    with pytest.raises(ValueError, match=r"push.none: .*n_arms=9"):
+        check_rows(sorted(grid.runs, key=lambda run: run.row, reverse=True))

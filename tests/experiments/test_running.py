@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ import pytest
 from filelock import FileLock
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.experiments import ExperimentRun, read_grid, state_of, worker
+from saver_advisors.experiments import ExperimentRun, Grid, read_grid, state_of, worker
+from saver_advisors.experiments.progress import rows
 from saver_advisors.experiments.results import is_done, read_result, write_result
 from saver_advisors.experiments.scheduler import (
     LocalProcesses,
@@ -26,6 +28,7 @@ from saver_advisors.experiments.scheduler import (
     work_off,
 )
 from saver_advisors.training.curve_file import OF_THE_MACHINE
+from saver_advisors.training.release import evaluate_trained
 
 
 @pytest.fixture
@@ -72,6 +75,20 @@ def test_a_result_cut_short_is_made_again(run: ExperimentRun, places: Places) ->
         read_result(places.result(run))
     assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
     assert read_result(places.result(run))["curve"] == json.loads(whole)["curve"]
+
+
+@pytest.mark.parametrize("curve", [None, [], 5, [5], [{}], [{"steps": "many"}]])
+def test_a_result_without_a_curve_does_not_count(
+    run: ExperimentRun, places: Places, curve: Any
+) -> None:
+    places.results.mkdir()
+    whole = {"kind": "training-run", "task": "DualJacoPush-v0", "row": "early", "seed": 0}
+    whole |= {"name": run.name, "config": run.config.to_mapping(), "finished": True}
+    point = {"steps": 160, "success_rate": 0.5, "wall_clock_s": 1.0}
+    for content, done in (([point], True), (curve, False)):
+        places.result(run).write_text(json.dumps({**whole, "curve": content}))
+        assert is_done(places.results, run) is done
+    assert state_of(run, places.folder(run), places.results).state == "waiting"
 
 
 def test_a_result_of_other_settings_does_not_count(
@@ -169,6 +186,84 @@ def test_more_threads_simulate_the_same(run: ExperimentRun, places: Places) -> N
 def test_no_processes() -> None:
     with pytest.raises(ValueError, match="processes=0"):
         LocalProcesses(Places(Path("a"), Path("b")), 0)
+
+
+def test_final_episodes_outlive_an_interruption(
+    grid_file: GridFile, places: Places, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places.results.mkdir()
+    run = replace(read_grid(grid_file(tiny_grid())).runs[0], final_episodes=70)
+    folder, result = places.folder(run), places.result(run)
+    played: list[int] = []
+
+    def evaluate(*arguments: Any, **options: Any) -> Any:
+        if len(played) == 2:
+            raise KeyboardInterrupt
+        played.append(options["seed"])
+        return evaluate_trained(*arguments, **options)
+
+    monkeypatch.setattr("saver_advisors.training.release.evaluate_trained", evaluate)
+    with pytest.raises(KeyboardInterrupt):
+        worker.execute(run, folder, result)
+    assert not result.exists()
+    state = state_of(run, folder, places.results)
+    assert (state.state, state.steps) == ("final episodes 64 of 70", 160)
+    assert "final episodes 64 of 70" in rows(Grid("", (run,)), places)[0]
+    running = rows(Grid("", (run,)), places, Progress(running={run.name}))[0]
+    assert "running final episodes 64 of 70" in running
+    played.clear()
+    assert worker.execute(run, folder, result) == worker.DONE
+    assert played == [64], "only those that were left"
+    whole = evaluate_trained(folder, "latest", episodes=70, seed=0)
+    assert read_result(result)["final"] == whole.summary()
+    assert state_of(run, folder, places.results).state == "done"
+
+
+def third_party_grid(steps: int) -> dict[str, Any]:
+    content = tiny_grid(total_steps=steps, eval_every=steps // 2)
+    algorithm = Path(__file__).resolve().parents[1] / "benchmarks" / "algorithms.py"
+    content["groups"]["push"]["rows"] = {"mine": {"algorithm": f"{algorithm}:Drifter"}}
+    return content
+
+
+def test_a_third_party_algorithm_is_run_in_a_grid(grid_file: GridFile, places: Places) -> None:
+    grid = read_grid(grid_file(third_party_grid(80)))
+    progress = work_off(grid, places, LocalProcesses(places, 1), Stop(), lambda _: None)
+    assert progress.done == {"push-mine-seed0"}, progress
+    result = read_result(places.result(grid.runs[0]))
+    assert (result["row"], result["group"], result["finished"]) == ("mine", "push", True)
+    assert [point["steps"] for point in result["curve"]] == [40, 80]
+    assert result["final"]["episodes"] == 2
+    state = state_of(grid.runs[0], places.folder(grid.runs[0]), places.results)
+    assert (state.state, state.steps) == ("done", 80)
+    longer = read_grid(grid_file(third_party_grid(160))).runs[0]
+    assert not is_done(places.results, longer)
+
+
+def test_a_stopped_third_party_run_starts_again(grid_file: GridFile, places: Places) -> None:
+    places.results.mkdir()
+    run = read_grid(grid_file(third_party_grid(10_000_000))).runs[0]
+    process = worker.start(run, places.folder(run), places.result(run))
+    steps = places.folder(run) / "steps.json"
+    wait_until(steps.exists, 120, "the first steps")
+    process.terminate()
+    assert process.wait(timeout=60) == worker.STOPPED
+    assert not is_done(places.results, run)
+    state = state_of(run, places.folder(run), places.results)
+    assert state.state == "started"
+    assert state.steps > 0
+    short = read_grid(grid_file(third_party_grid(80))).runs[0]
+    assert worker.execute(short, places.folder(short), places.result(short)) == worker.DONE
+
+
+def test_workers_import_nothing_from_the_current_folder(
+    run: ExperimentRun, places: Places, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    places.results.mkdir()
+    (tmp_path / "tqdm.py").write_text("raise SystemExit('imported from the current folder')")
+    monkeypatch.chdir(tmp_path)
+    process = worker.start(run, places.folder(run), places.result(run))
+    assert process.wait(timeout=240) == worker.DONE, worker.last_words(places.folder(run))
 
 
 # --- kill -9 ------------------------------------------------------------------------------------

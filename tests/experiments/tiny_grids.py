@@ -16,7 +16,7 @@ TINY_RUN: dict[str, Any] = {
     "batch_size": 16,
     "gradient_steps": 2,
     "buffer_size": 400,
-    "env_kwargs": {"horizon": 10},
+    "env_kwargs": {"max_episode_steps": 10},
 }
 
 GridFile = Callable[..., Path]

@@ -105,7 +105,7 @@ def build_loop(policy: LoopPolicy, limits: SafetyLimits | None = None) -> SmallL
         PolicyStage(policy, bench.geometry, JACO),
         SetPointStage(bench.geometry, limits, health),
         KinematicsStage(DampedLeastSquares(bench.geometry.robot)),
-        ServoStage(bench, health, stop),
+        ServoStage(bench, health, stop, limits),
     ]
     graph = Graph(stages, health)
     bench.reset(0)

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from small_loops import Push, SmallLoop
 
+from saver_advisors.integration.bench import EpisodesBench
 from saver_advisors.integration.safety import (
     EmergencyStop,
     SafetyLimits,
+    TargetLimits,
     kept_clear,
     limited_set_point,
 )
@@ -159,6 +161,31 @@ def test_what_the_policy_cannot_mean_stops_the_arms(
     loop.graph.run_until(0.6, loop.bench)
     assert [event.kind for event in loop.health.log] == ["stopped", "resumed"]
     assert speed(loop) > 0.1
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    targets=arrays(float, (2, 4), elements=st.floats(-0.2, 0.2)),
+    last=arrays(float, (2, 4), elements=st.floats(-0.2, 0.2)),
+    left=arrays(float, (2,), elements=st.floats(0, 1.4)),
+)
+def test_commands_stay_within_the_speed_limits(
+    targets: np.ndarray, last: np.ndarray, left: np.ndarray
+) -> None:
+    bench = EpisodesBench(make_episodes("DualMicoPush-v0"))
+    limits = TargetLimits(bench.geometry, SafetyLimits())
+    present, jacobian = np.zeros((2, 4)), bench.reading().jacobian
+    command, used = limits.slowed(targets, present, last, jacobian, left)
+    kept = np.clip(targets, np.minimum(last, 0), np.maximum(last, 0))
+    tool = np.linalg.norm((jacobian[:, :3] @ (command - kept)[..., None])[..., 0], axis=-1)
+    assert (used <= left).all()
+    assert (tool <= used * 0.2 * ACTION_DURATION + 1e-12).all()
+    for arm in range(2):
+        if used[arm] < left[arm]:
+            np.testing.assert_array_equal(command[arm], targets[arm])
+    backwards, free = limits.slowed(0.5 * last, present, last, jacobian, np.zeros(2))
+    np.testing.assert_array_equal(backwards, 0.5 * last)
+    assert (free == 0).all()
 
 
 @pytest.mark.parametrize("name", ["max_speed", "torso_force", "hand_force"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from dataclasses import replace
@@ -9,10 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from saver_advisors.integration.assembly import LoopSettings, build_loop
+from saver_advisors.integration.assembly import LoopSettings, build_loop, build_stage
 from saver_advisors.integration.bench import BenchGeometry, EpisodesBench
+from saver_advisors.integration.health import Health
+from saver_advisors.integration.messages import UNSTAMPED, Picture, PixelPose
 from saver_advisors.integration.safety import SafetyLimits
+from saver_advisors.integration.stage import Inputs, Mailbox
 from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
+from saver_advisors.integration.wire import Wire
+from saver_envs.cameras.rgbd import KINECT_V2, CameraPose
 from saver_envs.registration import make_episodes
 
 SETTINGS = LoopSettings(
@@ -82,8 +88,33 @@ def test_settings_and_geometry_survive_the_way_to_another_process() -> None:
     again = BenchGeometry.from_mapping(geometry.to_mapping())
     assert (again.robot, again.held_height) == (geometry.robot, geometry.held_height)
     np.testing.assert_array_equal(again.base_position, geometry.base_position)
+    assert again.camera == geometry.camera
     points = np.array([[0.9, -0.3, 0.1], [0.1, 0.9, 0.9]])
     np.testing.assert_array_equal(again.workspace.clip(points), geometry.workspace.clip(points))
+
+
+def test_a_bench_can_have_another_camera() -> None:
+    geometry = replace(
+        EpisodesBench(make_episodes("DualMicoPush-v0")).geometry,
+        camera=replace(KINECT_V2.scaled(0.5), rate=15.0),
+        camera_pose=CameraPose(np.array([0.5, 0.0, 1.0]), np.diag([1.0, -1.0, -1.0])),
+    )
+    geometry = BenchGeometry.from_mapping(json.loads(json.dumps(geometry.to_mapping())))
+    assert geometry.camera == replace(KINECT_V2.scaled(0.5), rate=15.0)
+    health = Health((), {})
+    lift = build_stage("lift", LoopSettings(), geometry, health)
+    frame = build_stage("bench frame", LoopSettings(), geometry, health)
+    depth = np.full((212, 256), 0.9, np.float32)
+    middle = np.tile(np.asarray(geometry.camera.centre), (14, 1))
+    boxes = {name: Mailbox() for name in ("pixel_pose", "picture", "camera_pose")}
+    boxes["picture"].put(Picture(UNSTAMPED, np.zeros((212, 256, 3), np.uint8), depth))
+    boxes["pixel_pose"].put(PixelPose(UNSTAMPED, middle, np.ones(14)))
+    boxes["camera_pose"].put(lift.process(Inputs(boxes), 0.0))
+    seen = frame.process(Inputs(boxes), 0.0)
+    # Joints lie 0 to 0.1 m behind the surface that the camera, 1 m above the bench, measures.
+    np.testing.assert_allclose(seen.positions[:, :2], [[0.5, 0.0]] * 14, atol=5e-3)
+    assert ((seen.positions[:, 2] > -0.02) & (seen.positions[:, 2] < 0.11)).all()
+    assert 212 * 256 * 7 < Wire(geometry).longest(["picture"]) < 212 * 256 * 7 + 2**18
 
 
 @pytest.mark.parametrize(

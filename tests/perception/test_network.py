@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,8 @@ from saver_envs.perception.network import (
     field_loss,
 )
 from saver_envs.perception.skeleton import LIMB_NAMES
-from saver_envs.perception.weights import load_network, read_info, save_network
+from saver_envs.perception.weights import KIND, load_network, read_info, save_network
+from saver_envs.weights import write_weights
 
 ARMS = ["right_forearm", "left_forearm", "left_upper_arm"]
 
@@ -231,3 +233,33 @@ def test_onnx_gives_the_same(tmp_path: Path) -> None:
         expected = network(x)[1].numpy()
     assert np.abs(exported(x.numpy()) - expected).max() < 1e-3
     assert exported.limbs == network.limbs
+
+
+WIDTH = asdict(LIGHT)
+MALFORMED = {
+    "many layers": {"architecture": {**WIDTH, "stage1": [[1, 16]] * 20_000}},
+    "wide layers": {"architecture": {**WIDTH, "stage2": [[3, 10**9]]}},
+    "large kernels": {"architecture": {**WIDTH, "stage1": [[10**6, 16]]}},
+    "infinite": {"architecture": {**WIDTH, "stage1": [[1, float("inf")]]}},
+    "no layers": {"architecture": {**WIDTH, "stage1": None}},
+    "a list": {"architecture": [1]},
+    "nothing": {"architecture": None},
+    "another entry": {"architecture": {**WIDTH, "depth": 3}},
+    "no limbs": {"limbs": None},
+    "limbs of a number": {"limbs": 3},
+    "unknown limbs": {"limbs": ["tail"]},
+}
+
+
+@pytest.mark.parametrize("case", MALFORMED)
+def test_a_malformed_header_is_refused_before_anything_is_allocated(
+    tmp_path: Path, case: str
+) -> None:
+    network = PoseNetwork(LIGHT, ["head"])
+    header = {"architecture": WIDTH, "limbs": ["head"], "info": {}, **MALFORMED[case]}
+    path = tmp_path / "malformed.safetensors"
+    texts = {name: json.dumps(value) for name, value in header.items()}
+    write_weights(path, KIND, network.state_dict(), texts)
+    for read in (load_network, read_info):
+        with pytest.raises(ValueError, match=r"malformed.safetensors contradicts itself"):
+            read(path)

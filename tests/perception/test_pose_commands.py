@@ -14,8 +14,9 @@ from PIL import Image
 
 from saver_advisors.benchmark.pose.blazepose_worker import MAPS
 from saver_advisors.benchmark.pose.pose_page import pose_page
-from saver_advisors.cli import main
+from saver_advisors.cli import main, pose
 from saver_envs.perception.network import LIGHT, PoseNetwork
+from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import JOINTS
 from saver_envs.perception.weights import save_network
 
@@ -81,7 +82,7 @@ def test_a_video(weights: Path, tmp_path: Path) -> None:
         (["PHOTO", "--out", "o.mp4"], "must be a picture"),
         (["PHOTO", "--out", "o.png", "--limbs", "tail"], "'tail' is none of head"),
         (["PHOTO", "--out", "o.png", "--weights", "PHOTO"], "argument --weights"),
-        (["BROKEN", "--out", "o.png"], "argument FILE: cannot identify image"),
+        (["BROKEN", "--out", "o.png"], "broken.png is not a picture"),
     ],
 )
 def test_mistakes_are_one_line(
@@ -164,3 +165,34 @@ def test_perception_knows_no_task_and_robots_no_torch() -> None:
         text = path.read_text()
         for room in ("tasks", "envs", "episodes", "registration", "wrappers"):
             assert f"from saver_envs.{room}" not in text, (path, room)
+
+
+def test_a_picture_has_a_name_of_its_own(
+    weights: Path, photo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["pose", str(photo), "--weights", str(weights)]) == 0
+    out = photo.with_name("photo-poses.png")
+    assert Image.open(out).size == (90, 120)
+    captured = capsys.readouterr()
+    assert f"wrote {out}" in captured.out
+    assert "warning: in 1 of 1 frames no person has a score of 0.4 or more" in captured.err
+
+
+def test_a_high_score_is_not_warned_about(
+    photo: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = Poses(np.full((1, 14, 2), 9.0), np.full((1, 14), 0.7), np.array([0.7]))
+    monkeypatch.setattr(pose, "_estimator", lambda args: lambda image: one)
+    assert main(["pose", str(photo)]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_rotated_photograph_is_turned_upright(weights: Path, tmp_path: Path) -> None:
+    image = Image.new("RGB", (90, 120))
+    exif = image.getexif()
+    exif[0x112] = 6  # the camera was turned by a quarter
+    image.save(tmp_path / "photo.jpg", exif=exif)
+    out = tmp_path / "out.png"
+    words = ["pose", str(tmp_path / "photo.jpg"), "--weights", str(weights), "--out", str(out)]
+    assert main(words) == 0
+    assert Image.open(out).size == (120, 90)

@@ -21,6 +21,7 @@ from saver_advisors.policies import files as policy_files
 from saver_advisors.policies.cards import PolicyCard, card_markdown
 from saver_advisors.policies.files import read_networks, write_card
 from saver_advisors.policies.networks import NetworkSpec
+from saver_envs.weights import read_weights, write_weights
 
 
 def observations(n=6):
@@ -255,3 +256,66 @@ def test_shipped_policies_load_and_their_cards_are_current(name):
     observation = {key: np.zeros(size) for key, size in sizes.items()}
     action, _ = load_policy(name).predict(observation)
     assert action.shape == (networks.spec.action_size,)
+
+
+DEEP = "[" * 100_000
+WRONG_CARDS = {
+    "steps": ["many", 1.5, True, -1],
+    "seed": ["0", None, 0.5],
+    "notes": [["a"], "text", None],
+    "env_kwargs": [3],
+    "networks": ["3 x 256", [1]],
+    "success": ["high", 2.0, float("nan")],
+    "wall_clock_s": [[], float("inf")],
+    "command": [None, 3],
+}
+
+
+@pytest.mark.parametrize("name", WRONG_CARDS)
+def test_cards_with_wrong_types_are_named(saved, tmp_path, name):
+    header, tensors = read_weights(saved, "saver-policy")
+    for value in WRONG_CARDS[name]:
+        path = tmp_path / "wrong.safetensors"
+        values = {**json.loads(header["card"]), name: value}
+        write_weights(path, "saver-policy", tensors, {"card": json.dumps(values)})
+        with pytest.raises(ValueError, match=rf"wrong\.safetensors .*{name}"):
+            load_policy(path)
+
+
+@pytest.mark.parametrize("text", [DEEP, "5", "[]", "{", "{}", '{"networks": ' + DEEP])
+def test_cards_that_are_none_are_named(saved, tmp_path, text):
+    _, tensors = read_weights(saved, "saver-policy")
+    path = tmp_path / "wrong.safetensors"
+    write_weights(path, "saver-policy", tensors, {"card": text})
+    with pytest.raises(ValueError, match=r"wrong\.safetensors contradicts itself"):
+        load_policy(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("inputs", [["observation", 2.5]]),
+        ("inputs", [["observation", float("inf")]]),
+        ("inputs", [[["observation"], 3]]),
+        ("inputs", 5),
+        ("actor_hidden", ["8"]),
+        ("actor_hidden", [65_536] * 64),
+        ("n_critics", 1.5),
+        ("critic_layer_norm", "yes"),
+        ("activation", ["relu"]),
+    ],
+)
+def test_networks_of_a_card_are_checked_before_memory_is_taken(saved, tmp_path, name, value):
+    header, tensors = read_weights(saved, "saver-policy")
+    card = json.loads(header["card"])
+    card["networks"][name] = value
+    path = tmp_path / "wrong.safetensors"
+    write_weights(path, "saver-policy", tensors, {"card": json.dumps(card)})
+    with pytest.raises(ValueError, match=r"wrong\.safetensors contradicts itself"):
+        load_policy(path)
+
+
+def test_a_name_that_is_too_long_for_a_path_is_unknown():
+    for load in (load_policy, load_teacher):
+        with pytest.raises(ValueError, match="is unknown"):
+            load("a" * 5_000)

@@ -18,7 +18,7 @@ from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
 from saver_envs.wrappers.sensor_noise import SensorNoise
 
 PUSH, PICK = "DualMicoPush-v0", "DualMicoPickAndPlace-v0"
-OPTIONS = {"horizon": 12, "object_size": 0.07}
+OPTIONS = {"max_episode_steps": 12, "object_size": 0.07}
 LAYOUT = Layout(ARM_AND_OBJECT, 2)
 
 
@@ -82,9 +82,9 @@ def test_the_policy_reads_the_hand_that_it_knows() -> None:
         return grasp(observation)
 
     jaco, mico = ROBOTS["jaco"], ROBOTS["mico"]
-    trials = run_trials(spy, PICK, 2, env_kwargs={"horizon": 4}, hand=jaco)
+    trials = run_trials(spy, PICK, 2, env_kwargs={"max_episode_steps": 4}, hand=jaco)
     translated, told[:] = list(told), []
-    run_trials(spy, PICK, 2, env_kwargs={"horizon": 4}, hand=mico)
+    run_trials(spy, PICK, 2, env_kwargs={"max_episode_steps": 4}, hand=mico)
     np.testing.assert_array_equal(translated[0], translated_fingers(told[0], LAYOUT, mico, jaco))
     for one in trials:
         assert one.closing[:, 1].all()

@@ -194,7 +194,7 @@ def test_advantages_of_costs_end_with_the_value_of_the_last_state():
 
 @each
 def test_the_batched_environments_of_saver(algorithm):
-    env = SaverVecEnv("DualJacoDistance-v0", 2, seed=0, horizon=10)
+    env = SaverVecEnv("DualJacoDistance-v0", 2, seed=0, max_episode_steps=10)
     model = make_model(algorithm, env)
     recorder = Recorder()
     model.learn(N_STEPS * 2, callback=recorder)
@@ -242,7 +242,7 @@ def test_a_cost_that_goes_bad_later_is_refused_too():
 
 
 def test_another_entry_can_be_the_cost():
-    env = SaverVecEnv("DualJacoDistance-v0", 1, seed=0, horizon=10)
+    env = SaverVecEnv("DualJacoDistance-v0", 1, seed=0, max_episode_steps=10)
     model = make_model(CPO, env, cost_key="cost_collision")
     model.learn(N_STEPS)
     assert model.mean_episode_cost == 0.0

@@ -61,7 +61,14 @@ def test_both_rewards_have_an_entry_and_a_rollout_holds_whole_episodes(name):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_the_command_trains_by_the_file_and_leaves_a_model(name, tmp_path):
     words = ["train", "--zoo", name, "--env", IDS[0], "--output", str(tmp_path), "--steps", "40"]
-    words += ["--env-kwargs", "horizon=10", "--set", "n_envs=2", "n_steps=10", "batch_size=10"]
+    words += [
+        "--env-kwargs",
+        "max_episode_steps=10",
+        "--set",
+        "n_envs=2",
+        "n_steps=10",
+        "batch_size=10",
+    ]
     assert main([*words, "--", "--eval-freq", "-1"]) == 0
     (saved,) = (tmp_path / name).glob(f"*/{IDS[0]}.zip")
     model = ALGORITHMS[name].load(saved, device="cpu")

@@ -31,7 +31,7 @@ ENV, TEACHER, HORIZON, N_ENVS = "DualJacoDistance-v0", "jaco-pick-and-place", 10
 BLOCK = HORIZON * N_ENVS
 SETTINGS: dict[str, Any] = {
     "env_id": ENV,
-    "env_kwargs": {"horizon": HORIZON},
+    "env_kwargs": {"max_episode_steps": HORIZON},
     "n_envs": N_ENVS,
     "total_steps": 9 * BLOCK,
     "net_arch": [8],
@@ -63,7 +63,7 @@ def _one_thread() -> None:
 
 @pytest.fixture
 def env() -> Iterator[VecEnv]:
-    made = SaverVecEnv(ENV, n_envs=N_ENVS, seed=0, horizon=HORIZON)
+    made = SaverVecEnv(ENV, n_envs=N_ENVS, seed=0, max_episode_steps=HORIZON)
     yield made
     made.close()
 

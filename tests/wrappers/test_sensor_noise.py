@@ -159,9 +159,11 @@ def actions(steps: int, n: int, size: int) -> Any:
 def test_the_same_errors_in_every_adapter(env_id: str) -> None:
     """Over the end of an episode and into the next one, with its last observation."""
     n, steps, seed = 2, HORIZON + 3, 11
-    made = [NoisySensors(gymnasium.make(env_id, horizon=HORIZON)) for _ in range(n)]
-    same = NoisyVectorSensors(SaverVectorEnv(env_id, n, horizon=HORIZON, autoreset_mode="SameStep"))
-    sb3 = NoisyVecSensors(SaverVecEnv(env_id, n, horizon=HORIZON))
+    made = [NoisySensors(gymnasium.make(env_id, max_episode_steps=HORIZON)) for _ in range(n)]
+    same = NoisyVectorSensors(
+        SaverVectorEnv(env_id, n, max_episode_steps=HORIZON, autoreset_mode="SameStep")
+    )
+    sb3 = NoisyVecSensors(SaverVecEnv(env_id, n, max_episode_steps=HORIZON))
     sb3.seed(seed)
     singles = [env.reset(seed=seed + i)[0]["observation"] for i, env in enumerate(made)]
     vector, of_sb3 = same.reset(seed=seed)[0]["observation"], sb3.reset()["observation"]
@@ -188,8 +190,10 @@ def test_the_same_errors_in_every_adapter(env_id: str) -> None:
 def test_a_new_episode_has_a_new_offset(mode: AutoresetMode) -> None:
     silent = dict.fromkeys(SensorNoise().__dict__, 0.0)
     noise = SensorNoise(**{**silent, "object_offset": 0.01})
-    env = NoisyVectorSensors(SaverVectorEnv(PUSH, 2, horizon=HORIZON, autoreset_mode=mode), noise)
-    plain = SaverVectorEnv(PUSH, 2, horizon=HORIZON, autoreset_mode=mode)
+    env = NoisyVectorSensors(
+        SaverVectorEnv(PUSH, 2, max_episode_steps=HORIZON, autoreset_mode=mode), noise
+    )
+    plain = SaverVectorEnv(PUSH, 2, max_episode_steps=HORIZON, autoreset_mode=mode)
     seen, exact_one = env.reset(seed=3)[0], plain.reset(seed=3)[0]
     part = slices()["object position"]
     offsets = [(seen["observation"] - exact_one["observation"])[:, part]]
@@ -208,8 +212,8 @@ def test_a_new_episode_has_a_new_offset(mode: AutoresetMode) -> None:
 
 
 def test_rewards_and_goals_stay_exact() -> None:
-    noisy = NoisySensors(gymnasium.make(PUSH, horizon=HORIZON), SensorNoise().scaled(10))
-    plain = gymnasium.make(PUSH, horizon=HORIZON)
+    noisy = NoisySensors(gymnasium.make(PUSH, max_episode_steps=HORIZON), SensorNoise().scaled(10))
+    plain = gymnasium.make(PUSH, max_episode_steps=HORIZON)
     first, second = noisy.reset(seed=5)[0], plain.reset(seed=5)[0]
     for action in actions(HORIZON, 1, 6)[:, 0]:
         for key in ("achieved_goal", "desired_goal"):
@@ -221,7 +225,7 @@ def test_rewards_and_goals_stay_exact() -> None:
 
 
 def test_gymnasiums_checker_is_content() -> None:
-    env = NoisySensors(gymnasium.make(PICK, horizon=HORIZON).unwrapped, SensorNoise())
+    env = NoisySensors(gymnasium.make(PICK, max_episode_steps=HORIZON).unwrapped, SensorNoise())
     check_env(env, skip_render_check=True)
 
 

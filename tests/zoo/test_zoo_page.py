@@ -42,10 +42,10 @@ def shortened(words: list[str]) -> list[str]:
             ours, theirs = words[:at], words[at + 1 :]
         # Students of this algorithm start as their teachers, whom small networks cannot hold.
         small = STARTING if "goal_td3" in words else TINY
-        tiny = ["--steps", "80", "--env-kwargs", "horizon=10", "--set", *small]
+        tiny = ["--steps", "80", "--env-kwargs", "max_episode_steps=10", "--set", *small]
         return [*ours, *tiny, "--", "--eval-freq", "-1", *theirs]
     if "rl_zoo3.train" in words:
-        tiny = ["-n", "80", "--env-kwargs", "horizon:10", "--eval-freq", "-1"]
+        tiny = ["-n", "80", "--env-kwargs", "max_episode_steps:10", "--eval-freq", "-1"]
         return [*words, *tiny, "--hyperparams", *TINY_HYPERPARAMETERS]
     return [*words, "-n", "20"]
 

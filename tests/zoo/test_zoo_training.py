@@ -142,7 +142,7 @@ def test_what_is_saved_is_readable_and_loads_everywhere(tmp_path: Path) -> None:
     plain = TD3.load(folder / f"{DUAL}.zip", env=env)
     assert type(plain) is TD3
     assert plain.advice_state["teachers"] == ["jaco-push"] * 2  # type: ignore[attr-defined]
-    words = ["evaluate", "--env", DUAL, "--episodes", "2", "--env-kwargs", "horizon=10"]
+    words = ["evaluate", "--env", DUAL, "--episodes", "2", "--env-kwargs", "max_episode_steps=10"]
     assert main([*words, "--policy", str(folder)]) == 0
 
 
@@ -276,7 +276,7 @@ def plain(algorithm: str, env: str, output: Path) -> list[str]:
     return [
         *("--gym-packages", "saver_envs", "--conf-file", str(CONFIGS / f"{algorithm}.yml")),
         *("--algo", algorithm, "--env", env, "-f", str(output), "-n", "80", "--seed", "3"),
-        *("--env-kwargs", "horizon:10", "--eval-freq", "20", "--log-interval", "1000"),
+        *("--env-kwargs", "max_episode_steps:10", "--eval-freq", "20", "--log-interval", "1000"),
         "--hyperparams",
         *(f"{name}:{value!r}" for name, value in values.items()),
     ]
@@ -324,8 +324,8 @@ def test_easier_starts_are_kept_from_evaluations(
     with monkeypatch.context() as patch:
         words = tiny("sac", env, tmp_path, "--", "--eval-freq", "20")
         found = kwargs_by_purpose(patch, lambda: main(words))
-    assert found[False] == {"horizon": 10, "in_hand_probability": 0.4}
-    assert found[True] == {"horizon": 10, "in_hand_probability": 0.0}
+    assert found[False] == {"max_episode_steps": 10, "in_hand_probability": 0.4}
+    assert found[True] == {"max_episode_steps": 10, "in_hand_probability": 0.0}
     words = [
         *("--conf-file", str(CONFIGS / "sac.yml"), "--algo", "sac", "--env", env),
         *("-f", str(tmp_path), "--seed", "1"),
@@ -363,7 +363,7 @@ def test_the_best_model_is_the_one_that_succeeds_most_often(
 
 
 def _make(env_id: str) -> Any:
-    return Monitor(gymnasium.make(f"saver_envs:{env_id}", horizon=10))
+    return Monitor(gymnasium.make(f"saver_envs:{env_id}", max_episode_steps=10))
 
 
 @pytest.mark.parametrize(

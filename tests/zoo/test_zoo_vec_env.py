@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, is
 import saver_envs  # noqa: F401
 from saver_advisors.zoo.vec_env import BatchedVecEnv
 
-OPTIONS: dict[str, Any] = {"horizon": 8, "object_mass": 0.4}
+OPTIONS: dict[str, Any] = {"max_episode_steps": 8, "object_mass": 0.4}
 
 
 def make(vec_env_class: type[VecEnv], folder: Path | None, **more: Any) -> VecEnv:

@@ -38,7 +38,15 @@ def tiny(
     rest = list(map(str, more))
     ours, theirs = (rest, []) if "--" not in rest else _split(rest)
     words = ["train", "--zoo", algorithm, "--env", env, "--output", str(output)]
-    words += ["--steps", str(steps), "--env-kwargs", "horizon=10", *ours, "--set", *settings]
+    words += [
+        "--steps",
+        str(steps),
+        "--env-kwargs",
+        "max_episode_steps=10",
+        *ours,
+        "--set",
+        *settings,
+    ]
     return [*words, "--", "--eval-freq", "-1", "--log-interval", "1000", *theirs]
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -70,18 +71,28 @@ def install(peer: Peer, cache: Path) -> Path:
     :return: its Python
     :raises PeerError: if a package cannot be installed
     """
-    folder = cache / peer.suite
+    return environment(cache / peer.suite, [list(peer.requirements)], peer.suite)
+
+
+def environment(folder: Path, installs: Sequence[Sequence[str]], name: str) -> Path:
+    """Create a virtual environment, unless it exists with the same installations.
+
+    :param folder: of the environment
+    :param installs: arguments of ``pip install``, one list per call
+    :param name: what is installed, for messages
+    :return: its Python
+    :raises PeerError: if an installation fails
+    """
     python = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
     complete = folder / COMPLETE
-    wanted = json.dumps(peer.requirements)
+    wanted = json.dumps([list(one) for one in installs])
     if complete.is_file() and complete.read_text(encoding="utf-8") == wanted:
         return python
-    print(f"installing {', '.join(peer.requirements)} into {folder}", flush=True)
-    for command in (
-        [sys.executable, "-m", "venv", "--clear", str(folder)],
-        [str(python), "-m", "pip", "install", "--quiet", *peer.requirements],
-    ):
-        run_quietly(command, f"{peer.suite} cannot be installed")
+    print(f"installing {name} into {folder}", flush=True)
+    run_quietly([sys.executable, "-m", "venv", "--clear", str(folder)], f"{name}: no environment")
+    for words in installs:
+        pip = [str(python), "-m", "pip", "install", "--quiet", *words]
+        run_quietly(pip, f"{name} cannot be installed")
     complete.write_text(wanted, encoding="utf-8")
     return python
 

@@ -22,8 +22,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
-from saver_advisors.benchmark.recorder import Predict, Recorder, Weights
 from saver_advisors.evaluation.protocol import training_seed
+from saver_advisors.experiments.recorder import Predict, Recorder, Weights
 
 IMPORTED: Final = "import:"
 """Prefix of keyword arguments that name a class or a function."""
@@ -158,7 +158,7 @@ def _module_of(name: str) -> Any:
     """Import a module by its name or its file."""
     if not name.endswith(".py"):
         if (here := os.getcwd()) not in sys.path:
-            sys.path.insert(0, here)  # like `python -m`, unlike a console script
+            sys.path.append(here)  # last: a file of the folder hides no installed package
         return importlib.import_module(name)
     path = Path(name)
     if not path.is_file():
@@ -171,12 +171,18 @@ def _module_of(name: str) -> Any:
     return module
 
 
-def source_sha256(algorithm: Any) -> str | None:
-    """Return the digest of the algorithm's file, None without a file."""
-    try:
-        return hashlib.sha256(Path(inspect.getfile(algorithm)).read_bytes()).hexdigest()
-    except (TypeError, OSError):
+def file_sha256(word: str) -> str | None:
+    """Return the digest of the file that an algorithm's name contains, without importing it.
+
+    :param word: ``FILE.py:CLASS``; None is returned for ``MODULE:CLASS``
+    :raises ValueError: for a file that does not exist
+    """
+    path = Path(word.rpartition(":")[0])
+    if path.suffix != ".py":
         return None
+    if not path.is_file():
+        raise ValueError(f"the file {str(path)!r} does not exist")
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
@@ -218,6 +224,7 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
     from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.noise import NormalActionNoise
 
+    from saver_advisors.evaluation.protocol_env import ProtocolVecEnv
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     plan = recorder.plan
@@ -229,15 +236,14 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
             recorder.advance(self.num_timesteps - recorder.steps)
             return not recorder.spent
 
-    env = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
+    batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
+    env = ProtocolVecEnv(batch, plan.seed)
     try:
         policy = kwargs.pop("policy", "MultiInputPolicy")
         if (deviation := kwargs.pop(NOISE, None)) is not None:
             size = int(np.prod(env.action_space.shape or ()))
             kwargs["action_noise"] = NormalActionNoise(np.zeros(size), np.full(size, deviation))
         model = _build(lambda: algorithm(policy, env, seed=plan.seed, **kwargs), recorder)
-        # SB3's constructor has seeded the environments with the run's seed.
-        env.seed(training_seed(plan.seed))
         recorder.begin(
             lambda observation: model.predict(observation, deterministic=True)[0],
             _weights_of(model.policy),

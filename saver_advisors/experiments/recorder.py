@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
-from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
+from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED, off_protocol
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
 
@@ -53,6 +53,7 @@ class BenchmarkPlan:
     :param report_episodes: episodes of the reported evaluation
     :param teacher_steps: environment steps that trained its teachers, as stated by its author
     :param demonstration_steps: environment steps of its demonstrations, as stated by its author
+    :param group: of the grid that the run is part of, None outside a grid
     """
 
     name: str
@@ -70,10 +71,24 @@ class BenchmarkPlan:
     report_episodes: int
     teacher_steps: int = 0
     demonstration_steps: int = 0
+    group: str | None = None
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, for ``from_mapping``."""
+        return asdict(self)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> BenchmarkPlan:
+        """Restore a plan.
+
+        :param values: what ``to_mapping`` returned
+        :raises TypeError: for a missing or unknown entry
+        """
+        return cls(**values)
 
     def config(self) -> dict[str, Any]:
         """Return the settings that determine the outcome, as the result file contains them."""
-        labels = ("name", "row", "teacher_steps", "demonstration_steps")
+        labels = ("name", "row", "group", "teacher_steps", "demonstration_steps")
         settings = {name: value for name, value in asdict(self).items() if name not in labels}
         return {**settings, "eval_seed": SELECTION_SEED, "report_seed": REPORT_SEED}
 
@@ -85,11 +100,13 @@ class Recorder:
     :param plan: of the run
     :param folder: of its file and its weights
     :param progress: called after each evaluation with its entry of the curve
+    :param stepped: called with the number of steps so far, whenever it has grown
     """
 
     plan: BenchmarkPlan
     folder: Path
     progress: Callable[[dict[str, Any]], None] = lambda line: None
+    stepped: Callable[[int], None] = lambda steps: None
     steps: int = field(default=0, init=False)
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
     _predict: Predict | None = field(default=None, init=False)
@@ -131,6 +148,7 @@ class Recorder:
         """
         before, every = self.steps, self.plan.eval_every
         self.steps += steps
+        self.stepped(self.steps)
         ended = self.spent and before < self.plan.total_steps
         if ended or (self.steps // every > before // every and not self.spent):
             self._measure()
@@ -207,6 +225,7 @@ class Recorder:
         record = {
             "kind": KIND,
             "name": self.plan.name,
+            "group": self.plan.group,
             "task": self.plan.env_id,
             "row": self.plan.row,
             "seed": self.plan.seed,
@@ -216,6 +235,7 @@ class Recorder:
             "teacher_steps": self.plan.teacher_steps,
             "demonstration_steps": self.plan.demonstration_steps,
             "finished": finished,
+            "off_protocol": off_protocol(self.plan.config(), ending["final"]) if finished else None,
             **ending,
             "sessions": [{"from_steps": 0, **self._started}],
             "provenance": self._started,

@@ -1,0 +1,1 @@
+"""Third-party libraries, tried with our environments."""
