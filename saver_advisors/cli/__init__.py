@@ -24,6 +24,15 @@ COMMANDS: Final = {
     "demo": "play the shipped policies, train for two minutes and write a report page",
 }
 
+#: Commands that moved to the reproduction package; ``docs`` is called ``pages`` there.
+MOVED: Final = {"docs": "python -m reproduction pages"} | {
+    f"benchmark {name}": f"python -m reproduction {name}"
+    for name in (
+        *("advising", "constraints", "transfer", "ik", "id", "modelling"),
+        *("kinematics", "tracking", "learning", "wrist-push", "safe"),
+    )
+}
+
 DESCRIPTION: Final = """\
 Environments for robots that move injured people, and a kit that trains policies for them."""
 
@@ -51,6 +60,7 @@ SAVER: Final = Program(
         name: (f"saver_advisors.cli.{name.replace('-', '_')}", summary)
         for name, summary in COMMANDS.items()
     },
+    moved=MOVED,
     examples=EXAMPLES,
     version=_version(),
     extras={"pose": "pose", "train-pose": "pose", "model": "modelling"},

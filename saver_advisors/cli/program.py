@@ -39,6 +39,7 @@ class Program:
     :param name: what the user types.
     :param description: shown by ``--help``.
     :param commands: name -> module and a line of help.
+    :param moved: names of commands that moved -> the command to call instead.
     :param examples: shown at the end of ``--help``.
     :param version: shown by ``--version``; no such option where empty.
     :param extras: names of commands -> the extra of the package that they need.
@@ -48,6 +49,7 @@ class Program:
     name: str
     description: str
     commands: Mapping[str, tuple[str, str]]
+    moved: Mapping[str, str] = field(default_factory=dict)
     examples: str = ""
     version: str = ""
     extras: Mapping[str, str] = field(default_factory=dict)
@@ -83,7 +85,12 @@ class Program:
         """
         arguments = list(sys.argv[1:] if argv is None else argv)
         _choose_renderer()
-        command = next((word for word in arguments if not word.startswith("-")), "")
+        words = [word for word in arguments if not word.startswith("-")]
+        for old in (" ".join(words[:1]), " ".join(words[:2])):
+            if new := self.moved.get(old):
+                print(f"{self.name}: error: '{self.name} {old}' is now '{new}'", file=sys.stderr)
+                return 2
+        command = words[0] if words else ""
         parser = self.parser(command)
         try:
             args = parser.parse_args(arguments)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import ROOT, Saver, read_json, tiny_train
 
-from saver_advisors.cli import COMMANDS
+from saver_advisors.cli import COMMANDS, main
 from saver_envs.registration import ENVIRONMENTS
 
 NAME = "jaco-push"
@@ -244,3 +244,9 @@ def test_demo(saver: Saver, tmp_path: Path) -> None:
     assert content == read_json(tmp_path / "copy.json")
     assert {one["policy"] for one in content["evaluations"]} >= {NAME, "random"}
     assert all(path.stat().st_size < 2_000_000 for path in tmp_path.glob("*.mp4"))
+
+
+@pytest.mark.parametrize("old", ["docs --check", "benchmark ik --json x.json", "benchmark safe"])
+def test_a_command_that_moved_says_where(old: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(old.split()) == 2
+    assert "is now 'python -m reproduction " in capsys.readouterr().err
