@@ -100,7 +100,8 @@ def installed(library: Library, cache: Path) -> Path:
     together = [one for each in LIBRARIES if not each.pin for one in each.requirements]
     theirs = library.requirements if library.pin else together
     constraints = ["-c", str(REPOSITORY / "constraints.txt")]
-    steps = [[TORCH], [*constraints, *ours, *theirs]] if library.extra else [[*ours, *theirs]]
+    # Theirs come last and unconstrained: the pins are of our tests, not of our requirements.
+    steps = [[TORCH], [*constraints, *ours], list(theirs)] if library.extra else [[*ours, *theirs]]
     if library.unresolved:
         steps.append(["--no-deps", *library.unresolved])
     return environment(cache / f"ecosystem-{name}", steps, library.name)
