@@ -375,7 +375,10 @@ def test_deviations_from_the_protocol_are_listed(
     assert all(one.startswith(start) for one, start in zip(found, told, strict=True))
 
 
-def test_runs_off_protocol_are_marked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_off_protocol_are_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")  # wide enough for a cell in one line
     ours, yours = tmp_path / "ours", tmp_path / "yours"
     for folder in (ours, yours):
         folder.mkdir()
