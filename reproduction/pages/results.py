@@ -15,6 +15,7 @@ from saver_advisors.reporting.tables import markdown
 PAGES: Final = {
     "advising": "advising-results.md",
     "constraints": "constraints-results.md",
+    "ecosystem": "ecosystem.md",
     "kinematics": "modelling-in-use.md",
     "learning": "learning-speed.md",
     "modelling-time": "modelling-time.md",
