@@ -15,6 +15,7 @@ import torch
 from sb3_contrib import TQC
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
+from tiny_runs import TINY_RUN
 from torch import nn
 
 from saver_advisors.advising import make_advisor
@@ -26,18 +27,6 @@ from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-CONFIG = RunConfig(
-    "JacoPush-v0",
-    env_kwargs={"max_episode_steps": 10},
-    n_envs=2,
-    total_steps=40,
-    net_arch=(8,),
-    batch_size=16,
-    gradient_steps=1,
-    buffer_size=400,
-    eval_every=20,
-    eval_episodes=2,
-)
 MODELS: dict[str, tuple[type[Any], dict[str, Any]]] = {
     "ddpg": (DDPG, {"net_arch": {"pi": [8], "qf": [9, 9]}}),
     "td3": (TD3, {"net_arch": [16, 8], "activation_fn": nn.Tanh}),
@@ -171,7 +160,7 @@ def test_tensors_that_do_not_fit_together_are_refused_before_memory_is_taken(
 @pytest.mark.parametrize("algorithm", ["td3", "sac"])
 def test_a_run_is_a_teacher(seen: tuple[Any, Any, Any], tmp_path: Path, algorithm: str) -> None:
     run = tmp_path / "run"
-    config = RunConfig.from_mapping({**CONFIG.to_mapping(), "algorithm": algorithm})
+    config = RunConfig.from_mapping({**TINY_RUN.to_mapping(), "algorithm": algorithm})
     with pytest.raises(ValueError, match="is not the folder of a run that has a policy"):
         load_teacher(tmp_path)
     train(config, run, progress=False)
@@ -222,14 +211,14 @@ def test_a_function_advises(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_every_kind_of_teacher_works_in_settings_and_commands(
     env: SaverVecEnv, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    train(CONFIG, tmp_path / "run", progress=False)
+    train(TINY_RUN, tmp_path / "run", progress=False)
     built(env, *MODELS["td3"]).save(tmp_path / "mine.zip")
     for number, teacher in enumerate(
         (str(tmp_path / "run"), str(tmp_path / "mine.zip"), f"{__name__}:towards")
     ):
         config = RunConfig.from_mapping(
             {
-                **CONFIG.to_mapping(),
+                **TINY_RUN.to_mapping(),
                 "env_id": "DualJacoPush-v0",
                 "advice": {"strategy": "early", "teacher": [teacher, "jaco-push"], "budget": 20},
             }

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import torch
 from gymnasium.utils import seeding
+from tiny_runs import TINY_RUN
 
 from saver_advisors.cli import main
 from saver_advisors.evaluation.protocol import (
@@ -26,20 +27,7 @@ from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.episodes import Episodes
 
 SEED = 3
-CONFIG = RunConfig(
-    "JacoPush-v0",
-    env_kwargs={"max_episode_steps": 10},
-    seed=SEED,
-    n_envs=2,
-    total_steps=60,
-    net_arch=(8,),
-    batch_size=16,
-    gradient_steps=1,
-    buffer_size=400,
-    eval_every=20,
-    eval_episodes=3,
-    checkpoint_every=40,
-)
+CONFIG = replace(TINY_RUN, seed=SEED, total_steps=60, eval_episodes=3, checkpoint_every=40)
 Way = Callable[[Path], Any]
 
 

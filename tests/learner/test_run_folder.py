@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tiny_runs import TINY_RUN
 
 from saver_advisors.cli import main
 from saver_advisors.training.checkpoint import read_state
@@ -25,19 +26,7 @@ from saver_advisors.training.run_folder import FolderInUseError, locked, read_re
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.files import read_json, written_whole
 
-CONFIG = RunConfig(
-    "JacoPush-v0",
-    env_kwargs={"max_episode_steps": 10},
-    n_envs=2,
-    total_steps=40,
-    net_arch=(8,),
-    batch_size=16,
-    gradient_steps=1,
-    buffer_size=400,
-    eval_every=20,
-    eval_episodes=2,
-    checkpoint_every=20,
-)
+CONFIG = replace(TINY_RUN, checkpoint_every=20)
 LONGER = replace(CONFIG, total_steps=60)
 FILES = ("policy.safetensors", "training.safetensors", "replay.npz", "state.json")
 
