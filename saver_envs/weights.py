@@ -69,8 +69,7 @@ def read_weights(
 ) -> tuple[Header, dict[str, Tensor]]:
     """Read and verify a weight file.
 
-    Shapes and dtypes are compared before a tensor is read. Files written before checksums were
-    introduced have none and are read without.
+    Shapes and dtypes are compared before a tensor is read.
 
     :param path: of the file.
     :param kind: what the file must hold, such as ``saver-policy``.
@@ -96,8 +95,7 @@ def read_weights(
             tensors = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError) as error:
         raise _incomplete(path, error) from error
-    written = header.pop("sha256", None)
-    if header.get("format") == f"{kind}-2" and written != _checksum(tensors, header):
+    if header.pop("sha256", None) != _checksum(tensors, header):
         raise ValueError(f"{path} is damaged: its checksum does not match")
     if may_be_infinite is not None:
         check_finite(path, tensors, may_be_infinite)
@@ -121,9 +119,7 @@ def check_finite(
 
 
 def _header(path: str | Path, kind: str, metadata: Header) -> Header:
-    # Version 1 has no checksum. Checkpoints of that version have no header at all.
-    old_checkpoint = kind == "saver-checkpoint" and not metadata
-    if not old_checkpoint and metadata.get("format") not in (f"{kind}-1", f"{kind}-2"):
+    if metadata.get("format") != f"{kind}-2":
         raise ValueError(f"{path} is not a {kind} file: its header does not say {kind!r}")
     return dict(metadata)
 

@@ -137,8 +137,6 @@ def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, 
 def read_state(folder: Path) -> dict[str, Any]:
     """Read a checkpoint's counters and the caller's values, and verify the checksums of its files.
 
-    Checkpoints written before checksums were introduced have none and are read without.
-
     :param folder: from ``find_checkpoint``.
     :return: ``steps``, ``updates``, ``episodes``, ``random`` and ``extra``.
     :raises FileNotFoundError: if a file is missing.
@@ -146,14 +144,13 @@ def read_state(folder: Path) -> dict[str, Any]:
     """
     path = folder / STATE_FILE
     state = read_json(path)
-    wanted = {"steps", "updates", "episodes", "random", "extra"}
+    wanted = {"steps", "updates", "episodes", "random", "extra", "files", "sha256"}
     lacking = sorted(wanted - set(state)) if isinstance(state, dict) else sorted(wanted)
     if lacking or not isinstance(state["extra"], dict):
         raise ValueError(f"{path} is not a checkpoint's state: it lacks {lacking or 'extra'}")
-    written = state.pop("sha256", None)
-    if (written is not None or "files" in state) and written != _checksum(state):
+    if state.pop("sha256") != _checksum(state):
         raise ValueError(f"{path} is damaged: its checksum does not match")
-    for name, checksum in state.get("files", {}).items():
+    for name, checksum in state["files"].items():
         if not (folder / name).is_file():
             raise FileNotFoundError(f"{folder / name} is missing: restore it, or start a new run")
         if _file_checksum(folder / name) != checksum:

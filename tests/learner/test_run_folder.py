@@ -19,7 +19,7 @@ import pytest
 from tiny_runs import TINY_RUN
 
 from saver_advisors.cli import main
-from saver_advisors.training.checkpoint import read_state
+from saver_advisors.training.checkpoint import _checksum, _file_checksum, read_state
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.run_folder import FolderInUseError, locked, read_record
@@ -154,24 +154,28 @@ def test_a_missing_file_of_a_checkpoint_is_named(run: Path) -> None:
         resume(run)
 
 
-def without_checksums(run: Path) -> None:
-    """As the checkpoint of an earlier version."""
+def seal(checkpoint: Path) -> None:
+    """Give a checkpoint the checksums of its files, as if they had been written so."""
+    path = checkpoint / "state.json"
+    state = json.loads(path.read_text())
+    del state["sha256"]
+    state["files"] = {name: _file_checksum(checkpoint / name) for name in state["files"]}
+    path.write_text(json.dumps({**state, "sha256": _checksum(state)}))
+
+
+def test_a_checkpoint_without_checksums_is_refused(run: Path) -> None:
     path = run / "latest" / "state.json"
     state = json.loads(path.read_text())
     del state["sha256"], state["files"]
     path.write_text(json.dumps(state))
-
-
-def test_checkpoints_from_before_checksums_go_on(run: Path) -> None:
-    without_checksums(run)
-    assert resume(run).finished
+    with pytest.raises(ValueError, match=r"state\.json .* lacks \['files', 'sha256'\]"):
+        resume(run)
 
 
 @pytest.mark.parametrize("name", ["observation", "slot", "header"])
 def test_a_small_file_that_holds_a_large_array_is_refused_unread(
     run: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    without_checksums(run)
     path = run / "latest" / "replay.npz"
     with zipfile.ZipFile(path) as archive:
         members = {one: archive.read(one) for one in archive.namelist()}
@@ -185,6 +189,7 @@ def test_a_small_file_that_holds_a_large_array_is_refused_unread(
                     np.lib.format.write_array_header_1_0(file, header)
                 else:
                     file.write(content)
+    seal(path.parent)
     read = np.lib.format.read_array
     sizes = []
 

@@ -32,6 +32,7 @@ from saver_envs.modelling.networks import (
     build_network,
 )
 from saver_envs.modelling.newton_euler import inverse_dynamics
+from saver_envs.weights import write_weights
 
 SMALL = MLPArchitecture(layers=2, width=32)
 QUICK = Training(epochs=4, batch_size=64)
@@ -454,7 +455,7 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
     save_file({"weight": torch.zeros(3)}, path)
     with pytest.raises(ValueError, match="is not a saver-inverse-model file"):
         load_model(path)
-    header = {"format": "saver-inverse-model-1", "model": "mlp", "robot": "mico", "task": "ik"}
-    save_file({"weight": torch.zeros(3)}, path, metadata=header)
+    header = {"model": "mlp", "robot": "mico", "task": "ik"}
+    write_weights(path, "saver-inverse-model", {"weight": torch.zeros(3)}, header)
     with pytest.raises(ValueError, match="contradicts itself"):
         load_model(path)

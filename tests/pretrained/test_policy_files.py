@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import torch
-from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from saver_advisors.advising import make_advisor
@@ -140,12 +139,11 @@ def test_nothing_is_ever_unpickled(tmp_path, monkeypatch):
 
 
 def tamper(path, change):
-    """Rewrite a weight file after `change(tensors, card)`, as a file without a checksum."""
-    with safe_open(path, framework="pt") as file:
-        metadata = file.metadata()
-    tensors, card = load_file(path), json.loads(metadata["card"])
+    """Rewrite a weight file after `change(tensors, card)`, with the checksum of its content."""
+    header, tensors = read_weights(path, "saver-policy")
+    card = json.loads(header["card"])
     change(tensors, card)
-    save_file(tensors, path, metadata={"format": "saver-policy-1", "card": json.dumps(card)})
+    write_weights(path, "saver-policy", tensors, {"card": json.dumps(card)})
 
 
 def _set(mapping, key, value):
