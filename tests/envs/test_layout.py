@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rollouts import begun, cubes_of, objects_of
 
 from saver_envs.tasks.layout import Layout, Part
 
@@ -50,6 +51,23 @@ def test_parts_are_views() -> None:
     layout.get(vector, "a")[:, 1] = 7
     layout.get(vector, "b")[:] = 9
     assert vector.tolist() == [[0, 0, 7, 7, 9]]
+
+
+def test_velocities_are_displacements_of_an_action() -> None:
+    """SPEC 2: linear and angular velocities of an observation are times 0.04 s."""
+    episodes = begun("JacoPush-v0", 1, control="joints")
+    episodes.simulation.qvel[0, cubes_of(episodes).dof[0]] = [0, 0, 0, 0, 0, 9]
+    episodes._read()
+    objects, arms = objects_of(episodes), episodes.simulation.arm_state()
+    layout, seen = episodes.task.observation_layout, episodes.observation().observation
+    expected = {
+        "object linear velocity": objects.linear_velocity,
+        "object angular velocity": objects.angular_velocity,
+        "gripper linear velocity": arms.tool_velocity,
+    }
+    assert np.abs(objects.angular_velocity).max() > 1
+    for name, velocity in expected.items():
+        np.testing.assert_allclose(layout.get(seen, name), 0.04 * velocity, rtol=1e-6)
 
 
 def test_an_unknown_part_is_named() -> None:

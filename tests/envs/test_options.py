@@ -105,6 +105,22 @@ def test_joint_targets_do_not_run_away_from_a_blocked_arm(rated: bool) -> None:
     assert max(ahead) <= JOINT_LEAD + 0.05
 
 
+@pytest.mark.parametrize("direction", [-1, 1])
+def test_joint_targets_stay_within_the_limits_of_the_joints(direction: int) -> None:
+    robot = make_episodes("JacoPush-v0").scene.robot
+    limit = np.array(robot.joint_upper if direction > 0 else robot.joint_lower)
+    for joint in np.flatnonzero(np.isfinite(limit)):
+        episodes = begun("JacoPush-v0", 1, control="joints")
+        scene, simulation = episodes.scene, episodes.simulation
+        simulation.qpos[0, scene.joint_qpos[0, joint]] = limit[joint] - direction * 0.01
+        simulation.ctrl[0, scene.arm_ctrl[0, joint]] = limit[joint] - direction * 0.01
+        episodes._read()
+        action = np.zeros((1, episodes.action_size))
+        action[0, joint] = direction
+        episodes.step(action)
+        assert simulation.ctrl[0, scene.arm_ctrl[0, joint]] == limit[joint]
+
+
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.5])
 def test_max_speed(speed: float) -> None:
     episodes = begun("JacoPickAndPlace-v0", 8, max_speed=speed)

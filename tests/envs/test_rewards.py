@@ -80,6 +80,21 @@ def test_success_is_per_object_and_not_of_the_whole_vector() -> None:
     assert task.reward(one_far, desired) == -1
 
 
+def test_a_goal_is_reached_at_the_threshold_itself() -> None:
+    task = make_episodes("JacoPush-v0", success_threshold=0.0625).task
+    at, beyond = np.array([0.0625, 0, 0]), np.array([np.nextafter(0.0625, 1), 0, 0])
+    assert (task.reward(at, np.zeros(3)), task.reward(beyond, np.zeros(3))) == (0, -1)
+
+
+def test_dense_rewards_are_minus_the_distances() -> None:
+    achieved = np.array([0.3, 0.4, 0, 0, 0, 0.25])
+    assert make_episodes("DualJacoPushDense-v0").task.reward(achieved, np.zeros(6)) == -0.75
+    distance = make_episodes("DualJacoDistanceDense-v0", reward_stage="constrained").task
+    goal = np.append(np.zeros(6), 0.35)
+    reward = distance.reward(np.append(achieved, 0.45), goal)
+    assert reward == pytest.approx(-0.75 - 0.1)
+
+
 @pytest.mark.parametrize("env_id", ALL_IDS)
 def test_steps_give_the_reward_of_their_goals(env_id: str) -> None:
     """Bit for bit from what was handed out, so that a relabelling buffer finds the same."""
