@@ -7,6 +7,8 @@ VENV ?= .venv
 PYTHON ?= python3
 TORCH ?= torch==2.13.0
 PYTEST_WORKERS ?= 2
+FUZZ_CASES ?= 200
+SEED ?= 0
 
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.saver-installed
@@ -21,7 +23,7 @@ endif
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-long lint format docs wheel rendering clean distclean
+.PHONY: help install demo test test-long fuzz mutants lint format docs wheel rendering clean distclean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -60,6 +62,13 @@ test: lint rendering  ## lint, types and tests, within ten minutes
 test-long: $(CLUSTER_STAMP) rendering  ## the tests that take longer
 	$(BIN)/python -m pytest -m long --durations=0
 
+fuzz: $(STAMP)  ## thousands of bad inputs: FUZZ_CASES for each test, drawn by SEED
+	FUZZ_CASES=$(FUZZ_CASES) $(BIN)/python -m pytest tests/fuzz --hypothesis-seed=$(SEED) \
+	  -o faulthandler_timeout=120 -o faulthandler_exit_on_timeout=true
+
+mutants: $(STAMP)  ## 200 faults made in the code, drawn by SEED: how many do the tests notice?
+	$(BIN)/python tools/mutants.py --seed $(SEED) --workers $(PYTEST_WORKERS) --coverage .mutants
+
 lint: $(STAMP)  ## ruff and mypy, nothing is changed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -77,7 +86,7 @@ wheel: $(STAMP)  ## build the sdist and the wheel into dist/
 	$(BIN)/python -m build
 
 clean:  ## remove what the other targets made, but for the virtual environment
-	rm -rf build dist site demo_output *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf build dist site demo_output *.egg-info .mutants .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find saver_envs saver_advisors reproduction tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean  ## and the virtual environment .venv

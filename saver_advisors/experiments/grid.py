@@ -32,7 +32,7 @@ from typing import Any, Final
 
 from saver_advisors.evaluation.protocol import EVALUATE_EVERY
 from saver_advisors.experiments.recorder import BenchmarkPlan
-from saver_advisors.training.settings import RunConfig, naming
+from saver_advisors.training.settings import RunConfig, naming, read_mapping
 
 DEFAULT_FINAL_EPISODES: Final = 500
 GRID_KEYS: Final = ("title", "final_episodes", "groups")
@@ -120,13 +120,7 @@ def read_grid(path: str | Path) -> Grid:
     :raises ValueError: for an invalid entry, with its place in the file
     :raises OSError: if the file cannot be read
     """
-    import yaml
-
-    path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path} is not valid YAML: {error}") from error
+    content = read_mapping(Path(path))
     try:
         return _grid(_mapping(content, "the file", GRID_KEYS))
     except (TypeError, ValueError) as error:

@@ -23,13 +23,13 @@ def read_curve(folder: str | Path) -> list[dict[str, Any]]:
     :raises ValueError: for another line that is not the point of a curve; the message names it.
     """
     path = Path(folder) / CURVE_FILE
-    lines = path.read_text(encoding="utf-8").splitlines(True) if path.is_file() else []
+    lines = path.read_bytes().splitlines(True) if path.is_file() else []
     points: list[dict[str, Any]] = []
     for number, text in enumerate(lines, 1):
         try:
             point = json.loads(text)
         except (ValueError, RecursionError) as error:
-            if number == len(lines) and not text.endswith("\n"):
+            if number == len(lines) and not text.endswith(b"\n"):
                 break
             raise ValueError(f"{path}: line {number} is not JSON: {error}") from error
         if not is_point(point):

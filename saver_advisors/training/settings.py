@@ -324,6 +324,8 @@ def naming(subject: str) -> Iterator[None]:
 def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
     """Create a configuration from names and values, with errors that name the setting."""
     prefix = _PREFIXES[cls.__name__]
+    if not isinstance(values, Mapping):
+        raise TypeError(f"{prefix.rstrip('.')}: {values!r} must be a mapping of settings")
     types = {f.name: str(f.type) for f in fields(cls)}
     unknown = sorted(str(name) for name in set(values) - set(types))
     if unknown:

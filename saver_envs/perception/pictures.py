@@ -18,9 +18,9 @@ def read_picture(path: str | Path) -> NDArray[np.uint8]:
 
     :param path: of a file that Pillow reads.
     :return: (height, width, 3). 16-bit grey is scaled to 8 bits.
-    :raises ValueError: for a file that is not a picture, or a picture of more than ``MAX_PIXELS``,
-        before memory is allocated for it.
-    :raises OSError: if the file cannot be read, or is truncated.
+    :raises ValueError: for a file that is not a picture or is truncated, or a picture of more than
+        ``MAX_PIXELS``, before memory is allocated for it.
+    :raises OSError: if the file cannot be read.
     """
     from PIL import Image, ImageOps, UnidentifiedImageError
 
@@ -42,3 +42,7 @@ def read_picture(path: str | Path) -> NDArray[np.uint8]:
         raise ValueError(f"{path} is too large ({error}): at most {MAX_PIXELS:,} pixels") from error
     except (UnidentifiedImageError, SyntaxError) as error:
         raise ValueError(f"{path} is not a picture: {error}") from error
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise ValueError(f"{path} is truncated or damaged: {error}") from error

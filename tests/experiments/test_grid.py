@@ -93,7 +93,7 @@ def test_what_is_wrong_is_named(grid_file: GridFile, path: str, value: Any, mess
 def test_no_yaml(tmp_path: Path) -> None:
     path = tmp_path / "grid.yml"
     path.write_text("groups: [", encoding="utf-8")
-    with pytest.raises(ValueError, match="not valid YAML"):
+    with pytest.raises(ValueError, match="neither YAML nor JSON"):
         read_grid(path)
 
 

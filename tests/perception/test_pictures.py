@@ -80,5 +80,5 @@ def test_what_is_no_picture(tmp_path: Path) -> None:
     path.write_bytes(b"no picture")
     with pytest.raises(ValueError, match=r"photo.png is not a picture"):
         read_picture(path)
-    with pytest.raises(OSError, match="truncated"):
+    with pytest.raises(ValueError, match=r"photo.png is truncated"):
         read_picture(empty_png(path, 40, 30))
