@@ -75,10 +75,13 @@ def episode_horizon(env: VecEnv) -> int:
     return int(horizon)
 
 
-def _least_reward(env: VecEnv | None) -> float:
-    """Return the minimum reward of a step: the task's ``least_reward``, else -1."""
-    task = None if env is None else getattr(_attribute(env, "episodes"), "task", None)
-    return float(getattr(task, "least_reward", -1.0))
+def task_of(env: VecEnv) -> Any:
+    """Return the task of a vector environment, an immutable dataclass.
+
+    :param env: our vector env, or SB3's vector env of our goal envs.
+    :return: the task, None for a third-party environment.
+    """
+    return getattr(_attribute(env, "episodes"), "task", None)
 
 
 def _attribute(env: VecEnv, name: str) -> Any:
@@ -145,7 +148,9 @@ class GoalLearnerMixin(_Algorithm):
             if self.env is None:
                 raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
             self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
-        self.policy_kwargs.setdefault("q_min", _least_reward(self.env) / (1.0 - self.gamma))
+        task = None if self.env is None else task_of(self.env)
+        least_reward = float(getattr(task, "least_reward", -1.0))
+        self.policy_kwargs.setdefault("q_min", least_reward / (1.0 - self.gamma))
         permanent = self.replay_buffer_kwargs
         self.replay_buffer_kwargs = {"seed": int(seeds[1]), **permanent}
         if self.env is not None:

@@ -26,15 +26,11 @@ from saver_advisors.learner.algorithms import (
     GoalTD3,
     GoalTQC,
     episode_horizon,
+    task_of,
 )
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
 from saver_advisors.training.settings import RunConfig, naming
-from saver_advisors.variable_reward import (
-    ConstraintReplayBuffer,
-    StageControl,
-    TrainingStage,
-    task_of,
-)
+from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
 
