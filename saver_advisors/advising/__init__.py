@@ -14,7 +14,7 @@ from saver_advisors.advising.advised_algorithms import (
     AdvisingCallback,
     build_advised,
 )
-from saver_advisors.advising.advisor import Advice, Advisor, Compare, TeacherProposals
+from saver_advisors.advising.advisor import Advice, Advisor, Compare
 from saver_advisors.advising.context import (
     AdviceBudget,
     AdviceContext,
@@ -69,7 +69,6 @@ __all__ = [
     "Remembers",
     "RunPlan",
     "StudentValues",
-    "TeacherProposals",
     "WatchesStudent",
     "build_advised",
     "make_advisor",

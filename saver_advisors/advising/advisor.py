@@ -234,6 +234,28 @@ class Advisor:
         """
         return self.teachers.act(*self._by_arm(observation))
 
+    def propose(
+        self,
+        scale: Callable[[NDArray[Any]], NDArray[Any]],
+        observations: Mapping[str, th.Tensor],
+    ) -> tuple[FloatArray, Mask] | None:
+        """Return the teachers' actions in stored states, for the learner's target (IBRL).
+
+        Proposals end with the budget, as advice does. They do not cost budget, since nothing is
+        executed.
+
+        :param scale: from the environment's units to [-1, 1], an SB3 policy's `scale_action`.
+        :param observations: entries (batch, dim), not normalised.
+        :return: scaled actions (batch, n_arms, action_size), and (n_arms,) which arms may take
+            them; None once the budget is spent.
+        """
+        if not self.enabled or self.budget.remaining == 0:
+            return None
+        arrays = {key: value.cpu().numpy() for key, value in observations.items()}
+        scaled = scale(self.mapping.join_actions(self.teacher_actions(arrays)))
+        clipped = np.clip(scaled, -1.0, 1.0).astype(np.float32)
+        return self.mapping.split_action(clipped), self.advisable
+
     def demonstrate(self, observation: Observation) -> Advice:
         """Let the teachers control every arm, for one step of the budget per environment.
 
@@ -358,39 +380,6 @@ class Advisor:
     def __repr__(self) -> str:
         teachers = self.teachers.names
         return f"Advisor({self.strategy}, {teachers=}, {self.mapping}, {self.budget})"
-
-
-class TeacherProposals:
-    """The teachers' actions in stored states, for the learner's target (IBRL's bootstrapping).
-
-    Proposals end with the budget, as advice does. They do not cost budget, since nothing is
-    executed.
-
-    :param advisor: whose teachers and budget are used.
-    :param scale: from the environment's units to [-1, 1], an SB3 policy's `scale_action`.
-    """
-
-    def __init__(self, advisor: Advisor, scale: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
-        self._advisor = advisor
-        self._scale = scale
-
-    @property
-    def arms(self) -> Mask:
-        """(n_arms,) which arms may follow a teacher."""
-        return self._advisor.advisable
-
-    def __call__(self, observations: Mapping[str, th.Tensor]) -> FloatArray | None:
-        """Return the teachers' actions, or None once the budget is spent.
-
-        :param observations: entries (batch, dim), not normalised.
-        :return: (batch, n_arms, action_size), scaled to [-1, 1].
-        """
-        advisor = self._advisor
-        if not advisor.enabled or advisor.budget.remaining == 0:
-            return None
-        arrays = {key: value.cpu().numpy() for key, value in observations.items()}
-        scaled = self._scale(advisor.mapping.join_actions(advisor.teacher_actions(arrays)))
-        return advisor.mapping.split_action(np.clip(scaled, -1.0, 1.0).astype(np.float32))
 
 
 def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -12,7 +13,6 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.advising import (
     Advisor,
-    TeacherProposals,
     build_advised,
     make_advisor,
     names_code,
@@ -117,7 +117,7 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         with naming("advice"):
             warm_start_from_teachers(model, model.advisor.teachers, model.advisor.mapping)
     if advice is not None and advice.bootstrap:
-        model.bootstrap_proposals = TeacherProposals(model.advisor, model.policy.scale_action)
+        model.bootstrap_proposals = partial(model.advisor.propose, model.policy.scale_action)
     assert isinstance(model, GoalLearnerMixin)
     return model
 

@@ -137,7 +137,7 @@ def test_the_target_takes_the_better_next_action(
     with th.no_grad():
         own = model.actor_target(batch.next_observations)
         chosen = model._better_actions(batch.next_observations, own)
-    proposed = th.as_tensor(model.bootstrap_proposals(batch.next_observations)).reshape(40, -1)
+    proposed = th.as_tensor(model.bootstrap_proposals(batch.next_observations)[0]).reshape(40, -1)
     kept = (chosen == own).reshape(40, N_ARMS, ACTION).all(dim=2)
     taken = (chosen == proposed).reshape(40, N_ARMS, ACTION).all(dim=2)
     assert (kept | taken).all()
@@ -165,7 +165,7 @@ def test_proposals_are_the_teachers_actions_while_the_budget_lasts(tmp_path: Pat
     expected = model.policy.scale_action(
         model.advisor.mapping.join_actions(model.advisor.teacher_actions(seen))
     )
-    proposed = model.bootstrap_proposals(tensors)
+    proposed, _ = model.bootstrap_proposals(tensors)
     np.testing.assert_allclose(
         proposed.reshape(4, -1), np.clip(expected, -1, 1), rtol=1e-5, atol=1e-6
     )
