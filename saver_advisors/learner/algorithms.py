@@ -16,40 +16,29 @@ from __future__ import annotations
 
 import io
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import torch as th
 from sb3_contrib import TQC
-from stable_baselines3 import DDPG, SAC, TD3
+from stable_baselines3 import DDPG, SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 
-from saver_advisors.learner.imitation import ImitatingTD3
+from saver_advisors.learner.imitation import ImitatingTD3, candidate_values
 from saver_advisors.learner.policies import (
-    GoalPolicyMixin,
     GoalSACPolicy,
     GoalTD3Policy,
     GoalTQCPolicy,
     NormalizedGoalFeatures,
-    conservative_values,
 )
 from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
 
-if TYPE_CHECKING:
-    # For the type checker the mixin is an algorithm; at run time it comes before any of them.
-    _Algorithm = OffPolicyAlgorithm
-else:
-    _Algorithm = object
-
-POLICIES: dict[type[OffPolicyAlgorithm], type[GoalPolicyMixin]] = {
-    TQC: GoalTQCPolicy,
-    SAC: GoalSACPolicy,
-    TD3: GoalTD3Policy,  # and DDPG, its subclass
-}
+Policies = dict[str, type[BasePolicy]]
 
 
 def episode_horizon(env: VecEnv) -> int:
@@ -92,8 +81,8 @@ def _attribute(env: VecEnv, name: str) -> Any:
     return env.get_attr(name, indices=[0])[0] if env.has_attr(name) else None
 
 
-class GoalLearnerMixin(_Algorithm):
-    """Goal-conditioned learning over an off-policy SB3 algorithm.
+class GoalLearnerMixin(OffPolicyAlgorithm):
+    """Goal-conditioned learning over an off-policy SB3 algorithm; put it first among the bases.
 
     :param arguments: as for the algorithm. ``replay_buffer_class`` defaults to
         ``GoalReplayBuffer``; ``horizon`` and ``reward_function`` in ``replay_buffer_kwargs`` to the
@@ -226,7 +215,7 @@ class GoalLearnerMixin(_Algorithm):
             }
         )
 
-    def train(self, gradient_steps: int, batch_size: int) -> None:
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Train as the algorithm does, unless the buffer is empty."""
         buffer = self.replay_buffer
         if buffer is not None and buffer.size() > 0:
@@ -270,12 +259,9 @@ class GoalLearnerMixin(_Algorithm):
         """
         policy: Any = self.policy
         tensors, _ = policy.obs_to_tensor(observation)
-        scaled = th.as_tensor(
-            np.asarray(policy.scale_action(action), np.float32), device=self.device
-        )
-        with th.no_grad():
-            values = conservative_values(policy.critic, tensors, scaled)
-        return np.asarray(values.mean(dim=1).cpu())
+        scaled = policy.scale_action(action)[np.newaxis]
+        values = candidate_values(policy.critic, tensors, scaled)[0]
+        return th.from_numpy(values).mean(dim=1).numpy()
 
 
 def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Path:
@@ -284,29 +270,25 @@ def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Pa
     return path
 
 
-def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
-    """Create a goal-conditioned learner from an SB3 algorithm.
+class GoalDDPG(GoalLearnerMixin, DDPG):
+    """``DDPG`` with ``GoalLearnerMixin``."""
 
-    :param algorithm: DDPG, TD3, SAC or TQC, or a subclass of one of them.
-    :return: class ``Goal<name>``, whose "MultiInputPolicy" is this package's; no static type
-        expresses that it accepts the arguments of both its parents.
-    :raises TypeError: for another algorithm.
-    """
-    for family, policy in POLICIES.items():
-        if issubclass(algorithm, family):
-            return type(
-                f"Goal{algorithm.__name__.removeprefix('Imitating')}",
-                (GoalLearnerMixin, algorithm),
-                {
-                    "__module__": __name__,
-                    "__doc__": f"{algorithm.__name__} with ``GoalLearnerMixin``.",
-                    "policy_aliases": {"MultiInputPolicy": policy},
-                },
-            )
-    raise TypeError(f"algorithm={algorithm!r} must be DDPG, TD3, SAC, TQC or a subclass of one")
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTD3Policy}
 
 
-GoalDDPG = goal_learner(DDPG)
-GoalTD3 = goal_learner(ImitatingTD3)
-GoalSAC = goal_learner(SAC)
-GoalTQC = goal_learner(TQC)
+class GoalTD3(GoalLearnerMixin, ImitatingTD3):
+    """``ImitatingTD3`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTD3Policy}
+
+
+class GoalSAC(GoalLearnerMixin, SAC):
+    """``SAC`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalSACPolicy}
+
+
+class GoalTQC(GoalLearnerMixin, TQC):
+    """``TQC`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTQCPolicy}
