@@ -23,7 +23,6 @@ from toy_runs import (
 )
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
-from saver_advisors.advising.advised_algorithms import student_values
 from saver_advisors.training.building import build_model
 
 
@@ -99,7 +98,7 @@ def test_per_arm_critics_ask_their_own_value(tmp_path: Path) -> None:
     replaced = np.repeat(mask, ACTION, axis=1)
     np.testing.assert_allclose(executed[replaced], by_teacher[replaced], atol=1e-5)
     assert 0 < mask.mean() < 1
-    values = student_values(model, np.stack([executed, by_teacher]))
+    values = model._student_values(np.stack([executed, by_teacher]))
     assert values.shape == (2, 8, 3)
 
 

@@ -260,7 +260,7 @@ def spy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     mark = tmp_path / "imported"
     (tmp_path / "spying.py").write_text(
         f"import pathlib\npathlib.Path({str(mark)!r}).touch()\n"
-        "from saver_advisors.advising import EarlyAdvising as Strategy\n"
+        "from saver_advisors.advising.strategies import EarlyAdvising as Strategy\n"
         "def teacher(observation, goal):\n"
         "    return (goal - observation[:, :3]).clip(-1, 1)\n"
     )
