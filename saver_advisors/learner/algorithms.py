@@ -193,27 +193,10 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
     ) -> None:
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         self.training_cost += sum(float(info.get("cost", 0.0)) for info in infos)
-        if dones.any():
-            self._update_normalizer(replay_buffer, np.flatnonzero(dones))
-
-    def _update_normalizer(self, buffer: ReplayBuffer, environments: npt.NDArray[np.int64]) -> None:
-        """Add these environments' finished episodes to the policy's statistics.
-
-        Each step counts twice, with the episode's goal and with the goal achieved next, since the
-        networks are trained on both.
-        """
         features = getattr(self.policy, "shared_features", None)
-        if not isinstance(features, NormalizedGoalFeatures):
-            return
-        assert isinstance(buffer, GoalReplayBuffer), "checked by _setup_model"
-        observation, desired, achieved, next_achieved = buffer.episodes_of(environments)
-        features.update(
-            {
-                "observation": np.concatenate((observation, observation)),
-                "desired_goal": np.concatenate((desired, next_achieved)),
-                "achieved_goal": np.concatenate((achieved, achieved)),
-            }
-        )
+        if dones.any() and isinstance(features, NormalizedGoalFeatures):
+            assert isinstance(replay_buffer, GoalReplayBuffer), "checked by _setup_model"
+            features.update(replay_buffer.episodes_of(np.flatnonzero(dones)))
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Train as the algorithm does, unless the buffer is empty."""

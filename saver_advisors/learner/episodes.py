@@ -79,7 +79,6 @@ class EpisodeBuffer(ReplayBuffer):
         super(ReplayBuffer, self).__init__(
             buffer_size, observation_space, action_space, device, n_envs=n_envs
         )
-        self.optimize_memory_usage = True
         self.horizon = horizon
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
@@ -201,25 +200,25 @@ class EpisodeBuffer(ReplayBuffer):
         """End the running episodes, because the environments are about to be reset."""
         self._running[:] = False
 
-    def episodes_of(
-        self, environments: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the stored steps of these environments' latest episodes, concatenated.
+    def episodes_of(self, environments: IntArray) -> dict[str, FloatArray]:
+        """Return the steps of these environments' latest episodes, as a policy may see them.
+
+        Each of m steps is there twice, with the episode's goal and with the goal achieved next,
+        since the networks are trained on both.
 
         :param environments: (n,), indices of environments.
-        :return: observations (m, observation_dim), desired goals (m, goal_dim), the goals achieved
-            with these observations and one step later (m, goal_dim).
+        :return: entries (2 m, dim).
         """
         slots = self._slot[environments]
         lengths = self.length[slots]
         slot = np.repeat(slots, lengths)
         step = np.concatenate([np.arange(length) for length in lengths])
-        return (
-            self.observation[slot, step],
-            self.desired_goal[slot],
-            self.achieved_goal[slot, step],
-            self.achieved_goal[slot, step + 1],
-        )
+        desired = self.desired_goal[slot], self.achieved_goal[slot, step + 1]
+        return {
+            "observation": np.tile(self.observation[slot, step], (2, 1)),
+            "desired_goal": np.concatenate(desired),
+            "achieved_goal": np.tile(self.achieved_goal[slot, step], (2, 1)),
+        }
 
     # Drawing ---------------------------------------------------------------------------------
 
