@@ -118,7 +118,6 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         self.exploration_noise = exploration_noise
         self.random_action_probability = random_action_probability
         self.training_cost = 0.0
-        self._exploration_random = np.random.default_rng()
         super().__init__(*arguments, **named)
 
     def _setup_model(self) -> None:
