@@ -1,8 +1,7 @@
 """Budgeted action advising: single-arm teachers help an n-arm student (dissertation, chapter 5).
 
 In the order of a step: `advised_algorithms` calls the `advisor`, which passes a `context` to one of
-the `strategies`. `factory` builds an advisor from names, and `warm_start` copies the teachers'
-weights into the student.
+the `strategies`. `warm_start` copies the teachers' weights into the student.
 """
 
 from saver_advisors.advising.advised_algorithms import (
@@ -14,38 +13,13 @@ from saver_advisors.advising.advised_algorithms import (
     AdvisingCallback,
     build_advised,
 )
-from saver_advisors.advising.advisor import Advice, Advisor, Compare, TeacherProposals
-from saver_advisors.advising.context import (
-    AdviceBudget,
-    AdviceContext,
-    AdvisingStrategy,
-    PlansAhead,
-    Remembers,
-    RunPlan,
-    StudentValues,
-    WatchesStudent,
-)
-from saver_advisors.advising.factory import make_advisor, names_code
-from saver_advisors.advising.strategies import (
-    STRATEGIES,
-    BetterOfBoth,
-    EarlyAdvising,
-    EarlyThenCorrecting,
-    JumpStart,
-    MistakeCorrectingAction,
-    MistakeCorrectingQ,
-    MistakeCorrectingRelativeAction,
-    NoAdvice,
-    RandomAdvising,
-    make_strategy,
-    register_strategy,
-)
+from saver_advisors.advising.advisor import Advisor, make_advisor, names_code
+from saver_advisors.advising.context import AdviceContext
+from saver_advisors.advising.strategies import STRATEGIES, make_strategy, register_strategy
 from saver_advisors.advising.warm_start import warm_start_from_teachers
 
 __all__ = [
     "STRATEGIES",
-    "Advice",
-    "AdviceBudget",
     "AdviceContext",
     "AdvisedDDPG",
     "AdvisedMixin",
@@ -54,23 +28,6 @@ __all__ = [
     "AdvisedTQC",
     "Advisor",
     "AdvisingCallback",
-    "AdvisingStrategy",
-    "BetterOfBoth",
-    "Compare",
-    "EarlyAdvising",
-    "EarlyThenCorrecting",
-    "JumpStart",
-    "MistakeCorrectingAction",
-    "MistakeCorrectingQ",
-    "MistakeCorrectingRelativeAction",
-    "NoAdvice",
-    "PlansAhead",
-    "RandomAdvising",
-    "Remembers",
-    "RunPlan",
-    "StudentValues",
-    "TeacherProposals",
-    "WatchesStudent",
     "build_advised",
     "make_advisor",
     "make_strategy",

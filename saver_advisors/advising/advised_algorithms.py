@@ -16,11 +16,10 @@ import io
 import pathlib
 import warnings
 from collections.abc import Mapping
-from functools import partial
-from typing import Any, Final
+from functools import cache
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 from sb3_contrib import TQC
 from stable_baselines3 import DDPG, SAC, TD3
@@ -30,9 +29,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from saver_advisors.advising.advisor import Advice, Advisor
+from saver_advisors.advising.advisor import Advice, Advisor, make_advisor
 from saver_advisors.advising.context import Mask
-from saver_advisors.advising.factory import make_advisor
 from saver_advisors.advising.warm_start import warm_start_from_teachers
 from saver_advisors.learner.imitation import candidate_values
 
@@ -123,9 +121,26 @@ class AdvisedMixin(OffPolicyAlgorithm):
             action,
             compared,
             episode_steps=self._count_episode_steps(),
-            student_values=partial(student_values, self),
+            student_values=self._student_values,
         )
         return self._follow(advice, action, buffer_action)
+
+    def _student_values(self, actions: NDArray[Any]) -> NDArray[np.float32]:
+        """Compute the critics' conservative values of actions in the latest observation.
+
+        :param actions: (k, n_envs, action size), in the environment's units, clipped to its box.
+        :return: (k, n_envs, values): the minimum over the critics, or the mean of TQC's quantiles.
+        :raises TypeError: if the model has no critic.
+        """
+        policy: Any = self.policy
+        if getattr(policy, "critic", None) is None:
+            raise TypeError(
+                f"{type(self).__name__} has no critic of actions: use DDPG, TD3, SAC or TQC"
+            )
+        box: Any = self.action_space
+        tensors, _ = policy.obs_to_tensor(self._last_obs)
+        scaled = policy.scale_action(np.clip(actions, box.low, box.high))
+        return candidate_values(policy.critic, tensors, scaled)
 
     def demonstrate(self, steps: int, replay_buffer: ReplayBuffer) -> None:
         """Let the teachers control every arm, without noise; each step costs one of the budget.
@@ -174,16 +189,13 @@ class AdvisedMixin(OffPolicyAlgorithm):
         self, advice: Advice, action: NDArray[Any], buffer_action: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Replace the advised arms' blocks in the action to execute and its scaled counterpart."""
-        advisor = self.advisor
-        assert isinstance(advisor, Advisor)
         advised_action, mask = advice
         self._advice_mask = mask
         if not mask.any():
             return action, buffer_action
-        assert isinstance(self.action_space, spaces.Box), "check_spaces lets only Boxes through"
-        low, high = self.action_space.low, self.action_space.high
-        replaced = np.repeat(mask, advisor.mapping.action_size, axis=1)
-        executed = np.where(replaced, np.clip(advised_action, low, high), action)
+        box: Any = self.action_space
+        replaced = np.repeat(mask, action.shape[1] // mask.shape[1], axis=1)
+        executed = np.where(replaced, np.clip(advised_action, box.low, box.high), action)
         # All other entries stay bit-equal to the student's.
         stored = np.where(replaced, self.policy.scale_action(executed), buffer_action)
         return executed.astype(action.dtype, copy=False), stored.astype(
@@ -232,9 +244,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         return [*super()._excluded_save_params(), *own]
 
 
-_BUILT: Final[dict[type[OffPolicyAlgorithm], type[AdvisedMixin]]] = {}
-
-
+@cache
 def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
     """Return the advised subclass of an algorithm; the same class for every call.
 
@@ -251,39 +261,16 @@ def build_advised(algorithm_class: type[BaseAlgorithm]) -> type[AdvisedMixin]:
         )
     if issubclass(algorithm_class, AdvisedMixin):
         return algorithm_class
-    if algorithm_class not in _BUILT:
-        name = algorithm_class.__name__
-        doc = f"{name} with an advisor; constructor as {name}'s, plus `advisor`."
-        body = {"__module__": __name__, "__doc__": doc}
-        _BUILT[algorithm_class] = type(f"Advised{name}", (AdvisedMixin, algorithm_class), body)
-    return _BUILT[algorithm_class]
+    name = algorithm_class.__name__
+    doc = f"{name} with an advisor; constructor as {name}'s, plus `advisor`."
+    body = {"__module__": __name__, "__doc__": doc}
+    return type(f"Advised{name}", (AdvisedMixin, algorithm_class), body)
 
 
 AdvisedDDPG = build_advised(DDPG)
 AdvisedTD3 = build_advised(TD3)
 AdvisedSAC = build_advised(SAC)
 AdvisedTQC = build_advised(TQC)
-
-
-def student_values(model: OffPolicyAlgorithm, actions: NDArray[Any]) -> NDArray[np.float32]:
-    """Compute the critics' conservative values of actions in the model's latest observation.
-
-    :param model: DDPG, TD3, SAC or TQC in the middle of a rollout.
-    :param actions: (k, n_envs, action size), in the environment's units, clipped to its box.
-    :return: (k, n_envs, values): the minimum over the critics, or the mean of TQC's quantiles.
-    :raises TypeError: if the model has no critic.
-    """
-    policy: Any = model.policy
-    if getattr(policy, "critic", None) is None:
-        raise TypeError(
-            f"{type(model).__name__} has no critic of actions: use DDPG, TD3, SAC or TQC"
-        )
-    box = model.action_space
-    assert isinstance(box, spaces.Box)
-    assert model._last_obs is not None, "learn() resets the environments first"
-    tensors, _ = policy.obs_to_tensor(model._last_obs)
-    scaled = policy.scale_action(np.clip(actions, box.low, box.high))
-    return candidate_values(policy.critic, tensors, scaled)
 
 
 def _unhook(model: Any) -> bool:
@@ -328,7 +315,7 @@ class AdvisingCallback(BaseCallback):
         model: Any = self.model
         if not isinstance(model, AdvisedMixin):
             model._plain_class = type(model)
-            model.__class__ = build_advised(type(model))
+            model.__class__ = build_advised(type(self.model))
         model.advisor = self.advisor
         model._advice_mask = model._episode_steps = None
 

@@ -1,9 +1,14 @@
-"""The advisor: queries teachers and strategy, spends the budget and replaces actions."""
+"""The advisor: queries teachers and strategy, spends the budget and replaces actions.
+
+`make_advisor` builds one from the names and numbers of a configuration.
+"""
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -22,9 +27,12 @@ from saver_advisors.advising.context import (
     StudentValues,
     WatchesStudent,
 )
+from saver_advisors.advising.strategies import import_object, make_strategy
+from saver_advisors.policies.files import load_teacher
 from saver_advisors.policies.inference import FloatArray
-from saver_advisors.policies.mapping import ArmMapping
-from saver_advisors.policies.teacher import Teacher, TeacherGroup
+from saver_advisors.policies.mapping import ArmMapping, flat_size
+from saver_advisors.policies.scripted import PREFIX, scripted_teachers
+from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherFunction, TeacherGroup
 
 Compare = Literal["noisy", "noise-free"]
 """The student action that a correcting strategy compares: the one about to be executed, with
@@ -32,6 +40,8 @@ exploration noise and uniform during warm-up, or the policy's deterministic one.
 """
 
 Observation = Mapping[str, NDArray[Any]]
+
+TeacherLike = str | PathLike[str] | Teacher | TeacherFunction
 
 
 class Advice(NamedTuple):
@@ -86,29 +96,17 @@ class Advisor:
         self.twin_minimum = twin_minimum
         self.advisable = _arm_mask(arms, mapping.n_arms)
         self.enabled = True
-        self._check_teachers()
+        if strategy.needs_critics and not self.teachers.has_critics:
+            raise ValueError(
+                f"strategy {strategy.name!r} compares Q values, but teacher "
+                f"{sorted({t.name for t in self.teachers.teachers if not t.has_critics})} has no "
+                "critics: use 'early', 'mc-act' or 'mc-actabs', or a teacher saved with its critics"
+            )
         if isinstance(strategy, PlansAhead):
             strategy.begin(run or RunPlan(), budget)
         self.advised_per_arm = np.zeros(mapping.n_arms, dtype=np.int64)
         self._transitions = 0
         self.start_window()
-
-    def _check_teachers(self) -> None:
-        mapping = self.mapping
-        for teacher in self.teachers.teachers:
-            for key in ("observation", "goal", "action"):
-                size, wanted = (getattr(one, f"{key}_size") for one in (teacher, mapping))
-                if size != wanted:
-                    raise ValueError(
-                        f"teacher {teacher.name!r} has {key} size {size}, but one arm of the "
-                        f"student has {wanted} ({mapping})"
-                    )
-        if self.strategy.needs_critics and not self.teachers.has_critics:
-            raise ValueError(
-                f"strategy {self.strategy.name!r} compares Q values, but teacher "
-                f"{sorted({t.name for t in self.teachers.teachers if not t.has_critics})} has no "
-                "critics: use 'early', 'mc-act' or 'mc-actabs', or a teacher saved with its critics"
-            )
 
     @property
     def spent(self) -> int:
@@ -167,18 +165,29 @@ class Advisor:
         mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
         actions = student_actions
         if self.active:
-            context = self._context(
-                observation,
-                student_actions if compared_actions is None else compared_actions,
+            by_arm = self.mapping.split_action(student_actions)
+            observations, goals, achieved_goals = self._by_arm(observation)
+            context = AdviceContext(
+                teachers=self.teachers,
+                observations=observations,
+                goals=goals,
+                achieved_goals=achieved_goals,
+                teacher_actions=self.teachers.act(observations, goals, achieved_goals),
+                student_actions=by_arm
+                if compared_actions is None
+                else self.mapping.split_action(compared_actions),
+                budget=self.budget,
+                advisable=self.advisable,
+                twin_minimum=self.twin_minimum,
                 episode_steps=episode_steps,
                 student_values=student_values,
+                steps=self._transitions,
             )
             wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
             self._log_comparison(context)
             if mask.any():
-                by_arm = self.mapping.split_action(student_actions)
                 advised = np.where(mask[..., np.newaxis], context.teacher_actions, by_arm)
                 actions = self.mapping.join_actions(advised).astype(
                     student_actions.dtype, copy=False
@@ -200,24 +209,6 @@ class Advisor:
             )
         return wanted & self.advisable
 
-    def _context(
-        self, observation: Observation, student_actions: NDArray[Any], **known: Any
-    ) -> AdviceContext:
-        observations, goals, achieved_goals = self._by_arm(observation)
-        return AdviceContext(
-            teachers=self.teachers,
-            observations=observations,
-            goals=goals,
-            achieved_goals=achieved_goals,
-            teacher_actions=self.teachers.act(observations, goals, achieved_goals),
-            student_actions=self.mapping.split_action(student_actions),
-            budget=self.budget,
-            twin_minimum=self.twin_minimum,
-            advisable=self.advisable,
-            steps=self._transitions,
-            **known,
-        )
-
     def _by_arm(self, observation: Observation) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Observations, desired and achieved goals, each (n_envs, n_arms, size)."""
         return (
@@ -233,6 +224,28 @@ class Advisor:
         :return: (n_envs, n_arms, action_size), in the environment's units.
         """
         return self.teachers.act(*self._by_arm(observation))
+
+    def propose(
+        self,
+        scale: Callable[[NDArray[Any]], NDArray[Any]],
+        observations: Mapping[str, th.Tensor],
+    ) -> tuple[FloatArray, Mask] | None:
+        """Return the teachers' actions in stored states, for the learner's target (IBRL).
+
+        Proposals end with the budget, as advice does. They do not cost budget, since nothing is
+        executed.
+
+        :param scale: from the environment's units to [-1, 1], an SB3 policy's `scale_action`.
+        :param observations: entries (batch, dim), not normalised.
+        :return: scaled actions (batch, n_arms, action_size), and (n_arms,) which arms may take
+            them; None once the budget is spent.
+        """
+        if not self.enabled or self.budget.remaining == 0:
+            return None
+        arrays = {key: value.cpu().numpy() for key, value in observations.items()}
+        scaled = scale(self.mapping.join_actions(self.teacher_actions(arrays)))
+        clipped = np.clip(scaled, -1.0, 1.0).astype(np.float32)
+        return self.mapping.split_action(clipped), self.advisable
 
     def demonstrate(self, observation: Observation) -> Advice:
         """Let the teachers control every arm, for one step of the budget per environment.
@@ -360,37 +373,137 @@ class Advisor:
         return f"Advisor({self.strategy}, {teachers=}, {self.mapping}, {self.budget})"
 
 
-class TeacherProposals:
-    """The teachers' actions in stored states, for the learner's target (IBRL's bootstrapping).
+def make_advisor(
+    strategy: str | AdvisingStrategy,
+    teacher: TeacherLike | Sequence[TeacherLike],
+    budget: int,
+    *,
+    n_arms: int | None = None,
+    observation_space: spaces.Space[Any] | None = None,
+    action_space: spaces.Space[Any] | None = None,
+    threshold: float | None = None,
+    correcting: str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    compare: Compare = "noisy",
+    twin_minimum: bool = True,
+    arms: Sequence[int] | None = None,
+    total_steps: int | None = None,
+    horizon: int | None = None,
+    seed: int = 0,
+) -> Advisor:
+    """Build an advisor from names, for either a number of arms or a student's spaces.
 
-    Proposals end with the budget, as advice does. They do not cost budget, since nothing is
-    executed.
-
-    :param advisor: whose teachers and budget are used.
-    :param scale: from the environment's units to [-1, 1], an SB3 policy's `scale_action`.
+    :param strategy: a strategy's name, "module:Class" of an unregistered one, or a strategy.
+    :param teacher: a shipped policy's name; a weight file; the folder of a run; the zip file of an
+        SB3 model; a teacher; a function of one arm's observation and goal, or its name
+        "module:function" (see ``FunctionTeacher``); or a list of those, one per arm.
+        ``scripted:ID`` is the scripted expert of an environment, for each arm.
+    :param budget: environment steps that may be advised.
+    :param n_arms: arms of the student; may be omitted if the spaces are given, except for a
+        function, whose sizes follow from both.
+    :param observation_space: the student's, checked immediately.
+    :param action_space: the student's, checked immediately.
+    :param threshold: t_I or alpha of a correcting strategy.
+    :param correcting: the second half of `early-mc`.
+    :param settings: further arguments of a strategy given by name.
+    :param compare: "noisy" or "noise-free": the student action that a correcting strategy compares.
+    :param twin_minimum: whether Q_tr is the minimum of the teacher's critics, else the first.
+    :param arms: indices of the arms that may be advised; every arm if None.
+    :param total_steps: environment steps of the run, over which `random` spreads its budget.
+    :param horizon: steps of an episode, which `jump-start` divides.
+    :param seed: of the run, for strategies that draw random numbers.
+    :return: the advisor.
+    :raises ValueError: if parts do not match; the message names the sizes.
     """
+    spendable = AdviceBudget(budget)
+    late = isinstance(strategy, str) and ":" in strategy
+    if isinstance(strategy, str) and not late:
+        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
+    elif not late and (threshold is not None or correcting is not None or settings):
+        raise ValueError(
+            "threshold, correcting and settings belong to a strategy given by name: set them on "
+            "the object instead"
+        )
+    teachers = _resolve(teacher, n_arms, observation_space, action_space)
+    first = teachers[0]
+    if n_arms is None:
+        if observation_space is None or action_space is None:
+            raise ValueError("give n_arms, or observation_space and action_space to read it from")
+        size = flat_size("action", action_space)
+        n_arms, rest = divmod(size, first.action_size)
+        if rest or n_arms == 0:
+            raise ValueError(
+                f"teacher {first.name!r} has actions of size {first.action_size}, which do not "
+                f"divide the student's action of size {size}: choose a teacher of the same task"
+            )
+    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+    if isinstance(strategy, str):
+        # The name of code: it is imported once everything else is accepted.
+        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
+    advisor = Advisor(
+        strategy,
+        teachers,
+        mapping,
+        spendable,
+        compare=compare,
+        twin_minimum=twin_minimum,
+        arms=arms,
+        run=RunPlan(total_steps, horizon, seed),
+    )
+    if observation_space is not None and action_space is not None:
+        advisor.check_spaces(observation_space, action_space)
+    return advisor
 
-    def __init__(self, advisor: Advisor, scale: Callable[[NDArray[Any]], NDArray[Any]]) -> None:
-        self._advisor = advisor
-        self._scale = scale
 
-    @property
-    def arms(self) -> Mask:
-        """(n_arms,) which arms may follow a teacher."""
-        return self._advisor.advisable
+def names_code(teacher: TeacherLike) -> bool:
+    """Return whether a teacher is "module:function", the name of code to import."""
+    word = str(teacher) if isinstance(teacher, (str, PathLike)) else ""
+    return ":" in word and not word.startswith(PREFIX) and not os.path.exists(word)
 
-    def __call__(self, observations: Mapping[str, th.Tensor]) -> FloatArray | None:
-        """Return the teachers' actions, or None once the budget is spent.
 
-        :param observations: entries (batch, dim), not normalised.
-        :return: (batch, n_arms, action_size), scaled to [-1, 1].
-        """
-        advisor = self._advisor
-        if not advisor.enabled or advisor.budget.remaining == 0:
-            return None
-        arrays = {key: value.cpu().numpy() for key, value in observations.items()}
-        scaled = self._scale(advisor.mapping.join_actions(advisor.teacher_actions(arrays)))
-        return advisor.mapping.split_action(np.clip(scaled, -1.0, 1.0).astype(np.float32))
+def _resolve(
+    teacher: TeacherLike | Sequence[TeacherLike],
+    n_arms: int | None,
+    observation_space: spaces.Space[Any] | None,
+    action_space: spaces.Space[Any] | None,
+) -> list[Teacher]:
+    """Load the teachers given by name or path; equal names share one teacher."""
+    one = isinstance(teacher, (str, PathLike, Teacher)) or callable(teacher)
+    given: list[Any] = [teacher] if one else list(teacher)  # type: ignore[arg-type]
+    if not given:
+        raise ValueError("teacher is an empty list: give one teacher for all arms, or one per arm")
+    loaded: dict[Any, list[Teacher]] = {}
+    for each in sorted(dict.fromkeys(given), key=names_code):
+        if isinstance(each, Teacher):
+            loaded[each] = [each]
+        elif callable(each) or names_code(each):
+            loaded[each] = [_of_function(each, n_arms, observation_space, action_space)]
+        elif str(each).startswith(PREFIX):
+            loaded[each] = list(scripted_teachers(str(each)))
+        else:
+            loaded[each] = [load_teacher(each)]
+    return [member for each in given for member in loaded[each]]
+
+
+def _of_function(
+    function: str | TeacherFunction,
+    n_arms: int | None,
+    observation_space: spaces.Space[Any] | None,
+    action_space: spaces.Space[Any] | None,
+) -> FunctionTeacher:
+    """Return the teacher that a function is for one arm of a student."""
+    if n_arms is None or not isinstance(observation_space, spaces.Dict):
+        raise ValueError(
+            f"teacher={function!r} is a function: give n_arms, observation_space and action_space, "
+            "from which its sizes follow"
+        )
+    given = {**observation_space.spaces, "action": action_space}
+    names = ("observation", "desired_goal", "action")
+    observation, goal, action = (flat_size(name, given.get(name)) // n_arms for name in names)
+    found = import_object("teacher", function) if isinstance(function, str) else function
+    if not callable(found):
+        raise TypeError(f"teacher={function!r} must be a function of observation and goal")
+    return FunctionTeacher(found, (observation, goal, action), str(function))
 
 
 def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:

@@ -186,7 +186,6 @@ class RandomAdvising(_BuiltIn):
     def __post_init__(self) -> None:
         _check_rate("probability", self.probability)
         _check_whole("seed", self.seed, 0)
-        self._total_steps: int | None = None
         self._random = np.random.default_rng(self.seed)
 
     def begin(self, run: RunPlan, budget: AdviceBudget) -> None:
@@ -201,7 +200,8 @@ class RandomAdvising(_BuiltIn):
                 "strategy 'random' spreads its budget over the run: give total_steps, or "
                 "settings={'probability': 0.1}"
             )
-        self._total_steps = run.total_steps
+        # Not read with a probability.
+        self._total_steps = run.total_steps or 0
         # A separate stream, independent of the others that the run's seed starts.
         seed = np.random.SeedSequence([run.seed, 0xAD]) if self.seed is None else self.seed
         self._random = np.random.default_rng(seed)
@@ -217,7 +217,6 @@ class RandomAdvising(_BuiltIn):
 
     def _spread(self, drawn: Any, context: AdviceContext) -> Mask:
         """Decide for one environment after the other, since each choice changes the rest."""
-        assert self._total_steps is not None, "`begin` comes first"
         to_give, to_do = context.budget.remaining, self._total_steps - context.steps
         chosen = np.zeros(len(drawn), dtype=bool)
         for index, number in enumerate(drawn):
@@ -327,7 +326,7 @@ class BetterOfBoth(_BuiltIn):
 
     A joint critic rates every combination of teacher's and student's actions, 2^n for n arms. With
     per-arm critics each arm queries its own, while the other arms keep the student's actions. Ties
-    go to the student. The learner's target makes the same choice with `TeacherProposals`.
+    go to the student. The learner's target makes the same choice with `Advisor.propose`.
     """
 
     name: ClassVar[str] = "ibrl"
@@ -373,7 +372,7 @@ def register_strategy(strategy: Strategy) -> Strategy:
     :raises TypeError: if a member is missing.
     :raises ValueError: if another strategy has that name.
     """
-    _require_class(strategy)
+    _require_strategy(strategy)
     known = STRATEGIES.setdefault(strategy.name, strategy)
     if known is not strategy:
         raise ValueError(
@@ -401,7 +400,13 @@ def make_strategy(
         not accept an argument.
     :raises TypeError: if "module:Class" is not a strategy.
     """
-    strategy = _find(name)
+    if name not in STRATEGIES and ":" not in name:
+        raise ValueError(
+            f"strategy={name!r} is unknown: use one of {', '.join(STRATEGIES)}, or 'module:Class' "
+            "for one of your own"
+        )
+    strategy = STRATEGIES.get(name) or import_object("strategy", name)
+    _require_strategy(strategy)
     parameters = inspect.signature(strategy).parameters
     arguments = dict(settings or {})
     if correcting is not None and name != "early-mc":
@@ -421,7 +426,7 @@ def make_strategy(
             f"strategy {name!r} takes no {', '.join(unknown)}; its settings are "
             f"{', '.join(parameters) or 'none'}"
         )
-    made = strategy(**arguments)
+    made: AdvisingStrategy = strategy(**arguments)
     _require_members(made, _MEMBERS)
     return made
 
@@ -440,21 +445,7 @@ def import_object(what: str, name: str) -> Any:
         raise ValueError(f"{what}={name!r} cannot be imported: {error}") from error
 
 
-def _find(name: str) -> type[AdvisingStrategy]:
-    if name in STRATEGIES:
-        return STRATEGIES[name]
-    if ":" not in name:
-        raise ValueError(
-            f"strategy={name!r} is unknown: use one of {', '.join(STRATEGIES)}, or 'module:Class' "
-            "for one of your own"
-        )
-    found = import_object("strategy", name)
-    _require_class(found)
-    strategy: type[AdvisingStrategy] = found
-    return strategy
-
-
-def _require_class(found: Any) -> None:
+def _require_strategy(found: Any) -> None:
     if not isinstance(found, type):
         raise TypeError(f"{found!r} must be a class with the members {', '.join(_MEMBERS)}")
     # The constructor may set the other members.

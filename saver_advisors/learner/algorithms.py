@@ -16,40 +16,29 @@ from __future__ import annotations
 
 import io
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import torch as th
 from sb3_contrib import TQC
-from stable_baselines3 import DDPG, SAC, TD3
+from stable_baselines3 import DDPG, SAC
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 
-from saver_advisors.learner.imitation import ImitatingTD3
+from saver_advisors.learner.imitation import ImitatingTD3, candidate_values
 from saver_advisors.learner.policies import (
-    GoalPolicyMixin,
     GoalSACPolicy,
     GoalTD3Policy,
     GoalTQCPolicy,
     NormalizedGoalFeatures,
-    conservative_values,
 )
 from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
 
-if TYPE_CHECKING:
-    # For the type checker the mixin is an algorithm; at run time it comes before any of them.
-    _Algorithm = OffPolicyAlgorithm
-else:
-    _Algorithm = object
-
-POLICIES: dict[type[OffPolicyAlgorithm], type[GoalPolicyMixin]] = {
-    TQC: GoalTQCPolicy,
-    SAC: GoalSACPolicy,
-    TD3: GoalTD3Policy,  # and DDPG, its subclass
-}
+Policies = dict[str, type[BasePolicy]]
 
 
 def episode_horizon(env: VecEnv) -> int:
@@ -75,10 +64,13 @@ def episode_horizon(env: VecEnv) -> int:
     return int(horizon)
 
 
-def _least_reward(env: VecEnv | None) -> float:
-    """Return the minimum reward of a step: the task's ``least_reward``, else -1."""
-    task = None if env is None else getattr(_attribute(env, "episodes"), "task", None)
-    return float(getattr(task, "least_reward", -1.0))
+def task_of(env: VecEnv) -> Any:
+    """Return the task of a vector environment, an immutable dataclass.
+
+    :param env: our vector env, or SB3's vector env of our goal envs.
+    :return: the task, None for a third-party environment.
+    """
+    return getattr(_attribute(env, "episodes"), "task", None)
 
 
 def _attribute(env: VecEnv, name: str) -> Any:
@@ -89,8 +81,8 @@ def _attribute(env: VecEnv, name: str) -> Any:
     return env.get_attr(name, indices=[0])[0] if env.has_attr(name) else None
 
 
-class GoalLearnerMixin(_Algorithm):
-    """Goal-conditioned learning over an off-policy SB3 algorithm.
+class GoalLearnerMixin(OffPolicyAlgorithm):
+    """Goal-conditioned learning over an off-policy SB3 algorithm; put it first among the bases.
 
     :param arguments: as for the algorithm. ``replay_buffer_class`` defaults to
         ``GoalReplayBuffer``; ``horizon`` and ``reward_function`` in ``replay_buffer_kwargs`` to the
@@ -126,7 +118,6 @@ class GoalLearnerMixin(_Algorithm):
         self.exploration_noise = exploration_noise
         self.random_action_probability = random_action_probability
         self.training_cost = 0.0
-        self._exploration_random = np.random.default_rng()
         super().__init__(*arguments, **named)
 
     def _setup_model(self) -> None:
@@ -145,7 +136,9 @@ class GoalLearnerMixin(_Algorithm):
             if self.env is None:
                 raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
             self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
-        self.policy_kwargs.setdefault("q_min", _least_reward(self.env) / (1.0 - self.gamma))
+        task = None if self.env is None else task_of(self.env)
+        least_reward = float(getattr(task, "least_reward", -1.0))
+        self.policy_kwargs.setdefault("q_min", least_reward / (1.0 - self.gamma))
         permanent = self.replay_buffer_kwargs
         self.replay_buffer_kwargs = {"seed": int(seeds[1]), **permanent}
         if self.env is not None:
@@ -199,29 +192,12 @@ class GoalLearnerMixin(_Algorithm):
     ) -> None:
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         self.training_cost += sum(float(info.get("cost", 0.0)) for info in infos)
-        if dones.any():
-            self._update_normalizer(replay_buffer, np.flatnonzero(dones))
-
-    def _update_normalizer(self, buffer: ReplayBuffer, environments: npt.NDArray[np.int64]) -> None:
-        """Add these environments' finished episodes to the policy's statistics.
-
-        Each step counts twice, with the episode's goal and with the goal achieved next, since the
-        networks are trained on both.
-        """
         features = getattr(self.policy, "shared_features", None)
-        if not isinstance(features, NormalizedGoalFeatures):
-            return
-        assert isinstance(buffer, GoalReplayBuffer), "checked by _setup_model"
-        observation, desired, achieved, next_achieved = buffer.episodes_of(environments)
-        features.update(
-            {
-                "observation": np.concatenate((observation, observation)),
-                "desired_goal": np.concatenate((desired, next_achieved)),
-                "achieved_goal": np.concatenate((achieved, achieved)),
-            }
-        )
+        if dones.any() and isinstance(features, NormalizedGoalFeatures):
+            assert isinstance(replay_buffer, GoalReplayBuffer), "checked by _setup_model"
+            features.update(replay_buffer.episodes_of(np.flatnonzero(dones)))
 
-    def train(self, gradient_steps: int, batch_size: int) -> None:
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Train as the algorithm does, unless the buffer is empty."""
         buffer = self.replay_buffer
         if buffer is not None and buffer.size() > 0:
@@ -265,12 +241,9 @@ class GoalLearnerMixin(_Algorithm):
         """
         policy: Any = self.policy
         tensors, _ = policy.obs_to_tensor(observation)
-        scaled = th.as_tensor(
-            np.asarray(policy.scale_action(action), np.float32), device=self.device
-        )
-        with th.no_grad():
-            values = conservative_values(policy.critic, tensors, scaled)
-        return np.asarray(values.mean(dim=1).cpu())
+        scaled = policy.scale_action(action)[np.newaxis]
+        values = candidate_values(policy.critic, tensors, scaled)[0]
+        return th.from_numpy(values).mean(dim=1).numpy()
 
 
 def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Path:
@@ -279,29 +252,25 @@ def _file_path(path: str | pathlib.Path | io.BufferedIOBase) -> str | pathlib.Pa
     return path
 
 
-def goal_learner(algorithm: type[OffPolicyAlgorithm]) -> type[Any]:
-    """Create a goal-conditioned learner from an SB3 algorithm.
+class GoalDDPG(GoalLearnerMixin, DDPG):
+    """``DDPG`` with ``GoalLearnerMixin``."""
 
-    :param algorithm: DDPG, TD3, SAC or TQC, or a subclass of one of them.
-    :return: class ``Goal<name>``, whose "MultiInputPolicy" is this package's; no static type
-        expresses that it accepts the arguments of both its parents.
-    :raises TypeError: for another algorithm.
-    """
-    for family, policy in POLICIES.items():
-        if issubclass(algorithm, family):
-            return type(
-                f"Goal{algorithm.__name__.removeprefix('Imitating')}",
-                (GoalLearnerMixin, algorithm),
-                {
-                    "__module__": __name__,
-                    "__doc__": f"{algorithm.__name__} with ``GoalLearnerMixin``.",
-                    "policy_aliases": {"MultiInputPolicy": policy},
-                },
-            )
-    raise TypeError(f"algorithm={algorithm!r} must be DDPG, TD3, SAC, TQC or a subclass of one")
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTD3Policy}
 
 
-GoalDDPG = goal_learner(DDPG)
-GoalTD3 = goal_learner(ImitatingTD3)
-GoalSAC = goal_learner(SAC)
-GoalTQC = goal_learner(TQC)
+class GoalTD3(GoalLearnerMixin, ImitatingTD3):
+    """``ImitatingTD3`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTD3Policy}
+
+
+class GoalSAC(GoalLearnerMixin, SAC):
+    """``SAC`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalSACPolicy}
+
+
+class GoalTQC(GoalLearnerMixin, TQC):
+    """``TQC`` with ``GoalLearnerMixin``."""
+
+    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTQCPolicy}

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import torch as th
 from gymnasium import spaces
+from numpy.lib.npyio import NpzFile
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from saver_envs.files import written_whole
@@ -78,7 +79,6 @@ class EpisodeBuffer(ReplayBuffer):
         super(ReplayBuffer, self).__init__(
             buffer_size, observation_space, action_space, device, n_envs=n_envs
         )
-        self.optimize_memory_usage = True
         self.horizon = horizon
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
@@ -103,7 +103,6 @@ class EpisodeBuffer(ReplayBuffer):
         self.pos = 0
         self.full = False
         self.length[:] = 0
-        self._next_slot = 0
         self._slot = np.full(self.n_envs, -1, np.int64)
         self._running = np.zeros(self.n_envs, bool)
         self._ends: IntArray | None = None
@@ -181,9 +180,9 @@ class EpisodeBuffer(ReplayBuffer):
         self._running[environments] = False
         for environment in environments:
             # An environment with much shorter episodes than the others may reach their slots.
-            while self._next_slot in self._slot[self._running]:
+            while self.pos in self._slot[self._running]:
                 self._advance()
-            slot = self._next_slot
+            slot = self.pos
             self.observation[slot, 0] = obs["observation"][environment]
             self.achieved_goal[slot, 0] = obs["achieved_goal"][environment]
             self.desired_goal[slot] = obs["desired_goal"][environment]
@@ -193,34 +192,33 @@ class EpisodeBuffer(ReplayBuffer):
             self._advance()
 
     def _advance(self) -> None:
-        """Advance to the next slot of the ring."""
-        self._next_slot = (self._next_slot + 1) % self.n_slots
-        self.pos = self._next_slot
-        self.full = self.full or self._next_slot == 0
+        """Advance ``pos`` to the next slot of the ring."""
+        self.pos = (self.pos + 1) % self.n_slots
+        self.full = self.full or self.pos == 0
 
     def end_running_episodes(self) -> None:
         """End the running episodes, because the environments are about to be reset."""
         self._running[:] = False
 
-    def episodes_of(
-        self, environments: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the stored steps of these environments' latest episodes, concatenated.
+    def episodes_of(self, environments: IntArray) -> dict[str, FloatArray]:
+        """Return the steps of these environments' latest episodes, as a policy may see them.
+
+        Each of m steps is there twice, with the episode's goal and with the goal achieved next,
+        since the networks are trained on both.
 
         :param environments: (n,), indices of environments.
-        :return: observations (m, observation_dim), desired goals (m, goal_dim), the goals achieved
-            with these observations and one step later (m, goal_dim).
+        :return: entries (2 m, dim).
         """
         slots = self._slot[environments]
         lengths = self.length[slots]
         slot = np.repeat(slots, lengths)
         step = np.concatenate([np.arange(length) for length in lengths])
-        return (
-            self.observation[slot, step],
-            self.desired_goal[slot],
-            self.achieved_goal[slot, step],
-            self.achieved_goal[slot, step + 1],
-        )
+        desired = self.desired_goal[slot], self.achieved_goal[slot, step + 1]
+        return {
+            "observation": np.tile(self.observation[slot, step], (2, 1)),
+            "desired_goal": np.concatenate(desired),
+            "achieved_goal": np.tile(self.achieved_goal[slot, step], (2, 1)),
+        }
 
     # Drawing ---------------------------------------------------------------------------------
 
@@ -247,7 +245,7 @@ class EpisodeBuffer(ReplayBuffer):
         :param path: of the file; an old one is replaced once the new one is complete.
         :raises OSError: if it cannot be written; an old file is then intact.
         """
-        used = self.n_slots if self.full else self._next_slot
+        used = self.n_slots if self.full else self.pos
         with written_whole(path) as file:
             np.savez(
                 file,
@@ -271,7 +269,7 @@ class EpisodeBuffer(ReplayBuffer):
                 "store_advised": True,  # read by earlier versions, where it was a setting
             },
             "used": used,
-            "next_slot": self._next_slot,
+            "next_slot": self.pos,
             "full": self.full,
             "random": self._random.bit_generator.state,
         }
@@ -295,21 +293,21 @@ class EpisodeBuffer(ReplayBuffer):
             for name, layout in wanted.items():
                 if (found := _layout(archive, name)) != layout:
                     raise ValueError(f"{path}: {name} is {found}, should be {layout}")
-            arrays = {name: _array(archive, name) for name in wanted}
+            arrays = {name: archive[name] for name in wanted}
         self.reset()
         for name, target in own.items():
             target[:used] = arrays[name]
         self._slot, self._running = arrays["slot"], arrays["running"]
-        self._next_slot = self.pos = header["next_slot"]
+        self.pos = header["next_slot"]
         self.full = header["full"]
         self._random.bit_generator.state = header["random"]
 
-    def _checked_header(self, path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
+    def _checked_header(self, path: Path, archive: NpzFile) -> dict[str, Any]:
         """Read the header of a file, and check that this buffer can hold its content."""
         shape, kind = _layout(archive, "header")
         if shape != () or kind.itemsize > _MOST_HEADER_BYTES:
             raise ValueError(f"{path}: its header is {shape} of {kind}")
-        header = json.loads(str(_array(archive, "header")))
+        header = json.loads(str(archive["header"]))
         if not isinstance(header, dict) or header.get("format") != FILE_FORMAT:
             raise ValueError(f"{path}: its format is not {FILE_FORMAT!r}")
         for name, value in self._header(0)["shape"].items():
@@ -324,10 +322,10 @@ class EpisodeBuffer(ReplayBuffer):
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+def _opened(path: Path) -> Iterator[NpzFile]:
     """Open a file of ``save_npz``; damage raises a ValueError that names the file."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with path.open("rb") as file, NpzFile(file) as archive:
             yield archive
     except FileNotFoundError:
         raise
@@ -342,18 +340,13 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
         ) from error
 
 
-def _layout(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _layout(archive: NpzFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Return the shape and the type of an array in a file, without reading the array."""
-    with archive.open(f"{name}.npy") as member:
+    assert archive.zip is not None, "it is open"
+    with archive.zip.open(f"{name}.npy") as member:
         np.lib.format.read_magic(member)
         shape, _, kind = np.lib.format.read_array_header_1_0(member)
     return shape, kind
-
-
-def _array(archive: zipfile.ZipFile, name: str) -> npt.NDArray[Any]:
-    with archive.open(f"{name}.npy") as member:
-        array: npt.NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
-    return array
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,19 +34,9 @@ Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
 """Actions of all arms, (k, batch, n_arms * action_size) -> values (k, batch, values)."""
 
 
-class ActionProposals(Protocol):
-    """A second policy's actions in given states."""
-
-    @property
-    def arms(self) -> npt.NDArray[np.bool_]:
-        """(n_arms,) which arms may take a proposed action."""
-
-    def __call__(self, observations: Mapping[str, th.Tensor]) -> npt.NDArray[np.float32] | None:
-        """Propose actions, or return None for no proposals.
-
-        :param observations: entries (batch, dim).
-        :return: (batch, n_arms, action_size), scaled to [-1, 1].
-        """
+Proposals = tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]
+"""A second policy's actions, (batch, n_arms, action_size), scaled to [-1, 1], and which arms may
+take them, (n_arms,)."""
 
 
 class ImitatingTD3(TD3):
@@ -60,8 +50,8 @@ class ImitatingTD3(TD3):
     :raises ValueError: if the weight or the step is negative.
     """
 
-    bootstrap_proposals: ActionProposals | None
-    """Alternatives to the target actor's actions in the critics' target, or None; not saved."""
+    bootstrap_proposals: Callable[[Mapping[str, th.Tensor]], Proposals | None] | None
+    """Gives alternatives to the target actor's actions in the critics' target; not saved."""
 
     value_weights: tuple[float, ...] | None
     """Weight of each part's value in the actor's objective; None for their mean."""
@@ -134,12 +124,13 @@ class ImitatingTD3(TD3):
     def _better_actions(self, observations: Any, own: th.Tensor) -> th.Tensor:
         """Replace ``own`` actions (batch, action_dim) where the target critics prefer proposals."""
         assert self.bootstrap_proposals is not None
-        proposed = self.bootstrap_proposals(observations)
-        if proposed is None:
+        proposals = self.bootstrap_proposals(observations)
+        if proposals is None:
             return own
+        proposed, arms = proposals
         values = partial(candidate_values, self.critic_target, observations)
         by_arm = own.cpu().numpy().reshape(proposed.shape)
-        chosen = better_by_arm(by_arm, proposed, values, self.bootstrap_proposals.arms)
+        chosen = better_by_arm(by_arm, proposed, values, arms)
         mixed = np.where(chosen[..., np.newaxis], proposed, by_arm)
         return th.as_tensor(mixed.reshape(len(own), -1), device=self.device)
 

@@ -135,18 +135,13 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
             total_timesteps, callback, log_interval, name, reset_num_timesteps, progress_bar
         )
 
-    def _setup_learn(
-        self,
-        total_timesteps: int,
-        callback: MaybeCallback = None,
-        reset_num_timesteps: bool = True,
-        *args: Any,
-        **kwargs: Any,
-    ) -> tuple[int, BaseCallback]:
-        if reset_num_timesteps or self._last_obs is None:
-            # SB3 resets the environments under the same condition.
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
+        before = self._last_episode_starts
+        prepared = super()._setup_learn(*args, **kwargs)
+        if self._last_episode_starts is not before:
+            # SB3 has reset the environments.
             self._episode_costs.restart()
-        return super()._setup_learn(total_timesteps, callback, reset_num_timesteps, *args, **kwargs)
+        return prepared
 
     def collect_rollouts(
         self,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -140,28 +139,26 @@ class CPO(CostConstrainedMixin, TRPO):
             return parameters
         cost_gradient = flat_grad(before.cost, parameters, retain_graph=True)
         product = partial(self.hessian_vector_product, parameters, divergence_gradient)
-        excess = self._excess()
-        step, direction = self._direction(product, reward_gradient, cost_gradient, excess)
-        after, taken = self._line_search(batch, parameters, direction, before, step, excess)
-        self._log_step(before, after, step, taken, excess)
-        return parameters
-
-    def _direction(
-        self,
-        product: Callable[[th.Tensor], th.Tensor],
-        reward_gradient: th.Tensor,
-        cost_gradient: th.Tensor,
-        excess: float,
-    ) -> tuple[Step, th.Tensor]:
-        """Compute the constrained step as weights and as a direction."""
         x = solve(product, reward_gradient, self.cg_max_steps)
         p = solve(product, cost_gradient, self.cg_max_steps)
         # Conjugate gradients stop early. With products of their results instead of the gradients
         # the step still ends exactly on the boundary of the trust region.
         of_x, of_p = product(x), product(p)
         q, r, s = float(x @ of_x), float(x @ of_p), float(p @ of_p)
+        excess = self._excess()
         step = best_step(q, r, s, excess, self.target_kl)
-        return step, step.reward * x - step.cost * p
+        direction = step.reward * x - step.cost * p
+        after, taken = self._line_search(batch, parameters, direction, before, step, excess)
+        self.logger.record("train/policy_objective", after.reward.item())
+        self.logger.record("train/cost_change", (after.cost - before.cost).item())
+        self.logger.record("train/cost_excess", excess)
+        self.logger.record("train/kl_divergence_loss", after.divergence.item())
+        self.logger.record("train/case", step.case)
+        self.logger.record("train/step_share", taken)
+        self.logger.record("train/is_line_search_success", float(taken > 0.0))
+        if hasattr(self.policy, "log_std"):
+            self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
+        return parameters
 
     def _line_search(
         self,
@@ -214,19 +211,6 @@ class CPO(CostConstrainedMixin, TRPO):
         self.logger.record("train/value_loss", float(np.mean(losses)))
         variance = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
         self.logger.record("train/explained_variance", variance)
-
-    def _log_step(
-        self, before: Surrogates, after: Surrogates, step: Step, taken: float, excess: float
-    ) -> None:
-        self.logger.record("train/policy_objective", after.reward.item())
-        self.logger.record("train/cost_change", (after.cost - before.cost).item())
-        self.logger.record("train/cost_excess", excess)
-        self.logger.record("train/kl_divergence_loss", after.divergence.item())
-        self.logger.record("train/case", step.case)
-        self.logger.record("train/step_share", taken)
-        self.logger.record("train/is_line_search_success", float(taken > 0.0))
-        if hasattr(self.policy, "log_std"):
-            self.logger.record("train/std", th.exp(self.policy.log_std).mean().item())
 
 
 def _move(parameters: list[nn.Parameter], vector: th.Tensor) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -12,7 +13,6 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.advising import (
     Advisor,
-    TeacherProposals,
     build_advised,
     make_advisor,
     names_code,
@@ -26,15 +26,11 @@ from saver_advisors.learner.algorithms import (
     GoalTD3,
     GoalTQC,
     episode_horizon,
+    task_of,
 )
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
 from saver_advisors.training.settings import RunConfig, naming
-from saver_advisors.variable_reward import (
-    ConstraintReplayBuffer,
-    StageControl,
-    TrainingStage,
-    task_of,
-)
+from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
 
@@ -121,7 +117,7 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         with naming("advice"):
             warm_start_from_teachers(model, model.advisor.teachers, model.advisor.mapping)
     if advice is not None and advice.bootstrap:
-        model.bootstrap_proposals = TeacherProposals(model.advisor, model.policy.scale_action)
+        model.bootstrap_proposals = partial(model.advisor.propose, model.policy.scale_action)
     assert isinstance(model, GoalLearnerMixin)
     return model
 

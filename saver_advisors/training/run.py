@@ -158,7 +158,7 @@ class Run:
                         rate = self._evaluate()
                         bar.set_postfix(success=f"{rate:.2f}")
                     if self.stages is not None:
-                        self.stages.update(self.model, success_rate=rate)
+                        self.stages.advance(rate)
                     if done or self._is_due(self.config.checkpoint_every, before):
                         self._checkpoint()
                         saved_at = self.steps
@@ -185,7 +185,7 @@ class Run:
             if self.advisor is not None:
                 self.advisor.load_state_dict(extra["advisor"])
             if self.stages is not None:
-                self.stages.load_state_dict(extra["stages"], self.model)
+                self.stages.load_state_dict(extra["stages"])
             curve = read_curve(self.output_dir)
             self.curve = [point for point in curve if point["steps"] <= self.steps]
             if (self.output_dir / RECORD_FILE).exists():

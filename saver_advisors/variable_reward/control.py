@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,35 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from saver_advisors.advising import Advisor
-from saver_advisors.learner.replay import GoalReplayBuffer
-from saver_advisors.variable_reward.rewards import reward_of, task_of
+from saver_advisors.learner.algorithms import task_of
+from saver_advisors.learner.replay import GoalReplayBuffer, RewardFunction
 from saver_advisors.variable_reward.stages import StageClock, TrainingStage, check_stages
 
 
-class StageControl:
+def reward_of(stage: TrainingStage, task: Any) -> RewardFunction:
+    """Return the reward function of a stage.
+
+    This function holds all that the package knows about tasks: the field ``reward_stage``.
+
+    :param stage: the current stage.
+    :param task: of the environment; it defines how goal and constraint combine.
+    :return: a function of achieved and desired goals, (batch, goal_dim) each; it holds no
+        environment.
+    :raises ValueError: if the task's reward has no such stage.
+    """
+    name = "constrained" if stage.constrained else "goal"
+    try:
+        reward: RewardFunction = replace(task, reward_stage=name).reward
+    except (TypeError, ValueError) as error:
+        kind = "none of this package's" if task is None else task.name
+        raise ValueError(
+            f"stages need a task with a constraint, whose reward has the stage {name!r}; this "
+            f"environment's is {kind}"
+        ) from error
+    return reward
+
+
+class StageControl(StageClock):
     """Apply the stages of one learner's run.
 
     If the learner has one value per part of the goal, the constraint's value is learned throughout,
@@ -40,7 +64,8 @@ class StageControl:
     ) -> None:
         if not constraint_value_weight >= 0:
             raise ValueError(f"constraint_value_weight={constraint_value_weight} must be 0 or more")
-        self.clock = StageClock(stages)
+        super().__init__(stages)
+        self._model: Any = model
         self._weight = constraint_value_weight
         buffer = model.replay_buffer
         if not isinstance(buffer, GoalReplayBuffer):
@@ -49,70 +74,52 @@ class StageControl:
                 "use saver_advisors.learner.GoalReplayBuffer or ConstraintReplayBuffer, which "
                 "compute rewards when transitions are sampled"
             )
-        if self.stage.advised and _advisor(model) is None:
+        if self.stage.advised and self._advisor is None:
             raise ValueError("stage 'teaching' needs a teacher: pass the model an advisor")
         assert model.env is not None
         self._task = task_of(model.env)
-        self.apply(model)
+        self._apply()
 
     @property
-    def stage(self) -> TrainingStage:
-        """The current stage."""
-        return self.clock.stage
+    def _advisor(self) -> Advisor | None:
+        advisor = getattr(self._model, "advisor", None)
+        return advisor if isinstance(advisor, Advisor) else None
 
-    def update(self, model: OffPolicyAlgorithm, *, success_rate: float | None = None) -> bool:
+    def advance(self, success_rate: float | None = None) -> bool:
         """Switch to the next stage if the current one is over.
 
-        :param model: the learner.
         :param success_rate: of a new evaluation, else None.
         :return: whether the stage changed.
         """
-        advisor = _advisor(model)
-        left = 0 if advisor is None else advisor.budget.remaining
-        switched = self.clock.update(
-            model.num_timesteps, advice_left=left, success_rate=success_rate
+        left = 0 if self._advisor is None else self._advisor.budget.remaining
+        switched = self.update(
+            self._model.num_timesteps, advice_left=left, success_rate=success_rate
         )
         if switched:
-            self.apply(model)
+            self._apply()
         return switched
 
-    def apply(self, model: OffPolicyAlgorithm) -> None:
-        """Apply the current stage.
-
-        :param model: the learner.
-        """
-        buffer = model.replay_buffer
-        assert isinstance(buffer, GoalReplayBuffer)
-        n_parts = len(buffer.part_columns)
+    def _apply(self) -> None:
+        """Apply the current stage."""
+        model = self._model
+        n_parts = len(model.replay_buffer.part_columns)
         # Separate parts have separate values, and the constraint's is learned in every stage.
         rewarded = self.stage if n_parts == 1 else TrainingStage("exploring")
-        buffer.reward_function = reward_of(rewarded, self._task)
+        model.replay_buffer.reward_function = reward_of(rewarded, self._task)
         if n_parts > 1:
             own = self._weight if self.stage.constrained else 0.0
-            weights = (1.0,) * (n_parts - 1) + (own,)
-            model.value_weights = weights  # type: ignore[attr-defined]  # of GoalTD3
-        advisor = _advisor(model)
-        if advisor is not None:
-            advisor.enabled = self.stage.advised
+            model.value_weights = (1.0,) * (n_parts - 1) + (own,)
+        if self._advisor is not None:
+            self._advisor.enabled = self.stage.advised
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return the JSON-able state."""
-        return self.clock.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any], model: OffPolicyAlgorithm) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Restore and apply the stage of an earlier run.
 
         :param state: the result of ``state_dict``.
-        :param model: the learner.
         :raises ValueError: if the state belongs to other stages.
         """
-        self.clock.load_state_dict(state)
-        self.apply(model)
-
-
-def _advisor(model: OffPolicyAlgorithm) -> Advisor | None:
-    advisor = getattr(model, "advisor", None)
-    return advisor if isinstance(advisor, Advisor) else None
+        super().load_state_dict(state)
+        self._apply()
 
 
 class StagesCallback(BaseCallback):
@@ -162,12 +169,7 @@ class StagesCallback(BaseCallback):
         state = getattr(model, "stage_state", None)
         if state is not None:
             began = [min(steps, model.num_timesteps) for steps in state["switched_at"]]
-            self.control.load_state_dict({**state, "switched_at": began}, model)
-        self._keep_state()
-
-    def _keep_state(self) -> None:
-        """Write the state to the model, whose zip stores it."""
-        assert self.control is not None
+            self.control.load_state_dict({**state, "switched_at": began})
         self.model.stage_state = self.control.state_dict()  # type: ignore[attr-defined]
 
     def _on_step(self) -> bool:
@@ -178,9 +180,8 @@ class StagesCallback(BaseCallback):
         model: Any = self.model
         successes = model.ep_success_buffer
         full = successes is not None and len(successes) == successes.maxlen
-        if self.control.update(model, success_rate=float(np.mean(successes)) if full else None):
-            self._keep_state()
-            if self.verbose:
-                print(f"{model.num_timesteps} steps: stage {self.control.stage.name}")
-        clock = self.control.clock
-        self.logger.record("stages/stage", clock.stages.index(clock.stage))
+        switched = self.control.advance(float(np.mean(successes)) if full else None)
+        model.stage_state = self.control.state_dict()
+        if switched and self.verbose:
+            print(f"{model.num_timesteps} steps: stage {self.control.stage.name}")
+        self.logger.record("stages/stage", self.control.stages.index(self.control.stage))

@@ -7,8 +7,8 @@ constrained one, in the dissertation min(f_c, f_g). A teacher advises in teachin
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, Literal, get_args
@@ -42,16 +42,15 @@ class SwitchRule:
         words = text.split()
         if words == ["budget"]:
             return cls("budget")
+        with suppress(ValueError):
+            kind, number = words
+            value = float(number)
+            if kind == "steps" and value > 0 and value.is_integer():
+                return cls("steps", value)
+            if kind == "success" and 0 < value <= 1:
+                return cls("success", value)
         wanted = "'budget', 'steps N' with N above 0, or 'success S' with S above 0 and at most 1"
-        try:
-            kind, value = words[0], float(words[1].replace("_", ""))
-        except (IndexError, ValueError):
-            raise ValueError(f"until={text!r} must be {wanted}") from None
-        whole = kind == "steps" and math.isfinite(value) and value > 0 and value == int(value)
-        rate = kind == "success" and 0 < value <= 1
-        if len(words) != 2 or not (whole or rate):
-            raise ValueError(f"until={text!r} must be {wanted}")
-        return cls("steps" if whole else "success", value)
+        raise ValueError(f"until={text!r} must be {wanted}")
 
     def is_met(self, stage_steps: int, advice_left: int, success_rate: float | None) -> bool:
         """Return whether the stage is over.

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saver_advisors.advising import AdviceBudget
+from saver_advisors.advising.context import AdviceBudget
 
 steps = st.lists(st.lists(st.booleans(), min_size=1, max_size=9), max_size=20)
 

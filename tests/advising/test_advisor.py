@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from toy_arms import ACTION, GOAL, N_ARMS, OBSERVATION, ToyArms, linear_teacher, make_teacher
 
-from saver_advisors.advising import AdviceBudget, Advisor, make_advisor, make_strategy
-from saver_advisors.policies.mapping import ArmMapping
+from saver_advisors.advising import make_advisor, make_strategy
 
 
 def observation(n_envs, seed=0):
@@ -128,8 +127,6 @@ def test_a_teacher_of_another_size_is_refused_with_sizes():
         make_advisor("early", make_teacher(action_size=3), 10, **boxes)
     with pytest.raises(ValueError, match=r"observation has size 8, but 3 arm\(s\) of 4 need 12"):
         make_advisor("early", make_teacher(), 10, n_arms=3, **boxes)
-    with pytest.raises(ValueError, match="observation size 4, but one arm of the student has 28"):
-        Advisor(make_strategy("early"), make_teacher(), ArmMapping(2, 28, 3, 4), AdviceBudget(1))
 
 
 def test_arguments_are_checked():

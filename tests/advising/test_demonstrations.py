@@ -23,7 +23,9 @@ from toy_runs import (
     steps_taken,
 )
 
-from saver_advisors.learner import DemonstrationReplayBuffer, clone, reward_function_of
+from saver_advisors.learner import reward_function_of
+from saver_advisors.learner.imitation import clone
+from saver_advisors.learner.replay import DemonstrationReplayBuffer
 from saver_advisors.pretrained import load_teacher, side_by_side
 from saver_advisors.training.building import build_model
 from saver_advisors.training.launch import load_trained

@@ -23,7 +23,6 @@ from toy_runs import (
 )
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
-from saver_advisors.advising.advised_algorithms import student_values
 from saver_advisors.training.building import build_model
 
 
@@ -99,7 +98,7 @@ def test_per_arm_critics_ask_their_own_value(tmp_path: Path) -> None:
     replaced = np.repeat(mask, ACTION, axis=1)
     np.testing.assert_allclose(executed[replaced], by_teacher[replaced], atol=1e-5)
     assert 0 < mask.mean() < 1
-    values = student_values(model, np.stack([executed, by_teacher]))
+    values = model._student_values(np.stack([executed, by_teacher]))
     assert values.shape == (2, 8, 3)
 
 
@@ -137,7 +136,7 @@ def test_the_target_takes_the_better_next_action(
     with th.no_grad():
         own = model.actor_target(batch.next_observations)
         chosen = model._better_actions(batch.next_observations, own)
-    proposed = th.as_tensor(model.bootstrap_proposals(batch.next_observations)).reshape(40, -1)
+    proposed = th.as_tensor(model.bootstrap_proposals(batch.next_observations)[0]).reshape(40, -1)
     kept = (chosen == own).reshape(40, N_ARMS, ACTION).all(dim=2)
     taken = (chosen == proposed).reshape(40, N_ARMS, ACTION).all(dim=2)
     assert (kept | taken).all()
@@ -165,7 +164,7 @@ def test_proposals_are_the_teachers_actions_while_the_budget_lasts(tmp_path: Pat
     expected = model.policy.scale_action(
         model.advisor.mapping.join_actions(model.advisor.teacher_actions(seen))
     )
-    proposed = model.bootstrap_proposals(tensors)
+    proposed, _ = model.bootstrap_proposals(tensors)
     np.testing.assert_allclose(
         proposed.reshape(4, -1), np.clip(expected, -1, 1), rtol=1e-5, atol=1e-6
     )

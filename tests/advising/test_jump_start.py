@@ -25,13 +25,9 @@ from toy_runs import (
     settings,
 )
 
-from saver_advisors.advising import (
-    AdviceBudget,
-    AdvisingCallback,
-    JumpStart,
-    build_advised,
-    make_advisor,
-)
+from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
+from saver_advisors.advising.context import AdviceBudget
+from saver_advisors.advising.strategies import JumpStart
 
 
 def advice(folder: Path, **more: Any) -> dict[str, Any]:

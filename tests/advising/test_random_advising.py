@@ -23,7 +23,8 @@ from toy_runs import (
 )
 from toy_runs import settings as run_settings
 
-from saver_advisors.advising import Advisor, RandomAdvising, make_advisor
+from saver_advisors.advising import Advisor, make_advisor
+from saver_advisors.advising.strategies import RandomAdvising
 
 
 def times(advisor: Advisor, steps: int, n_envs: int = 1) -> np.ndarray:

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from toy_arms import ACTION, GOAL, OBSERVATION, linear_teacher, make_teacher
 
-from saver_advisors.advising import (
-    STRATEGIES,
-    AdviceBudget,
-    AdviceContext,
+from saver_advisors.advising import STRATEGIES, AdviceContext, make_strategy
+from saver_advisors.advising.context import AdviceBudget
+from saver_advisors.advising.strategies import (
     EarlyThenCorrecting,
     MistakeCorrectingAction,
     MistakeCorrectingQ,
     MistakeCorrectingRelativeAction,
-    make_strategy,
 )
 from saver_advisors.policies.teacher import TeacherGroup
 

@@ -8,21 +8,13 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 import pytest
-from stable_baselines3 import PPO, TD3, HerReplayBuffer
+from stable_baselines3 import TD3, HerReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from saver_advisors.advising import AdvisedMixin, build_advised
-from saver_advisors.learner import (
-    GoalDDPG,
-    GoalLearnerMixin,
-    GoalReplayBuffer,
-    GoalSAC,
-    GoalTD3,
-    GoalTD3Policy,
-    GoalTQC,
-    episode_horizon,
-    goal_learner,
-)
+from saver_advisors.learner import GoalDDPG, GoalReplayBuffer, GoalSAC, GoalTD3, GoalTQC
+from saver_advisors.learner.algorithms import GoalLearnerMixin, episode_horizon
+from saver_advisors.learner.policies import GoalTD3Policy
 
 LEARNERS: list[Any] = [GoalDDPG, GoalTD3, GoalSAC, GoalTQC]
 
@@ -197,8 +189,6 @@ def test_wrong_arguments_are_named(make_env: Any) -> None:
         make_learner(GoalTD3, env, exploration_noise=-1)
     with pytest.raises(TypeError, match="HerReplayBuffer must be GoalReplayBuffer"):
         make_learner(GoalTD3, env, replay_buffer_class=HerReplayBuffer)
-    with pytest.raises(TypeError, match="PPO"):
-        goal_learner(PPO)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

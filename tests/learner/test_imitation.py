@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -11,8 +11,15 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from saver_advisors.learner import GoalTD3
-from saver_advisors.learner.algorithms import goal_learner
+from saver_advisors.learner.algorithms import GoalLearnerMixin
+from saver_advisors.learner.policies import GoalTD3Policy
 from tests.learner.conftest import PointReach
+
+
+class PlainTD3(GoalLearnerMixin, TD3):
+    """SB3's own updates."""
+
+    policy_aliases: ClassVar[Any] = {"MultiInputPolicy": GoalTD3Policy}
 
 
 class Shown:
@@ -102,7 +109,7 @@ def test_before_its_step_the_filter_is_open() -> None:
 
 
 def test_without_weight_it_is_plain_td3() -> None:
-    plain, weightless = trained(learner(None, goal_learner(TD3))), trained(learner(0.0))
+    plain, weightless = trained(learner(None, PlainTD3)), trained(learner(0.0))
     for first, second in zip(
         plain.policy.parameters(), weightless.policy.parameters(), strict=True
     ):

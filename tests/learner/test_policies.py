@@ -16,16 +16,18 @@ from torch import nn
 
 from saver_advisors.learner import (
     GoalDDPG,
-    GoalPolicyMixin,
     GoalSAC,
-    GoalSACPolicy,
     GoalTD3,
-    GoalTD3Policy,
     GoalTQC,
-    GoalTQCPolicy,
     NormalizedGoalFeatures,
 )
-from saver_advisors.learner.policies import conservative_values
+from saver_advisors.learner.policies import (
+    GoalPolicyMixin,
+    GoalSACPolicy,
+    GoalTD3Policy,
+    GoalTQCPolicy,
+    conservative_values,
+)
 
 SPACE = spaces.Dict(
     {

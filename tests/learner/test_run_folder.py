@@ -190,7 +190,7 @@ def test_a_small_file_that_holds_a_large_array_is_refused_unread(
                 else:
                     file.write(content)
     seal(path.parent)
-    read = np.lib.format.read_array
+    read = np.lib.npyio.NpzFile.__getitem__
     sizes = []
 
     def keep(*arguments: Any, **named: Any) -> Any:
@@ -198,7 +198,7 @@ def test_a_small_file_that_holds_a_large_array_is_refused_unread(
         sizes.append(array.nbytes)
         return array
 
-    monkeypatch.setattr(np.lib.format, "read_array", keep)
+    monkeypatch.setattr(np.lib.npyio.NpzFile, "__getitem__", keep)
     with pytest.raises(ValueError, match=rf"replay\.npz: (its )?{name}"):
         resume(run)
     assert sum(sizes) < 10**5
@@ -265,7 +265,7 @@ def spy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     mark = tmp_path / "imported"
     (tmp_path / "spying.py").write_text(
         f"import pathlib\npathlib.Path({str(mark)!r}).touch()\n"
-        "from saver_advisors.advising import EarlyAdvising as Strategy\n"
+        "from saver_advisors.advising.strategies import EarlyAdvising as Strategy\n"
         "def teacher(observation, goal):\n"
         "    return (goal - observation[:, :3]).clip(-1, 1)\n"
     )

@@ -356,7 +356,7 @@ def test_the_budget_goes_on_after_a_resume(
             seed=3,
         )
     )
-    monkeypatch.setattr("saver_advisors.advising.factory.load_teacher", lambda name: teacher)
+    monkeypatch.setattr("saver_advisors.advising.advisor.load_teacher", lambda name: teacher)
     config = replace(CONFIG, advice=AdviceConfig("early", "point", budget=3 * BLOCK + 7))
     start(config, tmp_path / "whole")
     start(config, tmp_path / "parts", stop_after_steps=2 * BLOCK)

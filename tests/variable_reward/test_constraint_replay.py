@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saver_advisors.learner.replay import GoalTransitions
-from saver_advisors.variable_reward import ConstraintReplayBuffer, TrainingStage, reward_of
+from saver_advisors.variable_reward import ConstraintReplayBuffer, TrainingStage
+from saver_advisors.variable_reward.control import reward_of
 from saver_envs.tasks.distance import DISTANCE_TOLERANCE, REQUIRED_DISTANCE, Distance
 
 HORIZON, N_ENVS, GOAL = 6, 3, 7

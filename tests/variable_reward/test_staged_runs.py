@@ -130,10 +130,10 @@ def test_the_actor_minds_the_constraints_value_in_exploring_alone(env: VecEnv) -
     assert control is not None
     assert model.value_weights == (1.0, 1.0, 0.0)
     model.advisor.budget.spend(np.ones(3 * BLOCK, dtype=bool))
-    assert control.update(model)
+    assert control.advance()
     assert (control.stage.name, model.value_weights) == ("stretching", (1.0, 1.0, 0.0))
     model.num_timesteps = 3 * BLOCK
-    assert control.update(model)
+    assert control.advance()
     assert (control.stage.name, model.value_weights) == ("exploring", (1.0, 1.0, 2.0))
 
 
@@ -292,4 +292,4 @@ def test_exploring_rewards_the_constraint(env: VecEnv) -> None:
         assert buffer.reward_function(at_goal, asked)[0] == reward
         model.num_timesteps += 2 * BLOCK
         model.advisor.budget.spend(np.ones(2 * BLOCK, dtype=bool))
-        control.update(model)
+        control.advance()

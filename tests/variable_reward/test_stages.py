@@ -8,7 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from saver_advisors.variable_reward import StageClock, SwitchRule, TrainingStage, check_stages
+from saver_advisors.variable_reward.stages import (
+    StageClock,
+    SwitchRule,
+    TrainingStage,
+    check_stages,
+)
 
 THREE = (
     TrainingStage("teaching", SwitchRule("budget")),
