@@ -227,19 +227,21 @@ class Coverage:
         return cls(folder)
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Return the tests that execute a mutant's lines, cheapest first."""
+        """Return the tests that execute a mutant, cheapest first.
+
+        What is executed by an import alone, such as a default or a constant, is tested by what
+        tests the function, class or module around it.
+        """
         measured = next(
             (f for f in self.data.measured_files() if f.endswith(f"/{mutant.file}")), ""
         )
         contexts = self.data.contexts_by_lineno(measured)
-        statement = _statement_lines(ROOT / mutant.file, mutant.line)
-        tests = {
-            context.partition("|")[0]
-            for line in statement
-            for context in contexts.get(line, [])
-            if context
-        }
-        return sorted(tests, key=lambda test: (self.seconds.get(_junit_name(test), 0.0), test))
+        for lines in _surroundings(ROOT / mutant.file, mutant.line):
+            told = {one for line in lines for one in contexts.get(line, []) if one}
+            if told:
+                tests = {one.rpartition("|")[0] for one in told}
+                return sorted(tests, key=lambda one: (self.seconds.get(_junit_name(one), 0.0), one))
+        return []
 
 
 def _junit_name(test: str) -> str:
@@ -247,21 +249,17 @@ def _junit_name(test: str) -> str:
     return f"{file.removesuffix('.py').replace('/', '.')}.{rest.replace('::', '.')}"
 
 
-def _statement_lines(path: Path, line: int) -> range:
-    """Return the lines of the innermost statement's own text around a line."""
-    best = range(line, line + 1)
-    smallest = 10**9
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or line):
-            body = getattr(node, "body", None)
-            last = body[0].lineno - 1 if body else (node.end_lineno or line)
-            if (
-                line <= max(last, node.lineno)
-                and (node.end_lineno or line) - node.lineno < smallest
-            ):
-                smallest = (node.end_lineno or line) - node.lineno
-                best = range(node.lineno, max(last, node.lineno) + 1)
-    return best
+def _surroundings(path: Path, line: int) -> Iterator[range]:
+    """Yield the lines of the statements around a line, from the innermost to the whole file."""
+    text = path.read_text()
+    around = [
+        range(node.lineno, (node.end_lineno or line) + 1)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.stmt) and node.lineno <= line <= (node.end_lineno or line)
+    ]
+    yield range(line, line + 1)
+    yield from sorted(around, key=len)
+    yield range(1, len(text.splitlines()) + 1)
 
 
 def judge(mutant: Mutant, coverage: Coverage, tree: Path, limit: float) -> None:
@@ -281,6 +279,8 @@ def judge(mutant: Mutant, coverage: Coverage, tree: Path, limit: float) -> None:
     # A fault that hangs is noticed: nobody waits for it.
     status, output = pytest(tree, "-x", f"@{listed}", timeout=3 * limit + 60)
     file.write_text(original)
+    if status not in (0, 1, None) and pytest(tree, "--collect-only", f"@{listed}")[0]:
+        raise SystemExit(f"pytest does not find the tests of {mutant}:\n{output[-2000:]}")
     failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
     mutant.status = "survived" if status == 0 else "killed"
     mutant.killed_by = "out of time" if status is None else failed[0][:200] if failed else ""
