@@ -19,7 +19,7 @@ from pathlib import Path
 import mujoco
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
-from saver_envs.robots.drives import add_servo, drive_by_torques
+from saver_envs.robots.drives import add_servo
 
 _PREFIX = "robot0:"
 _NAMES = (
@@ -146,23 +146,11 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
         if body.name.startswith(_PREFIX):
             body.gravcomp = 1
     spec.body(GRIPPER_BODY).add_site(name=TOOL_SITE, size=(0.005, 0, 0), group=4)
-    for index, name in enumerate(ARM_JOINTS):
-        add_servo(spec, f"servo_{_NAMES[index]}", name, JOINT_TORQUES[index], STIFFNESS[index])
+    for joint, limit, stiffness in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, strict=True):
+        add_servo(spec, joint, limit, stiffness)
     if fingers is Fingers.ACTUATED:
-        for name, side in zip(FINGER_JOINTS, "rl", strict=True):
-            servo = f"servo_{side}_finger"
-            add_servo(spec, servo, name, FINGER_FORCE, FINGER_STIFFNESS, FINGER_DAMPING)
-    return spec
-
-
-def build_torque_driven() -> mujoco.MjSpec:
-    """Return the robot driven by torques: its links' inertia and nothing else.
-
-    There is no armature, damping, friction or gravity compensation; actuator i drives joint i of
-    ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
-    """
-    spec = build(Fingers.LOCKED)
-    drive_by_torques(spec, [f"motor_{name}" for name in _NAMES], ARM_JOINTS, JOINT_TORQUES)
+        for joint in FINGER_JOINTS:
+            add_servo(spec, joint, FINGER_FORCE, FINGER_STIFFNESS, FINGER_DAMPING)
     return spec
 
 
@@ -173,8 +161,6 @@ FETCH = Robot(
     tool_site=TOOL_SITE,
     arm_joints=ARM_JOINTS,
     finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{name}" for name in _NAMES),
-    finger_actuators=("servo_r_finger", "servo_l_finger"),
     home=HOME,
     joint_lower=JOINT_LOWER,
     joint_upper=JOINT_UPPER,

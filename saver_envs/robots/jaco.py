@@ -203,7 +203,7 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     for name, (body, start, end, radius) in _CAPSULES.items():
         add_capsule(spec.body(body), name, start, end, radius)
     for joint, limit, stiffness in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, strict=True):
-        add_servo(spec, f"servo_{joint}", joint, limit, stiffness)
+        add_servo(spec, joint, limit, stiffness)
     if fingers is Fingers.ACTUATED:
         add_finger_servos(spec, FINGER_JOINTS, FINGER_SHARES)
     return spec
@@ -216,8 +216,6 @@ JACO = Robot(
     tool_site=TOOL_SITE,
     arm_joints=ARM_JOINTS,
     finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{joint}" for joint in ARM_JOINTS),
-    finger_actuators=tuple(f"servo_{joint}" for joint in FINGER_JOINTS),
     home=HOME,
     joint_lower=JOINT_LOWER,
     joint_upper=JOINT_UPPER,

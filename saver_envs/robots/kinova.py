@@ -100,4 +100,4 @@ def add_finger_servos(spec: mujoco.MjSpec, joints: Sequence[str], shares: Sequen
     """
     for joint, share in zip(joints, shares, strict=True):
         gains = (share * gain for gain in (FINGER_TORQUE, FINGER_STIFFNESS, FINGER_DAMPING))
-        add_servo(spec, f"servo_{joint}", joint, *gains)
+        add_servo(spec, joint, *gains)

@@ -16,7 +16,7 @@ import math
 import mujoco
 
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
-from saver_envs.robots.drives import add_servo, drive_by_torques
+from saver_envs.robots.drives import add_servo
 from saver_envs.robots.kinova import (
     DARK,
     LIGHT,
@@ -31,7 +31,6 @@ from saver_envs.robots.kinova import (
 
 ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 5))
 FINGER_JOINTS = ("finger_1", "finger_2")
-HAND_BODY = "link_4"  # the maker joins hand and last link
 #: The maker's end effector, 0.16 m along the hand: the point of the DH table (SPEC 4.1).
 END_EFFECTOR_SITE = "end_effector"
 
@@ -194,21 +193,9 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     for name, (body, start, end, radius) in _CAPSULES.items():
         _add_capsule(spec.body(body), name, start, end, radius)
     for joint, *gains in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, DAMPING, strict=True):
-        add_servo(spec, f"servo_{joint}", joint, *gains)
+        add_servo(spec, joint, *gains)
     if fingers is Fingers.ACTUATED:
         add_finger_servos(spec, FINGER_JOINTS, (1.0, 1.0))
-    return spec
-
-
-def build_torque_driven() -> mujoco.MjSpec:
-    """Return the arm driven by torques: its links' inertia and nothing else.
-
-    There is no armature, damping, friction or gravity compensation; actuator i drives joint i of
-    ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
-    """
-    spec = build(Fingers.LOCKED)
-    names = [f"motor_{joint}" for joint in ARM_JOINTS]
-    drive_by_torques(spec, names, ARM_JOINTS, JOINT_TORQUES)
     return spec
 
 
@@ -219,8 +206,6 @@ MICO = Robot(
     tool_site=TOOL_SITE,
     arm_joints=ARM_JOINTS,
     finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{joint}" for joint in ARM_JOINTS),
-    finger_actuators=tuple(f"servo_{joint}" for joint in FINGER_JOINTS),
     home=HOME,
     joint_lower=JOINT_LOWER,
     joint_upper=JOINT_UPPER,

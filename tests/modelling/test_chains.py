@@ -17,21 +17,22 @@ from saver_envs.modelling.dh import DHRow, chain_of_table
 from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.mujoco_chain import chain_of_model, links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
-from saver_envs.robots import fetch, jaco, mico
+from saver_envs.robots import MICO, Robot, fetch, jaco, mico
 from saver_envs.robots.description import Fingers
+from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.fetch import FETCH
 from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
 
 SITES = {"mico": "end_effector", "fetch": "tool"}
 BASES = {"mico": "base", "fetch": fetch.BASE_BODY}
-ROBOTS = {"mico": mico, "fetch": fetch}
+ROBOTS = {"mico": MICO, "fetch": FETCH}
 CHAINS = {"mico": arms.mico.chain(), "fetch": arms.fetch.chain()}
 
 
 @pytest.fixture(scope="module", params=["mico", "fetch"])
 def arm(request: pytest.FixtureRequest) -> tuple[str, mujoco.MjModel, Chain]:
-    model = ROBOTS[request.param].build_torque_driven().compile()
+    model = torque_driven(ROBOTS[request.param]).compile()
     # Random postures may touch: what contacts and limits add is no inverse dynamics of the arm.
     for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
         model.opt.disableflags |= int(flag)
@@ -172,7 +173,7 @@ def test_the_appendix_describes_bodies_that_can_exist(links: Links) -> None:
 
 
 def test_the_appendix_is_near_the_makers_figures() -> None:
-    model = mico.build_torque_driven().compile()
+    model = torque_driven(MICO).compile()
     maker = links_of_model(model, "base", mico.ARM_JOINTS, CHAINS["mico"])
     paper = arms.mico.appendix_links()
     assert np.abs(maker.centre - paper.centre).max() < 0.035
@@ -181,8 +182,8 @@ def test_the_appendix_is_near_the_makers_figures() -> None:
 
 def test_the_fetch_comes_without_third_party_simulator_code() -> None:
     code = (
-        "import sys; from saver_envs.robots.fetch import FETCH, build_torque_driven;"
-        "build_torque_driven().compile();"
+        "import sys; from saver_envs.robots.drives import torque_driven;"
+        "from saver_envs.robots.fetch import FETCH; torque_driven(FETCH).compile();"
         "print([n for n in sys.modules if n.startswith('gymnasium_robotics.envs') or n == 'torch'])"
     )
     done = subprocess.run(
@@ -191,10 +192,10 @@ def test_the_fetch_comes_without_third_party_simulator_code() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("robot", [mico, fetch])
-def test_torque_driven_arms_have_motors_and_nothing_else(robot: object) -> None:
-    model = robot.build_torque_driven().compile()  # type: ignore[attr-defined]
-    limits = np.array(robot.JOINT_TORQUES)  # type: ignore[attr-defined]
+@pytest.mark.parametrize("robot", [MICO, FETCH])
+def test_torque_driven_arms_have_motors_and_nothing_else(robot: Robot) -> None:
+    model = torque_driven(robot).compile()
+    limits = np.array(robot.joint_torque_limits)
     assert (model.nq, model.nu) == (len(limits), len(limits))
     assert np.allclose(model.actuator_forcerange[:, 1], limits)
     assert not model.dof_armature.any()
