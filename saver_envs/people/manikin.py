@@ -45,32 +45,20 @@ MASS_SHARE: Final = {
     "shank": 0.0457,
     "foot": 0.0133,
 }
-#: The 14 joints of the skeleton (chapter 4), each with the body it belongs to. The shoulders' and
-#: hips' centres belong to the trunk; the neck lies between the shoulders, the head's is the nose.
+#: Bodies that begin at the centres of the arms' joints, and of the legs'.
+_ARM: Final = {"shoulder": "upper_arm", "elbow": "forearm", "wrist": "hand"}
+_LEG: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
+#: The 14 joints of the skeleton (chapter 4), each with the body that begins there. The neck lies
+#: between the shoulders, the head's joint is the nose.
 SKELETON_BODIES: Final = {
     "neck": "torso",
     "head": "head",
-    "right_shoulder": "torso",
-    "right_elbow": "right_forearm",
-    "right_wrist": "right_hand",
-    "left_shoulder": "torso",
-    "left_elbow": "left_forearm",
-    "left_wrist": "left_hand",
-    "right_hip": "pelvis",
-    "right_knee": "right_shank",
-    "right_ankle": "right_foot",
-    "left_hip": "pelvis",
-    "left_knee": "left_shank",
-    "left_ankle": "left_foot",
-}
-#: Bodies that begin at those joints' centres.
-_CENTRE: Final = {
-    "shoulder": "upper_arm",
-    "elbow": "forearm",
-    "wrist": "hand",
-    "hip": "thigh",
-    "knee": "shank",
-    "ankle": "foot",
+    **{
+        f"{side}_{joint}": f"{side}_{body}"
+        for limb in (_ARM, _LEG)
+        for side in ("right", "left")
+        for joint, body in limb.items()
+    },
 }
 SIDES: Final = ("left", "right")
 ROOT: Final = "manikin"
@@ -345,8 +333,9 @@ def _add_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str)
         elif joint == "neck":
             point = (shape.head("left_upper_arm") + shape.head("right_upper_arm")) / 2
         else:
-            side, _, part = joint.partition("_")
-            point = shape.head(f"{side}_{_CENTRE[part]}")
+            point = shape.head(body)
+        if segment(body) in ("upper_arm", "thigh"):  # their centres belong to the trunk
+            body = _PARENT[segment(body)]
         bodies[body].add_site(
             name=f"{prefix}joint_{joint}",
             pos=point - shape.head(body),

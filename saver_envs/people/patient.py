@@ -137,15 +137,7 @@ class Patient:
         """
         pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
-        cosine, sine = np.cos(people.yaw), np.sin(people.yaw)
-        turned = np.stack(
-            [
-                cosine * lever[:, 0] - sine * lever[:, 1],
-                sine * lever[:, 0] + cosine * lever[:, 1],
-            ],
-            axis=-1,
-        )
-        moved: NDArray[np.float64] = turned - lever
+        moved: NDArray[np.float64] = turned(lever, people.yaw) - lever
         return moved
 
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
@@ -195,6 +187,13 @@ class Patient:
         neck = sites[:, where.neck_site, :2] - memory["neck_before"]
         displacement = np.sqrt(np.maximum((hips * hips).sum(axis=-1), (neck * neck).sum(axis=-1)))
         return {"torso_force": force, "torso_displacement": displacement}
+
+
+def turned(points: NDArray[np.float64], yaw: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Return points (k, 2) turned about the origin by ``yaw`` (k,) or of all, radians."""
+    x, y = points.T
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 def place_stretcher(model: mujoco.MjModel, people: People, row: int) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from saver_envs.people.surface import AVERAGE_MAN, Appearance, body_shape
 from saver_envs.robots.description import DRAWN_ONLY
+from saver_envs.world import draw_box
 
 POLE_RADIUS: Final = 0.016  # m
 CANVAS_THICKNESS: Final = 0.012  # m
@@ -61,21 +62,8 @@ def add_stretcher(
     middle = float(np.mean(ends))
     half = stretcher.length / 2
 
-    def box(
-        centre: tuple[float, float, float],
-        size: tuple[float, float, float],
-        colour: tuple[float, float, float],
-    ) -> None:
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=centre,
-            size=size,
-            rgba=(*colour, 1),
-            **DRAWN_ONLY,
-        )
-
     canvas = (half, stretcher.width / 2, CANVAS_THICKNESS / 2)
-    box((middle, 0, 0.001 - CANVAS_THICKNESS / 2), canvas, stretcher.colour)
+    draw_box(body, (middle, 0, 0.001 - CANVAS_THICKNESS / 2), canvas, stretcher.colour)
     for side in (-1, 1):
         y, z = side * (stretcher.width / 2 + POLE_RADIUS), -0.5 * POLE_RADIUS
         body.add_geom(
@@ -89,8 +77,8 @@ def add_stretcher(
     rise = max(float(np.percentile(head[:, 2], 2)), 0.012)
     crown, nape = float(head[:, 0].min()), float(shape.head("head")[0])
     centre, reach = (crown + nape) / 2 - 0.01, (nape - crown) / 2 + 0.03
-    box((centre, 0, rise / 2), (reach, 0.13, rise / 2), stretcher.support)
+    draw_box(body, (centre, 0, rise / 2), (reach, 0.13, rise / 2), stretcher.support)
     wide = float(np.abs(head[:, 1]).max())
     for side in (-1, 1):
         cushion = (centre, side * (wide + 0.045), 0.055)
-        box(cushion, (0.7 * reach, 0.028, 0.055), stretcher.support)
+        draw_box(body, cushion, (0.7 * reach, 0.028, 0.055), stretcher.support)

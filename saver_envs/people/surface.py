@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.validation import require
+from saver_envs.world import add_picture, give_texture
 
 Colour = tuple[float, float, float]
 Pattern = Literal["plain", "stripes", "checks", "mottled"]
@@ -216,19 +217,9 @@ def _add_material(
     if pattern == "plain":
         material.rgba = (*colour, 1)
         return
-    texture = spec.add_texture(
-        name=name,
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=_TEXTURE_SIZE,
-        height=_TEXTURE_SIZE,
-        nchannel=3,
-    )
     share = _pattern(pattern)[..., None]
-    pixels = (1 - share) * np.array(colour) + share * np.array(second)
-    texture.data = np.rint(255 * pixels).astype(np.uint8).tobytes()
-    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
-    material.textures = textures
+    add_picture(spec, name, (1 - share) * np.array(colour) + share * np.array(second))
+    give_texture(material, name)
 
 
 def _pattern(pattern: Pattern) -> NDArray[np.float64]:

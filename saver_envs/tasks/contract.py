@@ -108,8 +108,6 @@ class Task(Content):
     #: Part of the goal, of size 1, that must stay at its desired value, and its tolerance; or
     #: ``None``.
     constraint: ClassVar[tuple[str, float] | None] = None
-    #: Values of the option ``reward_stage``, for tasks that have it.
-    reward_stages: ClassVar[tuple[str, ...]] = ()
     #: Scripted policy that solves it, as ``module:function``.
     expert: ClassVar[str | None] = None
     #: Whether the simulation keeps the highest sample of each sensor in an action.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saver_envs.people.bench import HIPS, person_addresses
 from saver_envs.people.bodies import PersonArm
-from saver_envs.people.patient import People
+from saver_envs.people.patient import People, turned
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
 from saver_envs.tasks.contract import Start
@@ -94,10 +94,15 @@ class WristStartSampler:
             stiffness = float(np.exp(generator.uniform(*np.log(STIFFNESS))))
             found: list[tuple[FloatArray, ...]] = []
             for arm in range(2):
-                found += self._arm(generator, body, hips, yaw, arm)
-                if len(found) == arm:
+                # The person stays the same: if a distance leaves no room, another one is drawn.
+                for _ in range(_MOST_DISTANCES):
+                    drawn = self._arm(generator, body, hips, yaw, arm)
+                    if drawn is not None:
+                        found.append(drawn)
+                        break
+                else:
                     break
-            if len(found) == 2:
+            else:
                 target, hand, shoulder, elbow = (
                     np.stack(part) for part in zip(*found, strict=True)
                 )
@@ -115,30 +120,12 @@ class WristStartSampler:
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
-    ) -> list[tuple[FloatArray, ...]]:
+    ) -> tuple[FloatArray, ...] | None:
         """Draw one arm: target and hand in the base frame, shoulder and elbow angles.
 
-        The person stays the same: if a distance leaves no room, another one is drawn.
-
-        :return: one, or none where no distance was found.
+        :return: ``None`` where the distance that is drawn leaves no room.
         """
-        for _ in range(_MOST_DISTANCES):
-            distance = float(generator.uniform(*WRIST_TO_TARGET))
-            drawn = self._arm_at(generator, body, hips, yaw, index, distance)
-            if drawn is not None:
-                return [drawn]
-        return []
-
-    def _arm_at(
-        self,
-        generator: np.random.Generator,
-        body: int,
-        hips: FloatArray,
-        yaw: float,
-        index: int,
-        distance: float,
-    ) -> tuple[FloatArray, ...] | None:
-        """Draw one arm whose wrist is at ``distance`` from its target, metres."""
+        distance = float(generator.uniform(*WRIST_TO_TARGET))
         arm = self._arms[body][index]
         drawn = _proposed(arm, generator, distance)
         wrist, hand, behind = (
@@ -163,12 +150,9 @@ class WristStartSampler:
 
     def _to_base(self, points: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Transform points (k, 3) from the manikin's frame to the base frame of ``arm``."""
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        x, y = points[:, 0], points[:, 1]
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y, points[:, 2]], axis=-1)
-        turned[:, :2] += hips
-        moved: FloatArray = turned - self._base[arm]
-        return moved
+        moved = points.copy()
+        moved[:, :2] = turned(points[:, :2], yaw) + hips
+        return moved - self._base[arm]
 
     def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Transform a point (3,) from the base frame of ``arm`` to the manikin's frame."""

@@ -68,7 +68,7 @@ def test_forward_kinematics_and_jacobian_are_mujocos(
 
 def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].arm_joints, chain)
     position, velocity, acceleration = motions(chain.dof)
     torque = inverse_dynamics(chain, links, position, velocity, acceleration)
     data = mujoco.MjData(model)
@@ -81,7 +81,7 @@ def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain])
 def test_newton_euler_is_pinocchios(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     pinocchio = pytest.importorskip("pinocchio")
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].arm_joints, chain)
     built = pinocchio.Model()
     parent = 0
     zero = chain.frames(np.zeros((1, chain.dof)))
