@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.experts.blocks import ArmView, view
+from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
-
-FloatArray = NDArray[np.floating]
 
 
 class Expert:
