@@ -179,6 +179,14 @@ class Episodes:
         self._has_gripper = task.fingers is Fingers.ACTUATED
         degrees_of_freedom = len(robot.arm_joints)
         self._motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
+        #: Size of an arm's action: motion, and the gripper command if the fingers move.
+        self.action_size_per_arm = self._motion_size + self._has_gripper
+        #: Size of an action, arm after arm.
+        self.action_size = self.action_size_per_arm * task.n_arms
+        #: Size of an observation.
+        self.observation_size = task.observation_layout.size
+        #: Size of a goal.
+        self.goal_size = task.goal_layout.size
         self._generators = [np.random.default_rng() for _ in range(n)]
         self.memory: Memory = task.memory(n)
         self.set_point = np.zeros((n, task.n_arms, 3))
@@ -190,26 +198,6 @@ class Episodes:
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
-
-    @property
-    def action_size_per_arm(self) -> int:
-        """Size of an arm's action: motion, and the gripper command if the fingers move."""
-        return self._motion_size + self._has_gripper
-
-    @property
-    def action_size(self) -> int:
-        """Size of an action, arm after arm."""
-        return self.action_size_per_arm * self.task.n_arms
-
-    @property
-    def observation_size(self) -> int:
-        """Size of an observation."""
-        return self.task.observation_layout.size
-
-    @property
-    def goal_size(self) -> int:
-        """Size of a goal."""
-        return self.task.goal_layout.size
 
     def limits_of(self, layout: Layout) -> NDArray[np.float64]:
         """Return the greatest absolute values (size,); infinite unless observations are bounded.

@@ -24,12 +24,8 @@ class Expert:
 
     def __init__(self, task: Task, act: Callable[[ArmView], FloatArray]) -> None:
         self.task = task
+        self.n_arms = task.n_arms
         self._act = act
-
-    @property
-    def n_arms(self) -> int:
-        """Number of arms."""
-        return self.task.n_arms
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True

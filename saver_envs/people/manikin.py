@@ -25,7 +25,6 @@ from saver_envs.people.surface import (
     Appearance,
     BodyShape,
     add_skins,
-    body_shape,
 )
 from saver_envs.robots.description import COLLISION_GROUP
 
@@ -153,7 +152,7 @@ def add_manikin(
     unknown = set(rigid) - set(_JOINTS)
     if unknown:
         raise ValueError(f"rigid={sorted(unknown)!r}: segments with joints are {list(_JOINTS)}")
-    shape = body_shape(appearance)
+    shape = BodyShape(appearance)
     mass = total_mass(appearance)
     root = spec.worldbody.add_body(
         name=prefix + ROOT, pos=position, quat=(math.cos(yaw / 2), 0, 0, math.sin(yaw / 2))

@@ -56,14 +56,10 @@ class People:
             stiffness=np.ones(n),
         )
 
-    def fields(self) -> Arrays:
-        """Return the arrays under their names."""
-        return dict(self.__dict__)
-
 
 def joined(people: list[People]) -> People:
     """Concatenate the rows of several."""
-    names = people[0].fields()
+    names = vars(people[0])
     return People(
         **{name: np.concatenate([getattr(one, name) for one in people]) for name in names}
     )
@@ -75,7 +71,7 @@ def person_memory(n: int) -> Arrays:
     :return: the fields of :class:`People`, and ``hips_before`` and ``neck_before`` (n, 2), metres.
     """
     before = {"hips_before": np.zeros((n, 2)), "neck_before": np.zeros((n, 2))}
-    return People.default(n).fields() | before
+    return vars(People.default(n)) | before
 
 
 def people_in(memory: Arrays) -> People:
@@ -124,7 +120,7 @@ class Patient:
         simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
         simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
         simulation.refresh(rows)
-        for name, values in people.fields().items():
+        for name, values in vars(people).items():
             memory[name][rows] = values
         sites = simulation.site_position
         memory["hips_before"][rows] = sites[rows[:, None], where.hip_site, :2].mean(axis=1)

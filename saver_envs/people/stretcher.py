@@ -9,7 +9,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from saver_envs.people.surface import AVERAGE_MAN, Appearance, body_shape
+from saver_envs.people.surface import AVERAGE_MAN, Appearance, BodyShape
 from saver_envs.robots.description import DRAWN_ONLY
 from saver_envs.world import draw_box
 
@@ -52,7 +52,7 @@ def add_stretcher(
     :param yaw: turn about z, radians, the person's.
     :param prefix: of the names.
     """
-    shape = body_shape(appearance)
+    shape = BodyShape(appearance)
     body = spec.worldbody.add_body(
         name=prefix + STRETCHER,
         pos=position,

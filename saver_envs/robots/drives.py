@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 
 from saver_envs.robots.description import Fingers, Robot, servo_of
@@ -23,6 +25,17 @@ def add_servo(
         servo.set_to_position(kp=stiffness, dampratio=1.0)
     else:
         servo.set_to_position(kp=stiffness, kv=damping)
+
+
+def add_arm_servos(spec: mujoco.MjSpec, robot: Robot, *gains: Sequence[float]) -> None:
+    """Add a position servo to each joint of the arm.
+
+    :param spec: of the robot.
+    :param robot: gives the torque limits.
+    :param gains: stiffness of every joint, and damping if it is not critical.
+    """
+    for joint, limit, *own in zip(robot.arm_joints, robot.joint_torque_limits, *gains, strict=True):
+        add_servo(spec, joint, limit, *own)
 
 
 def torque_driven(robot: Robot) -> mujoco.MjSpec:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY
+from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY, Robot
 from saver_envs.robots.drives import add_servo
 
 Point = tuple[float, float, float]
@@ -22,22 +22,19 @@ LINK_FRICTION, FINGER_FRICTION = (0.8, 0.02, 0.001), (1.5, 0.05, 0.001)
 FINGER_TORQUE, FINGER_ARMATURE, FINGER_STIFFNESS, FINGER_DAMPING = 1.0, 0.01, 5.0, 0.3
 
 
-def add_hinge(
-    body: mujoco.MjsBody, name: str, lower: float, upper: float, torque: float, armature: float
-) -> None:
+def add_hinge(body: mujoco.MjsBody, robot: Robot, index: int, armature: float) -> None:
     """Add a hinge of the arm about the body's z axis, with gravity compensation.
 
     :param body: of the link.
-    :param name: of the joint.
-    :param lower: limit, radians; minus infinity for a continuous joint.
-    :param upper: limit, radians; infinity for a continuous joint.
-    :param torque: limit, N m.
+    :param robot: gives name and limits; a continuous joint's are infinite.
+    :param index: of the joint.
     :param armature: reflected rotor inertia, kg m^2.
     """
+    lower, torque = robot.joint_lower[index], robot.joint_torque_limits[index]
     body.add_joint(
-        name=name,
+        name=robot.arm_joints[index],
         axis=(0, 0, 1),
-        range=(lower, upper) if math.isfinite(lower) else (0, 0),
+        range=(lower, robot.joint_upper[index]) if math.isfinite(lower) else (0, 0),
         armature=armature,
         actgravcomp=1,
         actfrcrange=(-torque, torque),

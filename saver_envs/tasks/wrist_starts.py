@@ -127,7 +127,7 @@ class WristStartSampler:
         """
         distance = float(generator.uniform(*WRIST_TO_TARGET))
         arm = self._arms[body][index]
-        drawn = _proposed(arm, generator, distance)
+        drawn = _Proposals(arm, generator, distance)
         wrist, hand, behind = (
             self._to_base(points, hips, yaw, index)
             for points in (drawn.wrist, drawn.hand, drawn.behind)
@@ -167,47 +167,39 @@ class WristStartSampler:
         return inside & reached
 
 
-@dataclass(frozen=True)
 class _Proposals:
     """Candidate poses of one arm, with a hand beside its wrist, in the person's frame.
 
-    :param target: (3,) of the wrist.
-    :param wrist: (k, 3).
-    :param elbow: (k, 3); not numbers where the wrist is out of its reach.
-    :param outwards: (k,) whether the elbow points away from the trunk.
-    :param fingers: (k, 3) end of the person's hand.
-    :param hand: (k, 3) the robot's.
-    :param behind: (k, 3) where the robot's hand finds room to start pushing.
+    :param arm: the person's.
+    :param generator: source of randomness.
+    :param distance: of the wrist from its target, metres.
     """
 
-    target: FloatArray
-    wrist: FloatArray
-    elbow: FloatArray
-    outwards: NDArray[np.bool_]
-    fingers: FloatArray
-    hand: FloatArray
-    behind: FloatArray
-
-
-def _proposed(arm: PersonArm, generator: np.random.Generator, distance: float) -> _Proposals:
-    """Draw a block of proposals with the wrist at ``distance`` from its target, metres."""
-    target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
-    target[2] = arm.wrist_height
-    angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
-    way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
-    wrist = target + distance * way
-    outwards = generator.random(_BLOCK) < 0.5
-    elbow = arm.elbow_at(wrist, outwards)
-    heading = angle + generator.uniform(-BEHIND, BEHIND, _BLOCK)
-    apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
-    aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
-    hand = wrist.copy()
-    hand[:, :2] += np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)[:, None] * aside
-    hand[:, 2] = PUSH_HEIGHT
-    behind = wrist + ROOM_BEHIND * way
-    behind[:, 2] = PUSH_HEIGHT
-    fingers = wrist + arm.hand_share * (wrist - elbow)
-    return _Proposals(target, wrist, elbow, outwards, fingers, hand, behind)
+    def __init__(self, arm: PersonArm, generator: np.random.Generator, distance: float) -> None:
+        #: (3,) of the wrist.
+        self.target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
+        self.target[2] = arm.wrist_height
+        angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
+        way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
+        #: (k, 3).
+        self.wrist = self.target + distance * way
+        #: (k,) whether the elbow points away from the trunk.
+        self.outwards = generator.random(_BLOCK) < 0.5
+        #: (k, 3); not numbers where the wrist is out of its reach.
+        self.elbow = arm.elbow_at(self.wrist, self.outwards)
+        heading = angle + generator.uniform(-BEHIND, BEHIND, _BLOCK)
+        apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
+        aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
+        run = np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)
+        #: (k, 3) the robot's.
+        self.hand = self.wrist.copy()
+        self.hand[:, :2] += run[:, None] * aside
+        self.hand[:, 2] = PUSH_HEIGHT
+        #: (k, 3) where the robot's hand finds room to start pushing.
+        self.behind = self.wrist + ROOM_BEHIND * way
+        self.behind[:, 2] = PUSH_HEIGHT
+        #: (k, 3) end of the person's hand.
+        self.fingers = self.wrist + arm.hand_share * (self.wrist - self.elbow)
 
 
 def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:

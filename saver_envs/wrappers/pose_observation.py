@@ -214,8 +214,7 @@ class _Eye:
             return PoseReading.nothing(now)
         exact = self._renderer.depth()
         depth = measured_depth(exact, self._camera, self._random[row] if self._noise else None)
-        _, data = self._renderer.model_and_data
-        space = lift(poses, depth, self._camera, pose_of(data, self._name))
+        space = lift(poses, depth, self._camera, pose_of(self._renderer.data, self._name))
         found = (poses.joints[0], space.positions[0], poses.scores[0], space.scores[0])
         values = (np.nan_to_num(part).astype(np.float32) for part in found)
         return PoseReading(dict(zip(SHAPES, values, strict=True)), now)

@@ -17,7 +17,7 @@ from saver_envs.modelling.dh import DHRow, chain_of_table
 from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.mujoco_chain import chain_of_model, links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
-from saver_envs.robots import MICO, Robot, fetch, jaco, mico
+from saver_envs.robots import JACO, MICO, Robot, fetch
 from saver_envs.robots.description import Fingers
 from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.fetch import FETCH
@@ -116,7 +116,7 @@ def test_chains_read_off_a_model(robot: str) -> None:
     assert np.abs(chain.position(joints) - arm.tool_chain.position(joints)).max() < 1e-12
     if robot == "jaco":
         # Its home posture has the hand straight down.
-        rotation = chain.tool_pose(np.array([jaco.HOME]))[1][0]
+        rotation = chain.tool_pose(np.array([JACO.home]))[1][0]
         assert np.abs(rotation[:, 2] - (0, 0, 1)).max() < 1e-3
 
 
@@ -174,7 +174,7 @@ def test_the_appendix_describes_bodies_that_can_exist(links: Links) -> None:
 
 def test_the_appendix_is_near_the_makers_figures() -> None:
     model = torque_driven(MICO).compile()
-    maker = links_of_model(model, "base", mico.ARM_JOINTS, CHAINS["mico"])
+    maker = links_of_model(model, "base", MICO.arm_joints, CHAINS["mico"])
     paper = arms.mico.appendix_links()
     assert np.abs(maker.centre - paper.centre).max() < 0.035
     assert np.allclose(maker.mass, paper.mass)
