@@ -328,7 +328,6 @@ def alone_or_coordinated(
     closed: Clearance,
     coordinated: bool,
     free_arm: int | None,
-    own_last: bool,
 ) -> Expert:
     """Build the expert of a task in which each arm has a cube of its own.
 
@@ -338,10 +337,9 @@ def alone_or_coordinated(
     :param closed: how close two closed hands may come.
     :param coordinated: whether arms give way to one another.
     :param free_arm: the only arm that moves, or ``None``.
-    :param own_last: whether a free arm serves its own cube last.
     """
     if free_arm is not None:
-        return serves_all(task, skill, free_arm, own_last)
+        return serves_all(task, skill, free_arm)
     if not coordinated or (task.n_arms == 1 and skill.ring == 0):
         return Expert(task, skill.actions)
     base = base_poses(task.n_arms, "row")[0][:, :2]

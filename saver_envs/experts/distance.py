@@ -85,7 +85,7 @@ def expert(task: Distance, settings: Settings, coordinated: bool, free_arm: int 
     """
     skill = skill_for(task, settings)
     if free_arm is not None:
-        return serves_all(task, skill, free_arm, own_last=True)
+        return serves_all(task, skill, free_arm)
     if not coordinated:
         raise ValueError("the expert of the distance task carries with both arms as one")
     return Expert(task, DistanceExpert(base_poses(2, "row")[0], skill).actions)

@@ -12,16 +12,15 @@ from saver_envs.scenes import base_poses
 from saver_envs.tasks.contract import Task
 
 
-def serves_all(task: Task, skill: Skill, free: int, own_last: bool) -> Expert:
+def serves_all(task: Task, skill: Skill, free: int) -> Expert:
     """Build an expert whose free arm serves its own cube and its neighbours' in turn.
 
     :param task: with arms in a row.
     :param skill: what an arm does by itself.
     :param free: index of the arm that moves; the actions of the others are zero.
-    :param own_last: serve the own cube last; its target may be in the air, where it must be held.
     """
     base, arms = base_poses(task.n_arms, "row")[0], task.n_arms
-    order = sorted(range(arms), key=lambda arm: ((arm == free) == own_last, arm))
+    order = sorted(range(arms), key=lambda arm: ((arm == free) == skill.own_last, arm))
 
     def act(view: ArmView) -> FloatArray:
         left = ~skill.finished(view)[:, order]

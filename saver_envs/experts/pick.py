@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ class PickSkill(Skill):
     half_open: float = 0.15
     cruise: float = 0.11
 
+    own_last: ClassVar[bool] = True
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
     ABOVE, AT_GRASP = 0.02, 0.008
@@ -151,6 +153,4 @@ def expert(
 ) -> Expert:
     """Build the expert of pick and place; see :func:`saver_envs.experts.make_expert`."""
     skill = skill_for(task, settings)
-    return alone_or_coordinated(
-        task, settings, skill, JACO_HOLDING, coordinated, free_arm, own_last=True
-    )
+    return alone_or_coordinated(task, settings, skill, JACO_HOLDING, coordinated, free_arm)

@@ -179,6 +179,4 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
     skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings, task.object_size)
-    return alone_or_coordinated(
-        task, settings, skill, JACO_CLOSED, coordinated, free_arm, own_last=False
-    )
+    return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ class Skill:
     :param object_size: edge of the cubes, metres.
     :param step: longest displacement of an action, metres.
     """
+
+    #: Whether a free arm that serves all cubes serves its own last; its target may be in the air,
+    #: where it must be held.
+    own_last: ClassVar[bool] = False
 
     object_size: float = 0.056
     step: float = DEFAULT_SPEED * ACTION_DURATION

@@ -163,8 +163,25 @@ def add_skins(spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, pre
         name = f"{prefix}{layer}"
         pattern, second = patterns.get(str(layer), ("plain", (0.0, 0.0, 0.0)))
         _add_material(spec, name, _colour(str(layer), appearance), pattern, second)
-        lifts = _STANDOFF.get(str(layer), 0.0) * normals
-        _add_skin(spec, shape, layers == layer, name, lifts, prefix)
+        chosen = layers == layer
+        used, faces = np.unique(shape.faces[chosen], return_inverse=True)
+        # The rim stays on the skin, so that no gap is visible.
+        rim = np.isin(used, np.unique(shape.faces[~chosen]))
+        lift = np.where(rim, 0.0, _STANDOFF.get(str(layer), 0.0))
+        vertices = shape.vertices[used] + lift[:, None] * normals[used]
+        weights = shape.weights[used]
+        moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
+        at_work = [body for body, rows in enumerate(moved) if len(rows)]
+        skin = spec.add_skin(name=name, material=name)
+        skin.vert = vertices.astype(np.float32).ravel()
+        skin.face = faces.astype(np.int32).ravel()
+        # Cloth runs around the body: along it, and across it as seen from above.
+        skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
+        skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
+        skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()
+        skin.bindquat = np.tile([1, 0, 0, 0], len(at_work)).astype(np.float32)
+        skin.vertid = [moved[body].astype(np.int32) for body in at_work]
+        skin.vertweight = [weights[moved[body], body].astype(np.float32) for body in at_work]
 
 
 def _layer(part: str, appearance: Appearance) -> str:
@@ -223,31 +240,3 @@ def _pattern(pattern: Pattern) -> NDArray[np.float64]:
         spots = random.random((_TEXTURE_SIZE // 4, _TEXTURE_SIZE // 4)) > 0.5
         return np.kron(spots, np.ones((4, 4))).astype(np.float64)
     raise ValueError(f"pattern={pattern!r}: valid are plain, stripes, checks and mottled")
-
-
-def _add_skin(
-    spec: mujoco.MjSpec,
-    shape: BodyShape,
-    chosen: NDArray[np.bool_],
-    name: str,
-    lifts: NDArray[np.float64],
-    prefix: str,
-) -> None:
-    used, faces = np.unique(shape.faces[chosen], return_inverse=True)
-    elsewhere = np.unique(shape.faces[~chosen])
-    # The rim stays on the skin, so that no gap is visible.
-    lift = np.where(np.isin(used, elsewhere)[:, None], 0.0, lifts[used])
-    vertices = shape.vertices[used] + lift
-    weights = shape.weights[used]
-    moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
-    at_work = [body for body, rows in enumerate(moved) if len(rows)]
-    skin = spec.add_skin(name=name, material=name)
-    skin.vert = vertices.astype(np.float32).ravel()
-    skin.face = faces.astype(np.int32).ravel()
-    # Cloth runs around the body: along it, and across it as seen from above.
-    skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
-    skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
-    skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()
-    skin.bindquat = np.tile([1, 0, 0, 0], len(at_work)).astype(np.float32)
-    skin.vertid = [moved[body].astype(np.int32) for body in at_work]
-    skin.vertweight = [weights[moved[body], body].astype(np.float32) for body in at_work]

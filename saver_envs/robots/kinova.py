@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 
@@ -64,7 +65,13 @@ def add_ring(body: mujoco.MjsBody, radius: float, half_height: float) -> None:
 
 
 def add_capsule(
-    body: mujoco.MjsBody, name: str, start: Point, end: Point, radius: float, pad: bool = False
+    body: mujoco.MjsBody,
+    name: str,
+    start: Point,
+    end: Point,
+    radius: float,
+    pad: bool = False,
+    drawn: tuple[float, ...] | None = None,
 ) -> None:
     """Add a massless collision capsule.
 
@@ -74,12 +81,18 @@ def add_capsule(
     :param end: of its axis, metres.
     :param radius: metres.
     :param pad: whether it is a finger's rubber pad.
+    :param drawn: colour of a second one that is drawn, for a link without a mesh.
     """
+    shape: Any = {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "fromto": (*start, *end),
+        "size": (radius, 0, 0),
+    }
+    if drawn is not None:
+        body.add_geom(**shape, rgba=drawn, **DRAWN_ONLY)
     body.add_geom(
+        **shape,
         name=name,
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius, 0, 0),
         mass=0,
         condim=4 if pad else 3,
         friction=FINGER_FRICTION if pad else LINK_FRICTION,

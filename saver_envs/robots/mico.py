@@ -15,7 +15,7 @@ import math
 
 import mujoco
 
-from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
+from saver_envs.robots.description import Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos
 from saver_envs.robots.kinova import (
     DARK,
@@ -50,7 +50,8 @@ _LINKS = (
 )
 #: The maker's cylinders, from which a link's inertia follows: mass (kg), centre of mass (m),
 #: length (m), radius (m), axis (0 is x).
-_INERTIA = {
+Cylinder = tuple[float, Point, float, float, int]
+_INERTIA: dict[str, Cylinder] = {
     "base": (0.46784, (0, 0, 0.1255), 0.14, 0.04, 2),
     "link_1": (0.7477, (0, -0.002, -0.0605), 0.14, 0.04, 2),
     "link_2": (0.85968, (0, -0.145, -0.0076), 0.25, 0.03, 1),
@@ -80,14 +81,8 @@ _DISTAL_LENGTH = 0.040  # m
 _TOOL_POSITION = (0.0, 0.0, -0.188)
 
 
-def _set_inertia(
-    body: mujoco.MjsBody,
-    mass: float,
-    centre: tuple[float, ...],
-    length: float,
-    radius: float,
-    axis: int,
-) -> None:
+def _set_inertia(body: mujoco.MjsBody, cylinder: Cylinder) -> None:
+    mass, centre, length, radius, axis = cylinder
     across = mass * (3 * radius**2 + length**2) / 12
     inertia = [across, across, across]
     inertia[axis] = mass * radius**2 / 2
@@ -95,33 +90,13 @@ def _set_inertia(
     body.explicitinertial = True
 
 
-def _add_capsule(
-    body: mujoco.MjsBody,
-    name: str,
-    start: Point,
-    end: Point,
-    radius: float,
-    rgba: tuple[float, ...] = DARK,
-    pad: bool = False,
-) -> None:
-    """Add a capsule twice: once to be drawn, once to collide."""
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius, 0, 0),
-        rgba=rgba,
-        **DRAWN_ONLY,
-    )
-    add_capsule(body, name, start, end, radius, pad)
-
-
 def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base and four links; return the last, which is the hand."""
     body = spec.worldbody.add_body(name="base")
-    _set_inertia(body, *_INERTIA["base"])
+    _set_inertia(body, _INERTIA["base"])
     for index, (name, position, quaternion, ring) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        _set_inertia(body, *_INERTIA[name])
+        _set_inertia(body, _INERTIA[name])
         add_hinge(body, MICO, index, ARMATURE[index])
         add_ring(body, *ring)
     # With the hand straight down and joints 1 and 4 at 0, this half turn makes the tool's axes
@@ -146,20 +121,20 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
         proximal = hand.add_body(name=f"finger_proximal_{index}", pos=(x, side * y, z), gravcomp=1)
         proximal.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
         proximal.alt.xyaxes = (*along, *across)
-        _set_inertia(proximal, *_FINGER_INERTIA)
+        _set_inertia(proximal, _FINGER_INERTIA)
         if fingers is Fingers.ACTUATED:
             add_finger_hinge(proximal, MICO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER)
         name = f"proximal_{index}"
-        _add_capsule(proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, LIGHT, pad=True)
+        add_capsule(proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, pad=True, drawn=LIGHT)
         distal = proximal.add_body(
             name=f"finger_distal_{index}",
             pos=_KNUCKLE,
             quat=(math.cos(_BEND / 2), 0, 0, math.sin(_BEND / 2)),
             gravcomp=1,
         )
-        _set_inertia(distal, *_FINGER_INERTIA)
+        _set_inertia(distal, _FINGER_INERTIA)
         name = f"distal_{index}"
-        _add_capsule(distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True)
+        add_capsule(distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True, drawn=DARK)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -174,7 +149,7 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        _add_capsule(spec.body(body), name, start, end, radius)
+        add_capsule(spec.body(body), name, start, end, radius, drawn=DARK)
     add_arm_servos(spec, MICO, STIFFNESS, DAMPING)
     if fingers is Fingers.ACTUATED:
         add_finger_servos(spec, MICO.finger_joints, (1.0, 1.0))

@@ -94,11 +94,6 @@ class StartRules:
     contested_share: float = 0.0
     in_hand_probability: float = 0.0
 
-    @property
-    def rest_height(self) -> float:
-        """Height of a resting cube's centre above the table, metres."""
-        return self.object_size / 2
-
 
 class StartSampler:
     """Draws starts for one scene.
@@ -116,6 +111,8 @@ class StartSampler:
         self._regions = regions
         self._reachability = reachability
         self._rules = rules
+        #: Height of a resting cube's centre above the table, metres.
+        self._rest = rules.object_size / 2
         self._n_arms = scene.n_arms
         self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
         # How far to its side an arm can have an object, where the box is nearest to it. Two arms
@@ -170,7 +167,7 @@ class StartSampler:
         lower, upper = self._regions.object_lower, self._regions.object_upper
         objects = np.empty((*shape, 3))
         objects[..., :2] = generator.uniform(lower, upper, (*shape, 2))
-        objects[..., 2] = self._rules.rest_height
+        objects[..., 2] = self._rest
         if self._rules.separation is not None:
             self._separate(generator, objects)
         target = self._draw_target(generator, objects)
@@ -180,7 +177,7 @@ class StartSampler:
 
     def _draw_target(self, generator: np.random.Generator, objects: FloatArray) -> FloatArray:
         """Draw a target for each object (..., 3)."""
-        rest = self._rules.rest_height
+        rest = self._rest
         shape = objects.shape[:-1]
         height = generator.uniform(rest, self._rules.air_height, shape)
         in_air = generator.random(shape) < self._rules.air_share
@@ -232,7 +229,7 @@ class StartSampler:
         :return: (k, 2, 2, 3): arm, object and target; horizontally from the right object.
         """
         objects = np.zeros((_CROSSINGS, 2, 3))
-        objects[..., 2] = self._rules.rest_height
+        objects[..., 2] = self._rest
         target = self._draw_target(generator, objects)
         passed = generator.random((_CROSSINGS, 2, 1))  # shares of the ways where they meet
         met = passed * (target - objects)[..., :2]
