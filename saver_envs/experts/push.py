@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import shortened
+from saver_envs.control import length, shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, dot, length, unit
+from saver_envs.experts.geometry import FloatArray, dot, unit
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
 

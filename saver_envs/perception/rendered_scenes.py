@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose, RgbdCamera
 from saver_envs.people.manikin import add_manikin, joint_centres
 from saver_envs.people.postures import random_appearance, random_posture
-from saver_envs.people.stretcher import Stretcher, add_stretcher
+from saver_envs.people.stretcher import add_stretcher
 from saver_envs.perception.lifting import pixel_windows
 from saver_envs.perception.skeleton import N_JOINTS, Visibility
 from saver_envs.robots import ROBOTS
@@ -338,8 +338,8 @@ def _add_person(
     if random.random() < 0.85:
         canvas, support = random.uniform(0.1, 0.95, (2, 3))
         width = random.uniform(0.48, 0.6)
-        stretcher = Stretcher(width=width, colour=tuple(canvas), support=tuple(support))
-        add_stretcher(spec, stretcher, appearance, position, yaw, prefix)
+        colours = tuple(canvas), tuple(support)
+        add_stretcher(spec, appearance, position, yaw, prefix, width, *colours)
 
 
 def _add_arms(spec: mujoco.MjSpec, random: np.random.Generator) -> list[_SceneArm]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import Workspace
+from saver_envs.control import Workspace, length
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Bases, Content, Scene
 from saver_envs.simulation import ArmState, Simulation
@@ -240,8 +240,7 @@ class Task(Content):
 
     def distances(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
         """Return each object's distance to its target (..., arms), metres."""
-        difference = self.goal_layout.blocks(achieved - desired)
-        return np.sqrt((difference * difference).sum(axis=-1))
+        return length(self.goal_layout.blocks(achieved - desired))
 
     def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
         """Return the reward of goals (..., goal size), shape (...); pure."""

@@ -17,9 +17,7 @@ from saver_envs.scenes import Scene
 from saver_envs.tasks.contract import Start
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import Regions
-from saver_envs.tasks.sampling import HAND_TO_OBJECT, distance_to_segment
-
-FloatArray = NDArray[np.float64]
+from saver_envs.tasks.sampling import HAND_TO_OBJECT, FloatArray, distance_to_segment
 
 #: Lateral distance of a wrist's target from its hip joint (m): the arms stop that far from the
 #: body, so as not to squeeze it (SPEC 5.5).
