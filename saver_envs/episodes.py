@@ -122,30 +122,22 @@ class Outcome:
         return {name: values[index].item() for name, values in self.info().items()}
 
 
+#: Attributes of :class:`Episodes` that change from step to step.
+_CHANGING = ("set_point", "goal", "elapsed", "_failed", "_observation", "_achieved", "memory")
+
+
 @dataclass(frozen=True)
 class EpisodesState:
-    """Everything that n episodes' future depends on; arrays with one row per episode.
+    """Everything that n episodes' future depends on.
 
     :param simulation: (n, state size) the simulations' state.
-    :param set_point: (n, arms, 3) tool set-points in base frames, metres.
-    :param goal: (n, goal size) desired goals.
-    :param elapsed: (n,) actions since the reset; -1 before the first one.
-    :param failed: (n,) whether a hard constraint was broken.
-    :param observation: (n, observation size) as last read.
-    :param achieved: (n, goal size) as last read.
+    :param changing: arrays with one row per episode, and the task's memory, by attribute.
     :param generators: the episodes' sources of randomness.
-    :param memory: further state of the task.
     """
 
     simulation: NDArray[np.float64]
-    set_point: NDArray[np.float64]
-    goal: NDArray[np.float64]
-    elapsed: NDArray[np.int64]
-    failed: NDArray[np.bool_]
-    observation: NDArray[np.float64]
-    achieved: NDArray[np.float64]
+    changing: dict[str, Any]
     generators: tuple[np.random.Generator, ...]
-    memory: Memory
 
 
 class Episodes:
@@ -187,6 +179,14 @@ class Episodes:
         self._has_gripper = task.fingers is Fingers.ACTUATED
         degrees_of_freedom = len(robot.arm_joints)
         self._motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
+        #: Size of an arm's action: motion, and the gripper command if the fingers move.
+        self.action_size_per_arm = self._motion_size + self._has_gripper
+        #: Size of an action, arm after arm.
+        self.action_size = self.action_size_per_arm * task.n_arms
+        #: Size of an observation.
+        self.observation_size = task.observation_layout.size
+        #: Size of a goal.
+        self.goal_size = task.goal_layout.size
         self._generators = [np.random.default_rng() for _ in range(n)]
         self.memory: Memory = task.memory(n)
         self.set_point = np.zeros((n, task.n_arms, 3))
@@ -198,26 +198,6 @@ class Episodes:
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
-
-    @property
-    def action_size_per_arm(self) -> int:
-        """Size of an arm's action: motion, and the gripper command if the fingers move."""
-        return self._motion_size + self._has_gripper
-
-    @property
-    def action_size(self) -> int:
-        """Size of an action, arm after arm."""
-        return self.action_size_per_arm * self.task.n_arms
-
-    @property
-    def observation_size(self) -> int:
-        """Size of an observation."""
-        return self.task.observation_layout.size
-
-    @property
-    def goal_size(self) -> int:
-        """Size of a goal."""
-        return self.task.goal_layout.size
 
     def limits_of(self, layout: Layout) -> NDArray[np.float64]:
         """Return the greatest absolute values (size,); infinite unless observations are bounded.
@@ -233,17 +213,9 @@ class Episodes:
 
     def get_state(self) -> EpisodesState:
         """Return a copy of everything that the episodes' future depends on."""
-        return EpisodesState(
-            simulation=self.simulation.get_state(),
-            set_point=self.set_point.copy(),
-            goal=self.goal.copy(),
-            elapsed=self.elapsed.copy(),
-            failed=self._failed.copy(),
-            observation=self._observation.copy(),
-            achieved=self._achieved.copy(),
-            generators=tuple(copy.deepcopy(self._generators)),
-            memory=copy.deepcopy(self.memory),
-        )
+        changing = {name: getattr(self, name) for name in _CHANGING}
+        generators = tuple(copy.deepcopy(self._generators))
+        return EpisodesState(self.simulation.get_state(), copy.deepcopy(changing), generators)
 
     def set_state(self, state: EpisodesState) -> None:
         """Go back to a state that :meth:`get_state` returned; what follows is then the same.
@@ -251,15 +223,12 @@ class Episodes:
         :param state: of these episodes, or of others built from the same arguments.
         :raises ValueError: for a state of another scene or another number of episodes.
         """
-        self.memory = copy.deepcopy(state.memory)
+        changing = copy.deepcopy(state.changing)
+        self.memory = changing["memory"]
         self.task.restore(self.simulation, self.memory)
         self.simulation.set_state(state.simulation)
-        self.set_point = state.set_point.copy()
-        self.goal = state.goal.copy()
-        self.elapsed = state.elapsed.copy()
-        self._failed = state.failed.copy()
-        self._observation = state.observation.copy()
-        self._achieved = state.achieved.copy()
+        for name, values in changing.items():
+            setattr(self, name, values)
         self._arms = self.simulation.arm_state()
         self._generators = list(copy.deepcopy(state.generators))
 

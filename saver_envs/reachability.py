@@ -37,14 +37,10 @@ class PostureSolver:
     def __init__(self, robot: Robot, capacity: int) -> None:
         self._robot = robot
         self._scene = compose(Arms(robot, 1, Fingers.LOCKED))
+        self.capacity = capacity
         self._simulation = Simulation(self._scene, capacity, persistent=False)
         self._lower = np.asarray(robot.joint_lower)
         self._upper = np.asarray(robot.joint_upper)
-
-    @property
-    def capacity(self) -> int:
-        """Most targets that one call can solve."""
-        return self._simulation.n
 
     def solve(
         self, targets: NDArray[np.float64], guess: NDArray[np.float64], iterations: int

@@ -138,8 +138,12 @@ def register_task(
             _check(row)
     ENVIRONMENTS.update(rows)
     for env_id in rows:
-        _register_with_gymnasium(
-            env_id, env_id, task.horizon, "goal_env:SaverGoalEnv", "vector_env:SaverVectorEnv"
+        gymnasium.register(
+            id=env_id,
+            entry_point="saver_envs.envs.goal_env:SaverGoalEnv",
+            vector_entry_point="saver_envs.envs.vector_env:SaverVectorEnv",
+            max_episode_steps=task.horizon,
+            kwargs={"env_id": env_id},
         )
         if n_arms > 1:
             pettingzoo.register(
@@ -150,26 +154,13 @@ def register_task(
             )
     if pixels:
         PIXELS[pixel_id] = f"{name}-v{version}"
-        _register_with_gymnasium(
-            pixel_id, PIXELS[pixel_id], task.horizon, "pixel_env:SaverPixelEnv"
+        gymnasium.register(
+            id=pixel_id,
+            entry_point="saver_envs.envs.pixel_env:SaverPixelEnv",
+            max_episode_steps=task.horizon,
+            kwargs={"env_id": PIXELS[pixel_id]},
         )
     return tuple(rows)
-
-
-def _register_with_gymnasium(
-    env_id: str,
-    behind: str,
-    horizon: int,
-    entry_point: str,
-    vector_entry_point: str | None = None,
-) -> None:
-    gymnasium.register(
-        id=env_id,
-        entry_point=f"saver_envs.envs.{entry_point}",
-        vector_entry_point=vector_entry_point and f"saver_envs.envs.{vector_entry_point}",
-        max_episode_steps=horizon,
-        kwargs={"env_id": behind},
-    )
 
 
 def register_robot(robot: Robot) -> Robot:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
@@ -113,67 +113,70 @@ class _Recipe:
     content: Content = field(compare=False)
 
 
-@dataclass(frozen=True, eq=False)
 class Scene:
     """Compiled models and where to find things in them; arrays have one row per arm.
 
-    :param models: the compiled models of what moves and collides, one per variant; see
-        :meth:`drawing_model`.
-    :param arms: which arms, and how they stand.
-    :param base_position: (arms, 3), metres, world frame.
-    :param base_rotation: (arms, 3, 3), columns are the base's axes in the world frame.
-    :param joint_qpos: (arms, dof) addresses of the arm joints in ``qpos``.
-    :param joint_dof: (arms, dof) addresses in ``qvel``.
-    :param joint_id: (arms, dof) joint ids.
-    :param finger_qpos: (arms, fingers) addresses in ``qpos``; empty when locked.
-    :param finger_dof: (arms, fingers) addresses in ``qvel``.
-    :param arm_ctrl: (arms, dof) actuator ids.
-    :param finger_ctrl: (arms, fingers) actuator ids.
-    :param tool_site: (arms,) site ids.
-    :param target_site: ids of the sites that show targets.
-    :param collision_sensor: addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
+    :param recipe: what it is compiled from.
     """
 
-    models: tuple[mujoco.MjModel, ...]
-    arms: Arms
-    recipe: _Recipe
-    base_position: Array
-    base_rotation: NDArray[np.float64]
-    joint_qpos: NDArray[np.intp]
-    joint_dof: NDArray[np.intp]
-    joint_id: NDArray[np.intp]
-    finger_qpos: NDArray[np.intp]
-    finger_dof: NDArray[np.intp]
-    arm_ctrl: NDArray[np.intp]
-    finger_ctrl: NDArray[np.intp]
-    tool_site: NDArray[np.intp]
-    target_site: NDArray[np.intp]
-    collision_sensor: NDArray[np.intp]
+    def __init__(self, recipe: _Recipe) -> None:
+        arms, robot = recipe.arms, recipe.arms.robot
+        self._recipe = recipe
+        variants = range(recipe.content.variants)
+        #: The models of what moves and collides, one per variant; see :meth:`drawing_model`.
+        self.models = tuple(_physics_model(recipe, variant) for variant in variants)
+        #: The model of the first variant.
+        self.model = self.models[0]
+        #: Which arms, and how they stand.
+        self.arms = arms
+        #: Every arm's description.
+        self.robot = robot
+        #: Number of arms.
+        self.n_arms = arms.n
+        #: (arms, 3), metres, world frame.
+        self.base_position = arms.position
+        cosine, sine = np.cos(arms.yaw), np.sin(arms.yaw)
+        zero, one = np.zeros(arms.n), np.ones(arms.n)
+        rotation = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=-1)
+        #: (arms, 3, 3), columns are the base's axes in the world frame.
+        self.base_rotation = rotation.reshape(-1, 3, 3)
+        #: Rotations (arms, 3, 3) from the world's frame to the bases'.
+        self.world_to_base = np.swapaxes(self.base_rotation, -1, -2)
+        #: Whether any base's frame is turned against the world's.
+        self.bases_turned = bool(arms.yaw.any())
+        model = self.model
+        # Locked fingers have neither joints nor actuators.
+        moving = arms.fingers is Fingers.ACTUATED
+        #: (arms, dof) joint ids.
+        self.joint_id = self._ids(model.joint, robot.arm_joints)
+        #: (arms, dof) addresses of the arm joints in ``qpos``.
+        self.joint_qpos = model.jnt_qposadr[self.joint_id].astype(np.intp)
+        #: (arms, dof) addresses in ``qvel``.
+        self.joint_dof = model.jnt_dofadr[self.joint_id].astype(np.intp)
+        finger_id = self._ids(model.joint, robot.finger_joints if moving else ())
+        #: (arms, fingers) addresses in ``qpos``; empty when locked.
+        self.finger_qpos = model.jnt_qposadr[finger_id].astype(np.intp)
+        #: (arms, fingers) addresses in ``qvel``.
+        self.finger_dof = model.jnt_dofadr[finger_id].astype(np.intp)
+        #: (arms, dof) actuator ids.
+        self.arm_ctrl = self._ids(model.actuator, robot.arm_actuators)
+        #: (arms, fingers) actuator ids.
+        self.finger_ctrl = self._ids(model.actuator, robot.finger_actuators if moving else ())
+        #: (arms,) site ids.
+        self.tool_site = self._ids(model.site, (robot.tool_site,))[:, 0]
+        sites = [model.site(index).name for index in range(model.nsite)]
+        targets = range(sum(name.startswith(TARGET) for name in sites))
+        #: Ids of the sites that show targets.
+        self.target_site = np.array([model.site(f"{TARGET}{k}").id for k in targets], np.intp)
+        sensors = [model.sensor(index).name for index in range(model.nsensor)]
+        counting = [index for index, name in enumerate(sensors) if name.startswith(COLLISION)]
+        #: Addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
+        self.collision_sensor = model.sensor_adr[counting].astype(np.intp)
 
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The model of the first variant."""
-        return self.models[0]
-
-    @property
-    def robot(self) -> Robot:
-        """Every arm's description."""
-        return self.arms.robot
-
-    @property
-    def n_arms(self) -> int:
-        """Number of arms."""
-        return self.arms.n
-
-    @cached_property
-    def bases_turned(self) -> bool:
-        """Whether any base's frame is turned against the world's."""
-        return bool(self.arms.yaw.any())
-
-    @cached_property
-    def world_to_base(self) -> Array:
-        """Rotations (arms, 3, 3) from the world's frame to the bases'."""
-        return np.swapaxes(self.base_rotation, -1, -2)
+    def _ids(self, kind: Callable[[str], Any], names: tuple[str, ...]) -> NDArray[np.intp]:
+        """Look up names of every arm (arms, names)."""
+        rows = [[kind(f"arm{arm}_{name}").id for name in names] for arm in range(self.n_arms)]
+        return np.array(rows, dtype=np.intp)
 
     def to_world(self, points: Array) -> Array:
         """Turn base-frame points (..., arms, 3) into world-frame ones, metres."""
@@ -192,7 +195,7 @@ class Scene:
         Its state, actuators, sites and cameras are those of :attr:`models`; its bodies and geoms
         are more. Callers share it and must not change it.
         """
-        return _drawing_model(self.recipe, variant)
+        return _drawing_model(self._recipe, variant)
 
 
 @dataclass(frozen=True)
@@ -263,10 +266,7 @@ def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:
     return _compose(_Recipe(arms, content.scene_key(), content))
 
 
-@lru_cache(maxsize=32)
-def _compose(recipe: _Recipe) -> Scene:
-    models = tuple(_physics_model(recipe, index) for index in range(recipe.content.variants))
-    return _addressed(models, recipe)
+_compose = lru_cache(maxsize=32)(Scene)
 
 
 @lru_cache(maxsize=32)
@@ -367,44 +367,4 @@ def add_contact_sensor(
         reftype=kind,
         refname=other,
         intprm=reading,
-    )
-
-
-def _addressed(models: tuple[mujoco.MjModel, ...], recipe: _Recipe) -> Scene:
-    """Look up every name once, after compilation."""
-    model, arms = models[0], recipe.arms
-    robot = arms.robot
-    moving = arms.fingers is Fingers.ACTUATED
-
-    def ids(kind: Callable[[str], Any], names: tuple[str, ...]) -> NDArray[np.intp]:
-        rows = [[kind(f"arm{arm}_{name}").id for name in names] for arm in range(arms.n)]
-        return np.array(rows, dtype=np.intp)
-
-    joint_id = ids(model.joint, robot.arm_joints)
-    finger_id = ids(model.joint, robot.finger_joints if moving else ())
-    sensors = [
-        index for index in range(model.nsensor) if model.sensor(index).name.startswith(COLLISION)
-    ]
-    names = [model.site(index).name for index in range(model.nsite)]
-    targets = sum(name.startswith(TARGET) for name in names)
-    yaw = arms.yaw
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    zero, one = np.zeros_like(yaw), np.ones_like(yaw)
-    rotation = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=-1)
-    return Scene(
-        models=models,
-        arms=arms,
-        recipe=recipe,
-        base_position=arms.position,
-        base_rotation=rotation.reshape(-1, 3, 3),
-        joint_id=joint_id,
-        joint_qpos=model.jnt_qposadr[joint_id].astype(np.intp),
-        joint_dof=model.jnt_dofadr[joint_id].astype(np.intp),
-        finger_qpos=model.jnt_qposadr[finger_id].astype(np.intp),
-        finger_dof=model.jnt_dofadr[finger_id].astype(np.intp),
-        arm_ctrl=ids(model.actuator, robot.arm_actuators),
-        finger_ctrl=ids(model.actuator, robot.finger_actuators if moving else ()),
-        tool_site=ids(model.site, (robot.tool_site,))[:, 0],
-        target_site=np.array([model.site(f"{TARGET}{k}").id for k in range(targets)], np.intp),
-        collision_sensor=model.sensor_adr[sensors].astype(np.intp),
     )

@@ -161,10 +161,7 @@ class Simulation:
                 part = sample / CONTACT_SAMPLES
                 self.ctrl[rows] = (previous + (targets - previous) * part)[rows]
             stage = _VELOCITY_STAGE if sample == CONTACT_SAMPLES else _NO_STAGE
-            try:
-                self._batch.step(ids, SUBSTEPS // CONTACT_SAMPLES, stage)
-            except SimulationError as error:
-                failed.extend(int(i) for i in error.ids)
+            failed += self._advanced(SUBSTEPS // CONTACT_SAMPLES, stage, ids)
             contacts += self.sensors
             if self.keep_samples:
                 self.samples[sample] = self.qpos
@@ -186,14 +183,20 @@ class Simulation:
         :param substeps: at least 1.
         :return: ``diverged`` (n,), as in :meth:`step`.
         """
-        failed: list[int] = []
-        try:
-            self._batch.step(None, substeps, _VELOCITY_STAGE)
-        except SimulationError as error:
-            failed.extend(int(i) for i in error.ids)
+        failed = self._advanced(substeps, _VELOCITY_STAGE)
         if self._keeps_peaks:
             self.peaks[:] = self.sensors
         return self._diverged(failed)
+
+    def _advanced(
+        self, substeps: int, stage: int, ids: NDArray[np.intp] | None = None
+    ) -> list[int]:
+        """Make substeps, and return the simulations that failed."""
+        try:
+            self._batch.step(ids, substeps, stage)
+        except SimulationError as error:
+            return [int(index) for index in error.ids]
+        return []
 
     def contact_torque(self) -> NDArray[np.float64]:
         """Return the torques of contacts and joint limits on the arms' joints, (n, arms, dof), N m.
@@ -358,15 +361,12 @@ class Simulation:
             position = rotate(scene.world_to_base, position)
             linear_velocity = rotate(scene.world_to_base, linear_velocity)
             angular_velocity = rotate(scene.world_to_base, angular_velocity)
-            quaternion = multiply_quaternions(self._base_quaternion_inverse, quaternion)
+            yaw = np.arctan2(scene.base_rotation[:, 1, 0], scene.base_rotation[:, 0, 0])
+            zero = np.zeros_like(yaw)
+            back = np.stack([np.cos(yaw / 2), zero, zero, -np.sin(yaw / 2)], axis=-1)
+            quaternion = multiply_quaternions(back, quaternion)
         np.negative(quaternion, out=quaternion, where=quaternion[..., :1] < 0)
         return ObjectState(position, quaternion, linear_velocity, angular_velocity, world_position)
-
-    @property
-    def _base_quaternion_inverse(self) -> NDArray[np.float64]:
-        yaw = np.arctan2(self.scene.base_rotation[:, 1, 0], self.scene.base_rotation[:, 0, 0])
-        zero = np.zeros_like(yaw)
-        return np.stack([np.cos(yaw / 2), zero, zero, -np.sin(yaw / 2)], axis=-1)
 
     def finger_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return finger angles (rad) and velocities (rad/s), (n, arms, fingers) each, copied."""

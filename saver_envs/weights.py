@@ -137,7 +137,7 @@ def _check_shapes(
 ) -> None:
     try:
         expected = shapes(header)
-    except (LookupError, TypeError, ValueError, RuntimeError) as error:
+    except (LookupError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
         raise ValueError(f"{path} contradicts itself: {error}") from error
     if expected is None:
         return

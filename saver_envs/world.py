@@ -115,9 +115,40 @@ def _add_materials(spec: mujoco.MjSpec) -> None:
         specular=0.1,
         shininess=0.1,
     )
+    give_texture(material, "table")
+
+
+def give_texture(material: mujoco.MjsMaterial, name: str) -> None:
+    """Draw a material with the texture of a name."""
     textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = "table"
+    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
     material.textures = textures
+
+
+def add_picture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.float64]) -> None:
+    """Add a texture of colours (size, size, 3) in [0, 1]."""
+    size = len(pixels)
+    kind = mujoco.mjtTexture.mjTEXTURE_2D
+    texture = spec.add_texture(name=name, type=kind, width=size, height=size, nchannel=3)
+    texture.data = np.rint(255 * pixels).astype(np.uint8).tobytes()
+
+
+def draw_box(
+    body: mujoco.MjsBody,
+    centre: tuple[float, ...],
+    half: tuple[float, ...],
+    colour: tuple[float, ...],
+) -> None:
+    """Add a box that is only drawn.
+
+    :param body: that it belongs to.
+    :param centre: metres.
+    :param half: half of its sides, metres.
+    :param colour: red, green, blue.
+    """
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, rgba=(*colour, 1), **DRAWN_ONLY
+    )
 
 
 def _add_light(spec: mujoco.MjSpec, table: TableArea) -> None:
@@ -147,26 +178,11 @@ def _add_table(spec: mujoco.MjSpec, table: TableArea) -> None:
         group=COLLISION_GROUP,
     )
     (x, y), (half_x, half_y) = table.centre, table.half
-    parts = [
-        ((x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR),
-        *(
-            (
-                (x + side_x * (half_x - 0.06), y + side_y * (half_y - 0.06), -0.396),
-                (0.03, 0.03, 0.355),
-                (0.35, 0.36, 0.38),
-            )
-            for side_x in (-1, 1)
-            for side_y in (-1, 1)
-        ),
-    ]
-    for position, size, colour in parts:
-        world.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=position,
-            size=size,
-            rgba=(*colour, 1),
-            **DRAWN_ONLY,
-        )
+    draw_box(world, (x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR)
+    for side_x in (-1, 1):
+        for side_y in (-1, 1):
+            leg = (x + side_x * (half_x - 0.06), y + side_y * (half_y - 0.06), -0.396)
+            draw_box(world, leg, (0.03, 0.03, 0.355), (0.35, 0.36, 0.38))
     world.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=(x, y, -0.001),

@@ -57,12 +57,13 @@ class SceneRenderer:
     def _take_variant(self, variant: int) -> None:
         """Switch to a variant of the scene."""
         self._variant = variant
+        # What is drawn, also for an interactive viewer.
         # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
-        self._model = copy.copy(self._scene.drawing_model(variant))
+        self.model = copy.copy(self._scene.drawing_model(variant))
         if self._plain:
-            self._model.vis.quality.offsamples = 0
-        self._data = mujoco.MjData(self._model)
-        self._view = OffScreenView(self._model, *self._view_of)
+            self.model.vis.quality.offsamples = 0
+        self.data = mujoco.MjData(self.model)
+        self._view = OffScreenView(self.model, *self._view_of)
         self._view.options.sitegroup[0] = not self._plain
 
     def update(
@@ -78,23 +79,18 @@ class SceneRenderer:
         if variant != self._variant:
             self.close()
             self._take_variant(variant)
-        episodes.decorate(self._model, index)
-        self._data.qpos[:] = episodes.simulation.qpos[index] if qpos is None else qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        episodes.decorate(self.model, index)
+        self.data.qpos[:] = episodes.simulation.qpos[index] if qpos is None else qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
 
     def rgb(self) -> NDArray[np.uint8]:
         """Return a colour picture (height, width, 3)."""
-        return self._view.draw(self._data, "rgb", shadows=not self._plain)
+        return self._view.draw(self.data, "rgb", shadows=not self._plain)
 
     def depth(self) -> NDArray[np.float32]:
         """Return distances along the camera's axis (height, width), metres."""
-        return self._view.draw(self._data, "depth", shadows=not self._plain)
-
-    @property
-    def model_and_data(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """The copies that are drawn, for an interactive viewer."""
-        return self._model, self._data
+        return self._view.draw(self.data, "depth", shadows=not self._plain)
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""

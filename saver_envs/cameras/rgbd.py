@@ -174,12 +174,10 @@ class RgbdFrame:
 
     :param rgb: (height, width, 3) uint8.
     :param depth: (height, width) metres along the view; 0 where there is no measurement.
-    :param time: seconds, of the simulation.
     """
 
     rgb: NDArray[np.uint8]
     depth: NDArray[np.float32]
-    time: float = 0.0
 
 
 class RgbdCamera:
@@ -214,7 +212,7 @@ class RgbdCamera:
         """
         rgb = self._view.draw(data, "rgb", shadows)
         exact = self._view.draw(data, "depth", shadows)
-        return RgbdFrame(rgb, measured_depth(exact, self.camera, random), float(data.time))
+        return RgbdFrame(rgb, measured_depth(exact, self.camera, random))
 
     def segmentation(self, data: mujoco.MjData) -> NDArray[np.int32]:
         """Return object ids and types (height, width, 2), for labels."""

@@ -8,7 +8,6 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import checked_action
 from saver_envs.envs.single_episode import SingleEpisode
 from saver_envs.envs.spaces import GoalReward, action_space, observation_space, warn_if_short
 
@@ -51,9 +50,7 @@ class SaverGoalEnv(SingleEpisode, GoalReward, gymnasium.Env[Any, Any]):
         if self.spec is not None:
             warn_if_short(self.episodes, int(self.episodes.elapsed[0]))
         self.episodes.set_generator(0, self.np_random)
-        outcome = self.episodes.reset()
-        if self.render_mode == "human":
-            self.render()
+        outcome = self._shown(self.episodes.reset())
         return self._observation(), outcome.info_of(0)
 
     def step(
@@ -66,9 +63,7 @@ class SaverGoalEnv(SingleEpisode, GoalReward, gymnasium.Env[Any, Any]):
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         :raises gymnasium.error.ResetNeeded: before the first reset.
         """
-        outcome = self.episodes.step(checked_action(action, (self.episodes.action_size,))[None])
-        if self.render_mode == "human":
-            self.render()
+        outcome = self._stepped(action)
         return (
             self._observation(),
             float(outcome.reward[0]),

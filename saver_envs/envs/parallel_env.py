@@ -58,15 +58,15 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         self.possible_agents = [f"arm_{index}" for index in range(task.n_arms)]
         self.agents: list[str] = []
         seen, goal = task.observation_layout, task.goal_layout
-        limits = self._of_agents(*(self.episodes.limits_of(one) for one in (seen, goal, goal)))
+        parts = [self.episodes.limits_of(one) for one in (seen, goal, goal)]
+        limits = self._of_agents(*parts)
         action_size = self.episodes.action_size_per_arm
         self.observation_spaces = {agent: box(one) for agent, one in limits.items()}
         self.action_spaces = {
             agent: spaces.Box(-1.0, 1.0, (action_size,), np.float32)
             for agent in self.possible_agents
         }
-        parts = (self.episodes.limits_of(one) for one in (seen, goal, goal))
-        self.state_space = box(np.concatenate([*parts]))
+        self.state_space = box(np.concatenate(parts))
         self._generator: np.random.Generator | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
@@ -89,10 +89,8 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         if seed is not None or self._generator is None:
             self._generator = seeding.np_random(seed)[0]
             self.episodes.set_generator(0, self._generator)
-        outcome = self.episodes.reset()
+        outcome = self._shown(self.episodes.reset())
         self.agents = list(self.possible_agents)
-        if self.render_mode == "human":
-            self.render()
         return self._observations(), self._infos(outcome)
 
     def step(
@@ -112,12 +110,10 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         if not agents and not actions:
             return {}, {}, {}, {}, {}
         joined = self._joined(actions)
-        outcome = self.episodes.step(joined[None])
+        outcome = self._shown(self.episodes.step(joined[None]))
         truncated = bool(outcome.truncated[0])
         if truncated:
             self.agents = []
-        if self.render_mode == "human":
-            self.render()
         return (
             self._observations(),
             dict.fromkeys(agents, float(outcome.reward[0])),

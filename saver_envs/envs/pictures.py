@@ -81,7 +81,7 @@ class Pictures:
         if self._viewer is None:
             from mujoco import viewer  # opens a display: only when a window is asked for
 
-            self._viewer = viewer.launch_passive(*self._renderer.model_and_data)
+            self._viewer = viewer.launch_passive(self._renderer.model, self._renderer.data)
         self._viewer.sync()
         return None
 

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from saver_envs.cameras.off_screen import camera_index
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
-from saver_envs.envs.goal_env import SaverGoalEnv
+from saver_envs.envs.single_episode import SingleEpisode
+from saver_envs.envs.spaces import action_space
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.people.bench import CAMERA
 from saver_envs.simulation import CONTACT_SAMPLES
@@ -27,7 +27,7 @@ _NOISE_STREAM = 0x905E
 _ROUNDING = 1e-9
 
 
-class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
+class SaverPixelEnv(SingleEpisode, gymnasium.Env[Any, NDArray[Any]]):
     """An episode of an id with a camera, observed through that camera.
 
     The observation is the newest picture: ``rgb`` (424, 512, 3) and ``depth`` (424, 512), in metres
@@ -49,12 +49,8 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
     :raises TypeError: for an unknown option.
     """
 
-    metadata = SaverGoalEnv.metadata
-
     def __init__(self, env_id: str, *, depth_noise: bool = True, **options: Any) -> None:
-        self._world = SaverGoalEnv(env_id, **options)
-        self.render_mode, self.metadata = self._world.render_mode, self._world.metadata
-        self.episodes = self._world.episodes
+        super().__init__(env_id, **options)
         camera_index(self.episodes.scene.model, CAMERA)
         self.episodes.simulation.keep_samples = True
         size = (KINECT_V2.height, KINECT_V2.width)
@@ -64,7 +60,7 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
                 "depth": spaces.Box(0.0, KINECT_V2.farthest, size, np.float32),
             }
         )
-        self.action_space: spaces.Space[NDArray[Any]] = self._world.action_space
+        self.action_space: spaces.Space[NDArray[Any]] = action_space(self.episodes)
         self._depth_noise = depth_noise
         self._noise = np.random.default_rng()
         self._steps = 0
@@ -87,12 +83,13 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         :return: observation and info.
         """
         super().reset(seed=seed)
-        _, info = self._world.reset(seed=seed, options=options)
+        self.episodes.set_generator(0, self.np_random)
+        outcome = self._shown(self.episodes.reset())
         if seed is not None:
             self._noise = np.random.default_rng([seed, _NOISE_STREAM])
         self._steps = 0
         picture = self._picture(self.episodes.simulation.qpos[0])
-        return picture, {**info, "picture_age": 0.0}
+        return picture, {**outcome.info_of(0), "picture_age": 0.0}
 
     def step(
         self, action: NDArray[np.floating]
@@ -104,9 +101,10 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         :raises gymnasium.error.ResetNeeded: before the first reset.
         """
-        _, reward, terminated, truncated, info = self._world.step(action)
+        outcome = self._stepped(action)
+        over = outcome.truncated
         if self.spec is not None:  # Gymnasium's `TimeLimit` counts the steps
-            truncated = info["diverged"]
+            over = outcome.diverged
         self._steps += 1
         now = self._steps * ACTION_DURATION
         taken = math.floor(now * KINECT_V2.rate + _ROUNDING) / KINECT_V2.rate
@@ -114,7 +112,8 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         sample = math.floor(since_action / ACTION_DURATION * CONTACT_SAMPLES + _ROUNDING)
         simulation = self.episodes.simulation
         picture = self._picture(simulation.samples[sample, 0])
-        return picture, reward, terminated, truncated, {**info, "picture_age": now - taken}
+        info = {**outcome.info_of(0), "picture_age": now - taken}
+        return picture, float(outcome.reward[0]), False, bool(over[0]), info
 
     def _picture(self, qpos: NDArray[np.float64]) -> Picture:
         if self._eye is None:
@@ -126,23 +125,9 @@ class SaverPixelEnv(gymnasium.Env[Any, NDArray[Any]]):
         seen = np.clip(depth, 0.0, KINECT_V2.farthest)
         return {"rgb": self._eye.rgb(), "depth": seen}
 
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The model of the episode, copied."""
-        return self._world.model
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The state of the episode, copied."""
-        return self._world.data
-
-    def render(self) -> Any:
-        """Draw the scene as the underlying id does."""
-        return self._world.render()
-
     def close(self) -> None:
         """Free windows and graphics contexts."""
-        self._world.close()
+        super().close()
         if self._eye is not None:
             self._eye.close()
             self._eye = None

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from saver_envs.cameras.off_screen import displays_named
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
-from saver_envs.control import InverseKinematics
+from saver_envs.control import InverseKinematics, checked_action
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
 
 
@@ -41,6 +44,17 @@ class SingleEpisode:
             # Gymnasium's checker opens every mode that an environment offers.
             modes = [mode for mode in RENDER_MODES if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
+
+    def _stepped(self, action: NDArray[np.floating]) -> Outcome:
+        """Apply one action, (action_size,), of all arms."""
+        checked = checked_action(action, (self.episodes.action_size,))
+        return self._shown(self.episodes.step(checked[None]))
+
+    def _shown(self, outcome: Outcome) -> Outcome:
+        """Show the present state in the window, if there is one."""
+        if self.render_mode == "human":
+            self.render()
+        return outcome
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -124,7 +124,12 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         :raises gymnasium.error.ResetNeeded: before the first reset, and without automatic reset
             when an episode is over; the message names the episodes.
         """
-        self._require_begun()
+        self.episodes.require_begun()
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
+            rows = np.flatnonzero(self._over).tolist()
+            raise ResetNeeded(
+                f'episodes {rows} are over: reset them with reset(options={{"reset_mask": mask}})'
+            )
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any():
             return self._step_and_reset(actions)
         outcome = self.episodes.step(actions)
@@ -176,14 +181,6 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         infos["final_obs"], infos["_final_obs"] = final, ended.copy()
         infos["final_info"], infos["_final_info"] = final_infos, ended.copy()
         return self.episodes.observation().as_dict()
-
-    def _require_begun(self) -> None:
-        self.episodes.require_begun()
-        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            rows = np.flatnonzero(self._over).tolist()
-            raise ResetNeeded(
-                f'episodes {rows} are over: reset them with reset(options={{"reset_mask": mask}})'
-            )
 
     def render(self) -> tuple[Any, ...] | None:
         """Draw every episode.

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from saver_envs.experts.geometry import FloatArray
 from saver_envs.tasks.contract import Task
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

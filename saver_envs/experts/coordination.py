@@ -8,24 +8,22 @@ contact and time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import shortened
+from saver_envs.control import length, shortened
 from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.frozen import ServesAll
-from saver_envs.experts.geometry import dot, length
+from saver_envs.experts.frozen import serves_all
+from saver_envs.experts.geometry import FloatArray, dot
 from saver_envs.experts.skill import Skill
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.contract import Task
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -234,23 +232,18 @@ class Coordinator:
         done = self.skill.finished(view)
         move = action[..., :2] * self.skill.step
         if self.skill.ring > 0:
-            move = self._round_cubes(plan, hand, move, cube)
+            # Around the other arms' cubes, unless the plan is to brush them aside.
+            beside = move
+            for other in range(1, hand.shape[1]):
+                others = np.roll(cube, other, axis=1)
+                beside = pass_beside(hand, beside, others, self.skill.ring, plan.side)
+            move = np.where(plan.shoves[:, None, None] > 0, move, beside)
         move, turned = self._give_way(view, plan, hand, move, done)
         if self.skill.ring > 0:
             own = pass_beside(hand, move, cube, self.skill.ring, 0 * plan.side)
             move = np.where((turned | done)[..., None], own, move)
         action[..., :2] = shortened(move, self.skill.step) / self.skill.step
         return self.skill.give_way(view, action, turned)
-
-    def _round_cubes(
-        self, plan: Plan, hand: FloatArray, move: FloatArray, cube: FloatArray
-    ) -> FloatArray:
-        """Lead hands around the other arms' cubes, unless the plan is to brush them aside."""
-        beside = move
-        for other in range(1, hand.shape[1]):
-            others = np.roll(cube, other, axis=1)
-            beside = pass_beside(hand, beside, others, self.skill.ring, plan.side)
-        return np.where(plan.shoves[:, None, None] > 0, move, beside)
 
     def _give_way(
         self,
@@ -263,7 +256,11 @@ class Coordinator:
         """Turn those that follow away from those that go first; return moves and who was turned."""
         move = move.copy()
         turned = np.zeros(done.shape, dtype=bool)
-        low, high = self._ways(view, hand, done)
+        # Least and greatest y (n, arms) of what each hand still has to pass, metres.
+        y = hand[..., 1]
+        ahead = (place[..., 1] + self.base[:, 1] for place in (view.object, view.target))
+        corners = np.stack([y, *(np.where(done, y, place) for place in ahead)])
+        low, high = corners.min(axis=0), corners.max(axis=0)
         for right in range(hand.shape[1] - 1):
             left = right + 1
             leads = np.where(
@@ -283,38 +280,14 @@ class Coordinator:
             move[:, right, 1] -= np.where(yields_right, back_right, 0)
             turned[:, left] |= yields_left
             turned[:, right] |= yields_right
-            move = self._stop_leader(view, hand, shortened(move, self.skill.step), right, leads)
+            move = shortened(move, self.skill.step)
+            # Hold one that goes first where the other has not got out of its way yet.
+            gap = hand[:, left] + move[:, left] - hand[:, right] - move[:, right]
+            lack = np.maximum(self._least(view, right, gap[:, 0]) - gap[:, 1], 0)
+            move[:, right, 1] -= np.where(leads, lack, 0)
+            move[:, left, 1] += np.where(leads, 0, lack)
             move = shortened(move, self.skill.step)
         return move, turned
-
-    def _stop_leader(
-        self,
-        view: ArmView,
-        hand: FloatArray,
-        move: FloatArray,
-        right: int,
-        leads: NDArray[np.bool_],
-    ) -> FloatArray:
-        """Hold one that goes first where the other has not got out of its way yet."""
-        left = right + 1
-        gap = hand[:, left] + move[:, left] - hand[:, right] - move[:, right]
-        lack = np.maximum(self._least(view, right, gap[:, 0]) - gap[:, 1], 0)
-        move[:, right, 1] -= np.where(leads, lack, 0)
-        move[:, left, 1] += np.where(leads, 0, lack)
-        return move
-
-    def _ways(
-        self, view: ArmView, hand: FloatArray, done: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest y (n, arms) of what each hand still has to pass, metres."""
-        corners = np.stack(
-            [
-                hand[..., 1],
-                np.where(done, hand[..., 1], view.object[..., 1] + self.base[:, 1]),
-                np.where(done, hand[..., 1], view.target[..., 1] + self.base[:, 1]),
-            ]
-        )
-        return corners.min(axis=0), corners.max(axis=0)
 
 
 def pass_beside(
@@ -345,9 +318,7 @@ def pass_beside(
 
 def _rows(record: Record, index: NDArray[np.intp]) -> Record:
     """Return the records of episodes ``index``."""
-    return replace(
-        record, **{field.name: getattr(record, field.name)[index] for field in fields(record)}
-    )
+    return replace(record, **{name: values[index] for name, values in vars(record).items()})
 
 
 def alone_or_coordinated(
@@ -357,7 +328,6 @@ def alone_or_coordinated(
     closed: Clearance,
     coordinated: bool,
     free_arm: int | None,
-    own_last: bool,
 ) -> Expert:
     """Build the expert of a task in which each arm has a cube of its own.
 
@@ -367,12 +337,11 @@ def alone_or_coordinated(
     :param closed: how close two closed hands may come.
     :param coordinated: whether arms give way to one another.
     :param free_arm: the only arm that moves, or ``None``.
-    :param own_last: whether a free arm serves its own cube last.
     """
-    base = base_poses(task.n_arms, "row")[0][:, :2]
     if free_arm is not None:
-        return Expert(task, ServesAll(skill, base, free_arm, own_last=own_last).actions)
+        return serves_all(task, skill, free_arm)
     if not coordinated or (task.n_arms == 1 and skill.ring == 0):
         return Expert(task, skill.actions)
+    base = base_poses(task.n_arms, "row")[0][:, :2]
     steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)
     return Expert(task, Coordinator(skill, base, closed, steps=steps).actions)

@@ -5,26 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saver_envs.control import shortened
+from saver_envs.control import length, shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.frozen import ServesAll
-from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.experts.frozen import serves_all
+from saver_envs.experts.geometry import FloatArray, dot, unit
 from saver_envs.experts.pick import PickSkill, skill_for
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.distance import REQUIRED_DISTANCE, Distance
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
 class DistanceExpert:
     """Two arms whose cubes stay 0.35 m apart: the bar between them moves and turns as one.
 
-    :param base: (2, 2) base positions, metres.
+    :param base: (2, 3) base positions, metres.
     :param skill: how a hand comes to its cube.
     :param pace: share of the top speed at which the cubes are carried; arms track slower motion
         better.
@@ -58,8 +55,7 @@ class DistanceExpert:
 
     def _carry(self, view: ArmView) -> FloatArray:
         """Displacements (n, 2, 3) of both cubes, metres: one step of the bar to its goal."""
-        shift = np.concatenate([self.base, np.zeros((2, 1))], axis=-1)
-        now, goal = view.object + shift, view.target + shift
+        now, goal = view.object + self.base, view.target + self.base
         left = length(goal - now).max(axis=-1)
         goal[..., 2] += np.minimum(self.LIFT, self.DESCENT * left)[:, None]
         left = np.maximum(length(goal - now).max(axis=-1), 1e-6)
@@ -88,9 +84,8 @@ def expert(task: Distance, settings: Settings, coordinated: bool, free_arm: int 
     :raises ValueError: without coordination: both arms carry as one.
     """
     skill = skill_for(task, settings)
-    base = base_poses(task.n_arms, "row")[0][:, :2]
     if free_arm is not None:
-        return Expert(task, ServesAll(skill, base, free_arm, own_last=True).actions)
+        return serves_all(task, skill, free_arm)
     if not coordinated:
         raise ValueError("the expert of the distance task carries with both arms as one")
-    return Expert(task, DistanceExpert(base, skill).actions)
+    return Expert(task, DistanceExpert(base_poses(2, "row")[0], skill).actions)

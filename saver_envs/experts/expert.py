@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.experts.blocks import ArmView, view
+from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
-
-FloatArray = NDArray[np.floating]
 
 
 class Expert:
@@ -25,12 +24,8 @@ class Expert:
 
     def __init__(self, task: Task, act: Callable[[ArmView], FloatArray]) -> None:
         self.task = task
+        self.n_arms = task.n_arms
         self._act = act
-
-    @property
-    def n_arms(self) -> int:
-        """Number of arms."""
-        return self.task.n_arms
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True

@@ -2,50 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.expert import Expert
+from saver_envs.experts.geometry import FloatArray
 from saver_envs.experts.skill import Skill
+from saver_envs.scenes import base_poses
+from saver_envs.tasks.contract import Task
 
-FloatArray = NDArray[np.floating]
 
+def serves_all(task: Task, skill: Skill, free: int) -> Expert:
+    """Build an expert whose free arm serves its own cube and its neighbours' in turn.
 
-@dataclass(frozen=True)
-class ServesAll:
-    """One free arm that brings its own cube to its target, then its neighbours' to theirs.
-
+    :param task: with arms in a row.
     :param skill: what an arm does by itself.
-    :param base: (arms, 2) base positions of a row along y, metres.
-    :param free: index of the arm that moves.
-    :param own_last: serve the own cube last; its target may be in the air, where it must be held.
+    :param free: index of the arm that moves; the actions of the others are zero.
     """
+    base, arms = base_poses(task.n_arms, "row")[0], task.n_arms
+    order = sorted(range(arms), key=lambda arm: ((arm == free) == skill.own_last, arm))
 
-    skill: Skill
-    base: FloatArray
-    free: int
-    own_last: bool = False
-
-    def actions(self, view: ArmView) -> FloatArray:
-        """Return the arms' actions (n, arms, 3 or 4), zero for all but the free one."""
-        n, arms = view.tool.shape[:2]
-        order = sorted(range(arms), key=lambda arm: ((arm == self.free) == self.own_last, arm))
-        left = ~self.skill.finished(view)[:, order]
+    def act(view: ArmView) -> FloatArray:
+        left = ~skill.finished(view)[:, order]
         arm = np.asarray(order)[np.where(left.any(axis=1), left.argmax(axis=1), arms - 1)]
-        rows, free = np.arange(n), slice(self.free, self.free + 1)
-        shift = np.zeros((n, 1, 3))
-        shift[:, 0, :2] = (self.base - self.base[self.free])[arm]
+        rows, own = np.arange(len(arm)), slice(free, free + 1)
+        shift = (base - base[free])[arm][:, None]
         served = ArmView(
-            tool=view.tool[:, free],
-            fingers=view.fingers[:, free],
+            tool=view.tool[:, own],
+            fingers=view.fingers[:, own],
             object=view.object[rows, arm][:, None] + shift,
             object_quaternion=view.object_quaternion[rows, arm][:, None],
             object_velocity=view.object_velocity[rows, arm][:, None],
             target=view.target[rows, arm][:, None] + shift,
         )
-        action = self.skill.actions(served)
-        result = np.zeros((n, arms, action.shape[-1]))
-        result[:, free] = action
+        action = skill.actions(served)
+        result = np.zeros((len(arm), arms, action.shape[-1]))
+        result[:, own] = action
         return result
+
+    return Expert(task, act)

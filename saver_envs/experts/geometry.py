@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.control import length
+
 FloatArray = NDArray[np.floating]
 
 
 def dot(first: FloatArray, second: FloatArray) -> FloatArray:
     """Scalar products over the last axis."""
     return np.sum(first * second, axis=-1)
-
-
-def length(vectors: FloatArray) -> FloatArray:
-    """Lengths over the last axis."""
-    return np.sqrt(dot(vectors, vectors))
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -3,46 +3,41 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import shortened
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
+from saver_envs.control import length, shortened
+from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_HOLDING, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import length
+from saver_envs.experts.geometry import FloatArray
 from saver_envs.experts.push import TRACKING
+from saver_envs.experts.skill import Skill
 from saver_envs.tasks.pick_and_place import CarryTask, PickAndPlace
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
-class PickSkill:
+class PickSkill(Skill):
     """What each arm does on its own, and a rough prediction of the result.
 
-    :param step: longest displacement of an action, metres.
     :param grasp_offset: the tool grasps where this is its offset from the cube's centre, metres.
     :param finger_held: mean finger angle from which a cube between the fingers is held, radians.
     :param finger_closing: mean finger angle beyond which the hand has begun to close, radians.
     :param half_open: gripper command for coming down over a cube: wide enough for it, and
         narrower than an open hand, which would meet its neighbours.
     :param cruise: height at which cubes are carried, and hands travel above them, metres.
-    :param object_size: edge of the cube, metres.
-    :param ring: 0, since cubes do not block hands that come from above.
     """
 
-    step: float = DEFAULT_SPEED * ACTION_DURATION
     grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
     finger_held: float = 0.80
     finger_closing: float = 0.75
     half_open: float = 0.15
     cruise: float = 0.11
-    object_size: float = 0.056
-    ring: float = 0.0
 
+    own_last: ClassVar[bool] = True
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
     ABOVE, AT_GRASP = 0.02, 0.008
@@ -150,11 +145,7 @@ SKILLS = {"mico": PickSkill(finger_held=0.60, finger_closing=0.45, half_open=0.4
 
 def skill_for(task: CarryTask, settings: Settings) -> PickSkill:
     """Return the skill of an arm with this task and these settings."""
-    return replace(
-        SKILLS.get(settings.robot.name, PickSkill()),
-        step=settings.max_speed * ACTION_DURATION,
-        object_size=task.object_size,
-    )
+    return SKILLS.get(settings.robot.name, PickSkill()).fitted(settings, task.object_size)
 
 
 def expert(
@@ -162,6 +153,4 @@ def expert(
 ) -> Expert:
     """Build the expert of pick and place; see :func:`saver_envs.experts.make_expert`."""
     skill = skill_for(task, settings)
-    return alone_or_coordinated(
-        task, settings, skill, JACO_HOLDING, coordinated, free_arm, own_last=True
-    )
+    return alone_or_coordinated(task, settings, skill, JACO_HOLDING, coordinated, free_arm)

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import shortened
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
+from saver_envs.control import length, shortened
+from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.experts.geometry import FloatArray, dot, unit
+from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
-
-FloatArray = NDArray[np.floating]
 
 #: Share of a commanded displacement that a hand makes within the action.
 TRACKING = 0.92
@@ -28,11 +27,9 @@ HAND_LOWER, HAND_UPPER = np.array([0.25, -0.48]), np.array([0.60, 0.48])
 
 
 @dataclass(frozen=True)
-class PushSkill:
+class PushSkill(Skill):
     """What each arm does on its own, and a rough prediction of the result.
 
-    :param object_size: edge of the cube, metres.
-    :param step: longest displacement of an action, metres.
     :param hand_radius: half the width of the closed hand where it meets the cube, metres.
     :param stop: a push ends if the cube will come to rest this near its target, metres.
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
@@ -40,8 +37,6 @@ class PushSkill:
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
     """
 
-    object_size: float = 0.056
-    step: float = DEFAULT_SPEED * ACTION_DURATION
     hand_radius: float = 0.031
     stop: float = 0.015
     good_enough: float = 0.035
@@ -140,10 +135,6 @@ class PushSkill:
         move = shortened(self.waypoint(view, side) - view.tool[..., :2], self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
-    def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
-        """Return ``action`` unchanged: a low closed hand needs no adaptation to turn away."""
-        return action
-
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
         """Predict what the arms see after ``actions``, roughly: discs that push discs.
 
@@ -187,11 +178,5 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
-    skill = replace(
-        SKILLS.get(settings.robot.name, PushSkill()),
-        step=settings.max_speed * ACTION_DURATION,
-        object_size=task.object_size,
-    )
-    return alone_or_coordinated(
-        task, settings, skill, JACO_CLOSED, coordinated, free_arm, own_last=False
-    )
+    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings, task.object_size)
+    return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

@@ -1,27 +1,36 @@
-"""The interface between an arm's skill and the coordination of several arms."""
+"""What an arm's skill offers to the coordination of several arms."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
+from saver_envs.experts.geometry import FloatArray
 
-FloatArray = NDArray[np.floating]
 
+@dataclass(frozen=True)
+class Skill:
+    """What one arm can do by itself; leading dimensions (n, arms).
 
-class Skill(Protocol):
-    """What one arm can do by itself; leading dimensions (n, arms)."""
+    :param object_size: edge of the cubes, metres.
+    :param step: longest displacement of an action, metres.
+    """
 
-    @property
-    def step(self) -> float:
-        """Longest displacement of an action, metres."""
+    #: Whether a free arm that serves all cubes serves its own last; its target may be in the air,
+    #: where it must be held.
+    own_last: ClassVar[bool] = False
 
-    @property
-    def object_size(self) -> float:
-        """Edge of the cubes, metres."""
+    object_size: float = 0.056
+    step: float = DEFAULT_SPEED * ACTION_DURATION
+
+    def fitted(self, settings: Settings, object_size: float) -> Self:
+        """Return the skill of an arm with these settings and cubes (m)."""
+        return replace(self, step=settings.max_speed * ACTION_DURATION, object_size=object_size)
 
     @property
     def ring(self) -> float:
@@ -29,15 +38,23 @@ class Skill(Protocol):
 
         It is 0 for hands that pass over cubes.
         """
+        return 0.0
 
     def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
         """Return the actions of arms that ignore one another."""
+        raise NotImplementedError
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
         """Predict what the arms see after these actions."""
+        raise NotImplementedError
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which arms are done."""
+        raise NotImplementedError
 
     def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
-        """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted."""
+        """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted.
+
+        By default none are: a low closed hand needs no adaptation.
+        """
+        return action

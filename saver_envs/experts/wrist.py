@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from saver_envs.control import shortened
+from saver_envs.control import length, shortened
 from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import dot, length, unit
+from saver_envs.experts.geometry import FloatArray, dot, unit
 from saver_envs.tasks.wrist_push import WristPush
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,12 @@ class WristSkill:
         """Return where each hand should go next, (n, arms, 2) in base frames, metres."""
         way = view.target[..., :2] - wrist
         left = length(way)[..., None]
-        along, across = self._axes(view)
+        w, _, _, z = np.moveaxis(view.object_quaternion, -1, 0)
+        yaw = 2 * np.arctan2(z, w)
+        # Unit vectors (n, arms, 2) along the forearms, and across them to the body.
+        along = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
+        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        across = across * np.asarray(self.inwards)[:, None]
         # Mostly across the forearm: the direction along it is limited by an angle.
         forward = np.maximum(dot(way, across), 1e-3)
         sideways = dot(way, along)
@@ -86,14 +88,6 @@ class WristSkill:
         held = left < np.where(touching, self.LET_GO, self.TAKE_UP)
         inside = dot(way, across)[..., None] < 0.3 * self.LET_GO  # beyond: do not press on
         return np.where(held | inside, wrist - across * (ring + self.AIR), point)
-
-    def _axes(self, view: ArmView) -> tuple[FloatArray, FloatArray]:
-        """Return unit vectors (n, arms, 2) along the forearms, and across them to the body."""
-        w, _, _, z = np.moveaxis(view.object_quaternion, -1, 0)
-        yaw = 2 * np.arctan2(z, w)
-        along = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-        across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-        return along, across * np.asarray(self.inwards)[:, None]
 
 
 def expert(task: WristPush, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:

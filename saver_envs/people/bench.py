@@ -8,7 +8,6 @@ bends against friction, and the arms move at shoulder, elbow and wrist.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
-from saver_envs.people.bodies import BODIES, PersonArm, arm_of
+from saver_envs.people.bodies import BODIES, arm_of
 from saver_envs.people.manikin import (
     MASS_SHARE,
     SIDES,
@@ -50,40 +49,6 @@ _CONTACTS: Final = 3
 _TARGET_RADIUS: Final = 0.028
 #: First part of the names of sensors that measure forces on the torso.
 _FORCE: Final = "force_"
-
-
-@dataclass(frozen=True)
-class PersonAddresses:
-    """Addresses of the person in a scene's models, which differ only in the person's body.
-
-    :param arms: (bodies, arms) geometry of the arm that arm i of the scene pushes.
-    :param trunk_qpos: (4,) of the trunk: along x, along y, its turn, how far it bends.
-    :param shoulder_qpos: (arms, 4) quaternions.
-    :param elbow_qpos: (arms,).
-    :param hand_qpos: (arms,).
-    :param wrist_site: (arms,).
-    :param elbow_site: (arms,).
-    :param hip_site: (arms,) of the hip joint at that arm's side.
-    :param neck_site: between the shoulders.
-    :param velocity_sensor: (arms, 2, 3) addresses of the velocities of wrist and elbow.
-    :param force_sensor: addresses of the normal forces on the torso.
-    :param limb_geoms: geoms whose friction with what they touch varies.
-    :param limb_dofs: degrees of freedom whose friction and damping vary.
-    """
-
-    arms: tuple[tuple[PersonArm, ...], ...]
-    trunk_qpos: NDArray[np.intp]
-    shoulder_qpos: NDArray[np.intp]
-    elbow_qpos: NDArray[np.intp]
-    hand_qpos: NDArray[np.intp]
-    wrist_site: NDArray[np.intp]
-    elbow_site: NDArray[np.intp]
-    hip_site: NDArray[np.intp]
-    neck_site: int
-    velocity_sensor: NDArray[np.intp]
-    force_sensor: NDArray[np.intp]
-    limb_geoms: NDArray[np.intp]
-    limb_dofs: NDArray[np.intp]
 
 
 def limb_geoms() -> list[str]:
@@ -161,46 +126,65 @@ def _add_sensors(spec: mujoco.MjSpec, arms: Arms) -> None:
             add_contact_sensor(spec, f"{_FORCE}{body}_{geom}", body, kind, geom, reading)
 
 
-@lru_cache(maxsize=8)
-def person_addresses(scene: Scene) -> PersonAddresses:
-    """Look up the person in a scene that :func:`add_person` made."""
-    model = scene.model
+class PersonAddresses:
+    """Addresses of the person in a scene's models, which differ only in the person's body.
 
-    def addresses(name: str) -> NDArray[np.intp]:
-        joints = [model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
+    :param scene: that :func:`add_person` made.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._model = model = scene.model
+        #: (bodies, arms) geometry of the arm that arm i of the scene pushes.
+        self.arms = tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES)
+        #: (4,) of the trunk: along x, along y, its turn, how far it bends.
+        self.trunk_qpos = np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS])
+        #: (arms, 4) quaternions.
+        self.shoulder_qpos = self._qpos("upper_arm")[:, None] + np.arange(4)
+        #: (arms,).
+        self.elbow_qpos = self._qpos("forearm")
+        #: (arms,).
+        self.hand_qpos = self._qpos("hand")
+        #: (arms,).
+        self.wrist_site = self._sites("wrist")
+        #: (arms,).
+        self.elbow_site = self._sites("elbow")
+        #: (arms,) of the hip joint at that arm's side.
+        self.hip_site = self._sites("hip")
+        #: Between the shoulders.
+        self.neck_site = model.site("joint_neck").id
+        starts = [
+            [model.sensor(f"velocity_{side}_{part}").adr[0] for part in ("wrist", "elbow")]
+            for side in SIDE_OF_ARM
+        ]
+        #: (arms, 2, 3) addresses of the velocities of wrist and elbow.
+        self.velocity_sensor = np.array(starts, dtype=np.intp)[..., None] + np.arange(3)
+        forces = [
+            model.sensor_adr[index] + 3 * contact  # the normal comes first of the three
+            for index in range(model.nsensor)
+            if model.sensor(index).name.startswith(_FORCE)
+            for contact in range(_CONTACTS)
+        ]
+        #: Addresses of the normal forces on the torso.
+        self.force_sensor = np.array(forces, dtype=np.intp)
+        #: Geoms whose friction with what they touch varies.
+        self.limb_geoms = np.array([model.geom(name).id for name in limb_geoms()])
+        limbs = [name.removesuffix("_0") for name in limb_geoms()]
+        dofs = [
+            model.joint(name).dofadr[0] + offset
+            for name in limbs
+            for offset in range(3 if name.endswith("upper_arm") else 1)
+        ]
+        #: Degrees of freedom whose friction and damping vary.
+        self.limb_dofs = np.array(dofs, dtype=np.intp)
+
+    def _qpos(self, name: str) -> NDArray[np.intp]:
+        joints = [self._model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
         return np.array([int(joint.qposadr[0]) for joint in joints])
 
-    def sites(name: str) -> NDArray[np.intp]:
-        return np.array([model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM])
+    def _sites(self, name: str) -> NDArray[np.intp]:
+        sites = [self._model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM]
+        return np.array(sites)
 
-    def velocities(side: str) -> list[NDArray[np.intp]]:
-        sensors = [model.sensor(f"velocity_{side}_{part}") for part in ("wrist", "elbow")]
-        return [sensor.adr[0] + np.arange(3) for sensor in sensors]
 
-    forces = [
-        model.sensor_adr[index] + 3 * contact  # the normal comes first of the three
-        for index in range(model.nsensor)
-        if model.sensor(index).name.startswith(_FORCE)
-        for contact in range(_CONTACTS)
-    ]
-    limbs = [name.removesuffix("_0") for name in limb_geoms()]
-    dofs = [
-        model.joint(name).dofadr[0] + offset
-        for name in limbs
-        for offset in range(3 if name.endswith("upper_arm") else 1)
-    ]
-    return PersonAddresses(
-        arms=tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES),
-        trunk_qpos=np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS]),
-        shoulder_qpos=addresses("upper_arm")[:, None] + np.arange(4),
-        elbow_qpos=addresses("forearm"),
-        hand_qpos=addresses("hand"),
-        wrist_site=sites("wrist"),
-        elbow_site=sites("elbow"),
-        hip_site=sites("hip"),
-        neck_site=model.site("joint_neck").id,
-        velocity_sensor=np.array([velocities(side) for side in SIDE_OF_ARM], dtype=np.intp),
-        force_sensor=np.array(forces, dtype=np.intp),
-        limb_geoms=np.array([model.geom(name).id for name in limb_geoms()]),
-        limb_dofs=np.array(dofs, dtype=np.intp),
-    )
+#: The addresses of a scene, looked up once.
+person_addresses = lru_cache(maxsize=8)(PersonAddresses)

@@ -5,16 +5,15 @@ All points are in the manikin's frame (see :mod:`saver_envs.people.manikin`), me
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.people.manikin import Capsule, hinge, limb_capsule, trunk_capsules
+from saver_envs.people.manikin import hinge, limb_capsule, trunk_capsules
 from saver_envs.people.postures import random_appearance
-from saver_envs.people.surface import Appearance, body_shape
+from saver_envs.people.surface import Appearance, BodyShape
 
 #: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
 _PER_SPLIT: Final = {"test": 8, "validation": 4, "train": 4}
@@ -41,32 +40,38 @@ _POINTS: Final = 5
 BODIES: Final = _bodies()
 
 
-@dataclass(frozen=True)
 class PersonArm:
     """The geometry of an arm as its body is compiled, and what follows from it.
 
-    :param shoulder: (3,) joint's centre.
-    :param upper: (3,) from shoulder to elbow.
-    :param fore: (3,) from elbow to wrist, with the elbow's angle at 0.
-    :param axis: (3,) unit axis of the elbow, at a right angle to ``upper``.
-    :param bent: bend of the elbow at joint angle 0, radians.
-    :param hip: (3,) hip joint's centre at that side.
-    :param radius: of the upper arm, of the forearm and of the hand, metres.
-    :param trunk: the capsule of the trunk at that side.
-    :param hand: (3,) from the wrist to the end of the hand's capsule, as the mesh has it.
-    :param sideways: 1 for a left arm, -1 for a right one.
+    :param appearance: of the person.
+    :param side: ``left`` or ``right``.
     """
 
-    shoulder: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    fore: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    bent: float
-    hip: NDArray[np.float64]
-    radius: tuple[float, float, float]
-    trunk: Capsule
-    hand: NDArray[np.float64]
-    sideways: float
+    def __init__(self, appearance: Appearance, side: str) -> None:
+        shape = BodyShape(appearance)
+        parts = ("upper_arm", "forearm", "hand")
+        shoulder, elbow, wrist = (shape.head(f"{side}_{part}") for part in parts)
+        capsules = [limb_capsule(f"{side}_{part}", shape) for part in parts]
+        #: (3,) joint's centre.
+        self.shoulder = shoulder
+        #: (3,) from shoulder to elbow.
+        self.upper = elbow - shoulder
+        #: (3,) from elbow to wrist, with the elbow's angle at 0.
+        self.fore = wrist - elbow
+        #: (3,) unit axis of the elbow, at a right angle to ``upper``, and the bend of the elbow at
+        #: joint angle 0, radians.
+        self.axis, self.bent = hinge(f"{side}_forearm", shape, 1.0)
+        #: (3,) hip joint's centre at that side.
+        self.hip = shape.head(f"{side}_thigh")
+        #: Of the upper arm, of the forearm and of the hand, metres.
+        self.radius = [radius for _, _, radius in capsules]
+        #: (3,) from the wrist to the end of the hand's capsule, as the mesh has it.
+        self.hand = capsules[2][1] - wrist
+        #: 1 for a left arm, -1 for a right one.
+        self.sideways = 1.0 if side == "left" else -1.0
+        columns = trunk_capsules("torso", shape)
+        #: The capsule of the trunk at that side.
+        self.trunk = min(columns, key=lambda one: -self.sideways * one[0][1])
 
     @property
     def elbow_height(self) -> float:
@@ -181,28 +186,8 @@ class PersonArm:
         return after @ before.T, angle
 
 
-@lru_cache(maxsize=64)
-def arm_of(appearance: Appearance, side: str) -> PersonArm:
-    """Return an arm of a body; ``side`` is ``left`` or ``right``."""
-    shape = body_shape(appearance)
-    shoulder, elbow, wrist = (
-        shape.head(f"{side}_{part}") for part in ("upper_arm", "forearm", "hand")
-    )
-    sideways = 1.0 if side == "left" else -1.0
-    axis, bent = hinge(f"{side}_forearm", shape, 1.0)
-    radius = [limb_capsule(f"{side}_{part}", shape)[2] for part in ("upper_arm", "forearm", "hand")]
-    return PersonArm(
-        shoulder=shoulder,
-        upper=elbow - shoulder,
-        fore=wrist - elbow,
-        axis=axis,
-        bent=bent,
-        hip=shape.head(f"{side}_thigh"),
-        trunk=min(trunk_capsules("torso", shape), key=lambda one: -sideways * one[0][1]),
-        radius=(radius[0], radius[1], radius[2]),
-        hand=limb_capsule(f"{side}_hand", shape)[1] - wrist,
-        sideways=sideways,
-    )
+#: An arm of a body, computed once.
+arm_of = lru_cache(maxsize=64)(PersonArm)
 
 
 def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

@@ -25,7 +25,6 @@ from saver_envs.people.surface import (
     Appearance,
     BodyShape,
     add_skins,
-    body_shape,
 )
 from saver_envs.robots.description import COLLISION_GROUP
 
@@ -45,32 +44,20 @@ MASS_SHARE: Final = {
     "shank": 0.0457,
     "foot": 0.0133,
 }
-#: The 14 joints of the skeleton (chapter 4), each with the body it belongs to. The shoulders' and
-#: hips' centres belong to the trunk; the neck lies between the shoulders, the head's is the nose.
+#: Bodies that begin at the centres of the arms' joints, and of the legs'.
+_ARM: Final = {"shoulder": "upper_arm", "elbow": "forearm", "wrist": "hand"}
+_LEG: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
+#: The 14 joints of the skeleton (chapter 4), each with the body that begins there. The neck lies
+#: between the shoulders, the head's joint is the nose.
 SKELETON_BODIES: Final = {
     "neck": "torso",
     "head": "head",
-    "right_shoulder": "torso",
-    "right_elbow": "right_forearm",
-    "right_wrist": "right_hand",
-    "left_shoulder": "torso",
-    "left_elbow": "left_forearm",
-    "left_wrist": "left_hand",
-    "right_hip": "pelvis",
-    "right_knee": "right_shank",
-    "right_ankle": "right_foot",
-    "left_hip": "pelvis",
-    "left_knee": "left_shank",
-    "left_ankle": "left_foot",
-}
-#: Bodies that begin at those joints' centres.
-_CENTRE: Final = {
-    "shoulder": "upper_arm",
-    "elbow": "forearm",
-    "wrist": "hand",
-    "hip": "thigh",
-    "knee": "shank",
-    "ankle": "foot",
+    **{
+        f"{side}_{joint}": f"{side}_{body}"
+        for limb in (_ARM, _LEG)
+        for side in ("right", "left")
+        for joint, body in limb.items()
+    },
 }
 SIDES: Final = ("left", "right")
 ROOT: Final = "manikin"
@@ -87,6 +74,7 @@ _TABLE_BIT, _OBJECT_BIT = 1, 2
 class _Joint:
     """A joint between a body and its parent.
 
+    :param parent: segment.
     :param kind: ``ball``, or the name of a hinge's axis: ``flexion`` lifts an arm's or leg's end
         off the stretcher, ``extension`` lowers it, ``pitch`` turns about y, ``sideways`` about z.
     :param range: degrees; of an elbow or knee counted from a straight limb, of a ball the
@@ -95,31 +83,22 @@ class _Joint:
     :param friction: N m.
     """
 
+    parent: str
     kind: str
     range: tuple[float, float]
     damping: float
     friction: float
 
 
-_PARENT: Final = {
-    "torso": "pelvis",
-    "head": "torso",
-    "upper_arm": "torso",
-    "forearm": "upper_arm",
-    "hand": "forearm",
-    "thigh": "pelvis",
-    "shank": "thigh",
-    "foot": "shank",
-}
 _JOINTS: Final = {
-    "torso": _Joint("sideways", (-25, 25), 10.0, 5.0),
-    "head": _Joint("ball", (0, 60), 1.0, 1.0),
-    "upper_arm": _Joint("ball", (0, 150), 1.5, 0.8),
-    "forearm": _Joint("flexion", (0, 145), 0.6, 0.4),
-    "hand": _Joint("flexion", (-60, 60), 0.1, 0.1),
-    "thigh": _Joint("ball", (0, 110), 4.0, 3.0),
-    "shank": _Joint("extension", (0, 140), 2.0, 1.5),
-    "foot": _Joint("pitch", (-30, 45), 0.5, 0.5),
+    "torso": _Joint("pelvis", "sideways", (-25, 25), 10.0, 5.0),
+    "head": _Joint("torso", "ball", (0, 60), 1.0, 1.0),
+    "upper_arm": _Joint("torso", "ball", (0, 150), 1.5, 0.8),
+    "forearm": _Joint("upper_arm", "flexion", (0, 145), 0.6, 0.4),
+    "hand": _Joint("forearm", "flexion", (-60, 60), 0.1, 0.1),
+    "thigh": _Joint("pelvis", "ball", (0, 110), 4.0, 3.0),
+    "shank": _Joint("thigh", "extension", (0, 140), 2.0, 1.5),
+    "foot": _Joint("shank", "pitch", (-30, 45), 0.5, 0.5),
 }
 #: Bodies that lie on the support (see :func:`add_manikin`).
 _CARRIED: Final = ("pelvis", "torso", "head")
@@ -165,7 +144,7 @@ def add_manikin(
     unknown = set(rigid) - set(_JOINTS)
     if unknown:
         raise ValueError(f"rigid={sorted(unknown)!r}: segments with joints are {list(_JOINTS)}")
-    shape = body_shape(appearance)
+    shape = BodyShape(appearance)
     mass = total_mass(appearance)
     root = spec.worldbody.add_body(
         name=prefix + ROOT, pos=position, quat=(math.cos(yaw / 2), 0, 0, math.sin(yaw / 2))
@@ -182,20 +161,21 @@ def add_manikin(
         if parent is None:
             _add_planar_joints(body, prefix, mass, rigid)
         elif segment(name) not in rigid:
-            _add_joint(body, name, shape, prefix, spec.compiler.degree)
+            _add_joint(body, name, shape, spec.compiler.degree)
         on_support = segment(name) in _CARRIED or segment(name) in rigid
-        _add_capsules(body, name, shape, prefix, mass * MASS_SHARE[segment(name)], on_support)
+        _add_capsules(body, name, shape, mass * MASS_SHARE[segment(name)], on_support)
     _add_sites(bodies, shape, prefix)
-    _exclude_neighbours(spec, shape, prefix)
+    _exclude_neighbours(spec, prefix)
     if skins:
         add_skins(spec, shape, appearance, prefix)
 
 
 def _parent(body: str) -> str | None:
-    parent = _PARENT.get(segment(body))
-    if parent is None or parent in ("pelvis", "torso"):
-        return parent
-    return body.replace(segment(body), parent)
+    kind = segment(body)
+    if kind not in _JOINTS:
+        return None
+    parent = _JOINTS[kind].parent
+    return parent if parent in _CARRIED else body.replace(kind, parent)
 
 
 def _add_planar_joints(
@@ -220,9 +200,7 @@ def _add_planar_joints(
         )
 
 
-def _add_joint(
-    body: mujoco.MjsBody, name: str, shape: BodyShape, prefix: str, degrees: bool
-) -> None:
+def _add_joint(body: mujoco.MjsBody, name: str, shape: BodyShape, degrees: bool) -> None:
     joint = _JOINTS[segment(name)]
     lower, upper = (math.radians(angle) for angle in joint.range)
     kind, axis = mujoco.mjtJoint.mjJNT_BALL, np.array([0.0, 1.0, 0.0])
@@ -236,7 +214,7 @@ def _add_joint(
     if degrees:  # the specification's own unit
         lower, upper = math.degrees(lower), math.degrees(upper)
     body.add_joint(
-        name=prefix + name,
+        name=body.name,
         type=kind,
         axis=axis,
         limited=True,
@@ -263,19 +241,14 @@ def hinge(name: str, shape: BodyShape, lift: float) -> tuple[NDArray[np.float64]
 
 
 def _add_capsules(
-    body: mujoco.MjsBody,
-    name: str,
-    shape: BodyShape,
-    prefix: str,
-    mass: float,
-    on_support: bool,
+    body: mujoco.MjsBody, name: str, shape: BodyShape, mass: float, on_support: bool
 ) -> None:
     """Add collision capsules as thick as the flesh around them."""
     start = shape.head(name)
     capsules = trunk_capsules(name, shape) or [limb_capsule(name, shape)]
     for index, (begin, end, radius) in enumerate(capsules):
         body.add_geom(
-            name=f"{prefix}{name}_{index}",
+            name=f"{body.name}_{index}",
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             fromto=(*(begin - start), *(end - start)),
             size=(radius, 0, 0),
@@ -345,8 +318,9 @@ def _add_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str)
         elif joint == "neck":
             point = (shape.head("left_upper_arm") + shape.head("right_upper_arm")) / 2
         else:
-            side, _, part = joint.partition("_")
-            point = shape.head(f"{side}_{_CENTRE[part]}")
+            point = shape.head(body)
+        if segment(body) in ("upper_arm", "thigh"):  # their centres belong to the trunk
+            body = _JOINTS[segment(body)].parent
         bodies[body].add_site(
             name=f"{prefix}joint_{joint}",
             pos=point - shape.head(body),
@@ -355,7 +329,7 @@ def _add_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str)
         )
 
 
-def _exclude_neighbours(spec: mujoco.MjSpec, shape: BodyShape, prefix: str) -> None:
+def _exclude_neighbours(spec: mujoco.MjSpec, prefix: str) -> None:
     """Exclude collisions of bodies that touch at rest (parents and children never collide)."""
     pairs = [("left_thigh", "right_thigh"), ("head", "pelvis")]
     for side in SIDES:

@@ -56,14 +56,10 @@ class People:
             stiffness=np.ones(n),
         )
 
-    def fields(self) -> Arrays:
-        """Return the arrays under their names."""
-        return dict(self.__dict__)
-
 
 def joined(people: list[People]) -> People:
     """Concatenate the rows of several."""
-    names = people[0].fields()
+    names = vars(people[0])
     return People(
         **{name: np.concatenate([getattr(one, name) for one in people]) for name in names}
     )
@@ -75,7 +71,7 @@ def person_memory(n: int) -> Arrays:
     :return: the fields of :class:`People`, and ``hips_before`` and ``neck_before`` (n, 2), metres.
     """
     before = {"hips_before": np.zeros((n, 2)), "neck_before": np.zeros((n, 2))}
-    return People.default(n).fields() | before
+    return vars(People.default(n)) | before
 
 
 def people_in(memory: Arrays) -> People:
@@ -124,7 +120,7 @@ class Patient:
         simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
         simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
         simulation.refresh(rows)
-        for name, values in people.fields().items():
+        for name, values in vars(people).items():
             memory[name][rows] = values
         sites = simulation.site_position
         memory["hips_before"][rows] = sites[rows[:, None], where.hip_site, :2].mean(axis=1)
@@ -137,15 +133,7 @@ class Patient:
         """
         pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
-        cosine, sine = np.cos(people.yaw), np.sin(people.yaw)
-        turned = np.stack(
-            [
-                cosine * lever[:, 0] - sine * lever[:, 1],
-                sine * lever[:, 0] + cosine * lever[:, 1],
-            ],
-            axis=-1,
-        )
-        moved: NDArray[np.float64] = turned - lever
+        moved: NDArray[np.float64] = turned(lever, people.yaw) - lever
         return moved
 
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
@@ -195,6 +183,13 @@ class Patient:
         neck = sites[:, where.neck_site, :2] - memory["neck_before"]
         displacement = np.sqrt(np.maximum((hips * hips).sum(axis=-1), (neck * neck).sum(axis=-1)))
         return {"torso_force": force, "torso_displacement": displacement}
+
+
+def turned(points: NDArray[np.float64], yaw: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Return points (k, 2) turned about the origin by ``yaw`` (k,) or of all, radians."""
+    x, y = points.T
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
 
 
 def place_stretcher(model: mujoco.MjModel, people: People, row: int) -> None:

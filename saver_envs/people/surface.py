@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.validation import require
+from saver_envs.world import add_picture, give_texture
 
 Colour = tuple[float, float, float]
 Pattern = Literal["plain", "stripes", "checks", "mottled"]
@@ -79,30 +80,52 @@ class Appearance:
 AVERAGE_MAN: Final = Appearance()
 
 
-@dataclass(frozen=True)
 class BodyShape:
     """A body on its back, in the manikin's frame (see :mod:`saver_envs.people.manikin`), metres.
 
-    :param vertices: (vertices, 3).
-    :param normals: (vertices, 3), outwards, of length 1.
-    :param faces: (triangles, 3) indices of vertices.
-    :param face_part: (triangles,) indices into ``parts``.
-    :param parts: names of the parts of the surface.
-    :param weights: (vertices, bodies) how much each body moves a vertex; rows sum to 1.
-    :param bodies: names of the bodies.
-    :param heads: (bodies, 3) the joints' centres, at which bodies begin.
-    :param nose: (3,).
+    It is a mixture of the exported bodies.
+
+    :param appearance: gives gender, heaviness and stature.
     """
 
-    vertices: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    faces: NDArray[np.intp]
-    face_part: NDArray[np.intp]
-    parts: tuple[str, ...]
-    weights: NDArray[np.float64]
-    bodies: tuple[str, ...]
-    heads: NDArray[np.float64]
-    nose: NDArray[np.float64]
+    def __init__(self, appearance: Appearance) -> None:
+        content = _file()
+        names = [str(name) for name in content["shape_names"]]
+        share = np.zeros(len(names))
+        heaviness, woman = appearance.heaviness, appearance.gender
+        slim, heavy = max(0.0, 1 - 2 * heaviness), max(0.0, 2 * heaviness - 1)
+        for gender, part in (("man", 1 - woman), ("woman", woman)):
+            for build, amount in (("slim", slim), ("average", 1 - slim - heavy), ("heavy", heavy)):
+                share[names.index(f"{build}_{gender}")] = part * amount
+        unit = _LENGTH_UNIT * appearance.stature / EXPORTED_STATURE
+        change = np.tensordot(share[1:], content["shape_change"].astype(float), axes=1)
+        weights = content["weights"].astype(float) * _WEIGHT_UNIT
+        #: (vertices, 3).
+        self.vertices = unit * (content["shape"] + change)
+        #: (triangles, 3) indices of vertices.
+        self.faces = content["faces"].astype(np.intp)
+        #: (triangles,) indices into ``parts``.
+        self.face_part = content["face_part"].astype(np.intp)
+        #: Names of the parts of the surface.
+        self.parts = tuple(str(name) for name in content["parts"])
+        #: (vertices, bodies) how much each body moves a vertex; rows sum to 1.
+        self.weights = weights / weights.sum(axis=1, keepdims=True)
+        #: Names of the bodies.
+        self.bodies = tuple(str(name) for name in content["bodies"])
+        #: (bodies, 3) the joints' centres, at which bodies begin.
+        self.heads = unit * np.tensordot(share, content["heads"].astype(float), axes=1)
+        #: (3,).
+        self.nose = unit * np.tensordot(share, content["noses"].astype(float), axes=1)
+
+    def normals(self) -> NDArray[np.float64]:
+        """Return the vertices' normals (vertices, 3), outwards, of length 1."""
+        corners = self.vertices[self.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        total = np.zeros_like(self.vertices)
+        for corner in range(3):
+            np.add.at(total, self.faces[:, corner], across)
+        normals: NDArray[np.float64] = total / np.linalg.norm(total, axis=1, keepdims=True)
+        return normals
 
     def head(self, body: str) -> NDArray[np.float64]:
         """(3,) where a body begins."""
@@ -122,43 +145,6 @@ def _file() -> dict[str, NDArray[Any]]:
         return {name: content[name] for name in content.files}
 
 
-def body_shape(appearance: Appearance) -> BodyShape:
-    """Return the body of that gender, heaviness and stature, a mixture of the exported ones."""
-    content = _file()
-    names = [str(name) for name in content["shape_names"]]
-    share = np.zeros(len(names))
-    slim, heavy = max(0.0, 1 - 2 * appearance.heaviness), max(0.0, 2 * appearance.heaviness - 1)
-    for gender, part in (("man", 1 - appearance.gender), ("woman", appearance.gender)):
-        for build, amount in (("slim", slim), ("average", 1 - slim - heavy), ("heavy", heavy)):
-            share[names.index(f"{build}_{gender}")] = part * amount
-    unit = _LENGTH_UNIT * appearance.stature / EXPORTED_STATURE
-    change = np.tensordot(share[1:], content["shape_change"].astype(float), axes=1)
-    vertices = unit * (content["shape"] + change)
-    faces = content["faces"].astype(np.intp)
-    weights = content["weights"].astype(float) * _WEIGHT_UNIT
-    return BodyShape(
-        vertices=vertices,
-        normals=_normals(vertices, faces),
-        faces=faces,
-        face_part=content["face_part"].astype(np.intp),
-        parts=tuple(str(name) for name in content["parts"]),
-        weights=weights / weights.sum(axis=1, keepdims=True),
-        bodies=tuple(str(name) for name in content["bodies"]),
-        heads=unit * np.tensordot(share, content["heads"].astype(float), axes=1),
-        nose=unit * np.tensordot(share, content["noses"].astype(float), axes=1),
-    )
-
-
-def _normals(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> NDArray[np.float64]:
-    corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(total, faces[:, corner], across)
-    normals: NDArray[np.float64] = total / np.linalg.norm(total, axis=1, keepdims=True)
-    return normals
-
-
 def add_skins(spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, prefix: str) -> None:
     """Add skins and clothes to the bodies of a specification.
 
@@ -172,11 +158,30 @@ def add_skins(spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, pre
         "shirt": (appearance.shirt_pattern, appearance.shirt_second),
         "trousers": (appearance.trousers_pattern, appearance.trousers_second),
     }
+    normals = shape.normals()
     for layer in np.unique(layers):
         name = f"{prefix}{layer}"
         pattern, second = patterns.get(str(layer), ("plain", (0.0, 0.0, 0.0)))
         _add_material(spec, name, _colour(str(layer), appearance), pattern, second)
-        _add_skin(spec, shape, layers == layer, name, _STANDOFF.get(str(layer), 0.0), prefix)
+        chosen = layers == layer
+        used, faces = np.unique(shape.faces[chosen], return_inverse=True)
+        # The rim stays on the skin, so that no gap is visible.
+        rim = np.isin(used, np.unique(shape.faces[~chosen]))
+        lift = np.where(rim, 0.0, _STANDOFF.get(str(layer), 0.0))
+        vertices = shape.vertices[used] + lift[:, None] * normals[used]
+        weights = shape.weights[used]
+        moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
+        at_work = [body for body, rows in enumerate(moved) if len(rows)]
+        skin = spec.add_skin(name=name, material=name)
+        skin.vert = vertices.astype(np.float32).ravel()
+        skin.face = faces.astype(np.int32).ravel()
+        # Cloth runs around the body: along it, and across it as seen from above.
+        skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
+        skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
+        skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()
+        skin.bindquat = np.tile([1, 0, 0, 0], len(at_work)).astype(np.float32)
+        skin.vertid = [moved[body].astype(np.int32) for body in at_work]
+        skin.vertweight = [weights[moved[body], body].astype(np.float32) for body in at_work]
 
 
 def _layer(part: str, appearance: Appearance) -> str:
@@ -216,19 +221,9 @@ def _add_material(
     if pattern == "plain":
         material.rgba = (*colour, 1)
         return
-    texture = spec.add_texture(
-        name=name,
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        width=_TEXTURE_SIZE,
-        height=_TEXTURE_SIZE,
-        nchannel=3,
-    )
     share = _pattern(pattern)[..., None]
-    pixels = (1 - share) * np.array(colour) + share * np.array(second)
-    texture.data = np.rint(255 * pixels).astype(np.uint8).tobytes()
-    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
-    material.textures = textures
+    add_picture(spec, name, (1 - share) * np.array(colour) + share * np.array(second))
+    give_texture(material, name)
 
 
 def _pattern(pattern: Pattern) -> NDArray[np.float64]:
@@ -245,31 +240,3 @@ def _pattern(pattern: Pattern) -> NDArray[np.float64]:
         spots = random.random((_TEXTURE_SIZE // 4, _TEXTURE_SIZE // 4)) > 0.5
         return np.kron(spots, np.ones((4, 4))).astype(np.float64)
     raise ValueError(f"pattern={pattern!r}: valid are plain, stripes, checks and mottled")
-
-
-def _add_skin(
-    spec: mujoco.MjSpec,
-    shape: BodyShape,
-    chosen: NDArray[np.bool_],
-    name: str,
-    standoff: float,
-    prefix: str,
-) -> None:
-    used, faces = np.unique(shape.faces[chosen], return_inverse=True)
-    elsewhere = np.unique(shape.faces[~chosen])
-    # The rim stays on the skin, so that no gap is visible.
-    lift = np.where(np.isin(used, elsewhere), 0.0, standoff)
-    vertices = shape.vertices[used] + lift[:, None] * shape.normals[used]
-    weights = shape.weights[used]
-    moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
-    at_work = [body for body, rows in enumerate(moved) if len(rows)]
-    skin = spec.add_skin(name=name, material=name)
-    skin.vert = vertices.astype(np.float32).ravel()
-    skin.face = faces.astype(np.int32).ravel()
-    # Cloth runs around the body: along it, and across it as seen from above.
-    skin.texcoord = (vertices[:, :2] / _TEXTURE_COVERS).astype(np.float32).ravel()
-    skin.bodyname = [prefix + shape.bodies[body] for body in at_work]
-    skin.bindpos = shape.heads[at_work].astype(np.float32).ravel()
-    skin.bindquat = np.tile([1, 0, 0, 0], len(at_work)).astype(np.float32)
-    skin.vertid = [moved[body].astype(np.int32) for body in at_work]
-    skin.vertweight = [weights[moved[body], body].astype(np.float32) for body in at_work]

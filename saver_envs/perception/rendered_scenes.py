@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose, RgbdCamera
 from saver_envs.people.manikin import add_manikin, joint_centres
 from saver_envs.people.postures import random_appearance, random_posture
-from saver_envs.people.stretcher import Stretcher, add_stretcher
+from saver_envs.people.stretcher import add_stretcher
 from saver_envs.perception.lifting import pixel_windows
 from saver_envs.perception.skeleton import N_JOINTS, Visibility
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
 from saver_envs.scenes import BASE_SPACING
+from saver_envs.world import add_picture, give_texture
 
 CAMERA: Final = "kinect"
 #: Largest depth of a joint below the visible surface (m): the hip's flesh and some clothes. A joint
@@ -314,17 +315,12 @@ def _add_texture(spec: mujoco.MjSpec, name: str, random: np.random.Generator) ->
         mix = ((rows + columns) % 2).astype(np.float64)
     mix = np.clip(mix + random.normal(0, random.uniform(0, 0.15), (size, size)), 0, 1)
     pixels = first + mix[..., None] * (second - first)
-    texture = spec.add_texture(
-        name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=size, height=size, nchannel=3
-    )
-    texture.data = np.rint(255 * np.clip(pixels, 0, 1)).astype(np.uint8).tobytes()
+    add_picture(spec, name, np.clip(pixels, 0, 1))
     repeat = random.uniform(0.5, 3.0)
     material = spec.add_material(
         name=name, texuniform=True, texrepeat=(repeat, repeat), specular=0.1, shininess=0.1
     )
-    textures = [""] * int(mujoco.mjtTextureRole.mjNTEXROLE)
-    textures[int(mujoco.mjtTextureRole.mjTEXROLE_RGB)] = name
-    material.textures = textures
+    give_texture(material, name)
 
 
 def _add_person(
@@ -342,8 +338,8 @@ def _add_person(
     if random.random() < 0.85:
         canvas, support = random.uniform(0.1, 0.95, (2, 3))
         width = random.uniform(0.48, 0.6)
-        stretcher = Stretcher(width=width, colour=tuple(canvas), support=tuple(support))
-        add_stretcher(spec, stretcher, appearance, position, yaw, prefix)
+        colours = tuple(canvas), tuple(support)
+        add_stretcher(spec, appearance, position, yaw, prefix, width, *colours)
 
 
 def _add_arms(spec: mujoco.MjSpec, random: np.random.Generator) -> list[_SceneArm]:

@@ -91,9 +91,6 @@ def _content(header: Header) -> dict[str, Any]:
 
 
 def _shapes(header: Header) -> Shapes:
-    try:
-        content = _content(header)
-    except MALFORMED as error:
-        raise ValueError(str(error)) from error
+    content = _content(header)
     with torch.device("meta"):
         return PoseNetwork(content["architecture"], content["limbs"]).state_dict()

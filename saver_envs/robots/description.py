@@ -37,8 +37,6 @@ class Robot:
         are parallel to the base's when the hand points down at the yaw that tasks hold.
     :param arm_joints: hinge joints from base to wrist; a slide counts in metres and newtons.
     :param finger_joints: hinge joints of the fingers when actuated.
-    :param arm_actuators: position servos, in the order of ``arm_joints``.
-    :param finger_actuators: position servos, in the order of ``finger_joints``.
     :param home: joint angles of a tool-down posture in the middle of the workspace, radians.
     :param joint_lower: lower joint limits, radians; minus infinity where continuous.
     :param joint_upper: upper joint limits, radians; infinity where continuous.
@@ -60,8 +58,6 @@ class Robot:
     tool_site: str
     arm_joints: tuple[str, ...]
     finger_joints: tuple[str, ...]
-    arm_actuators: tuple[str, ...]
-    finger_actuators: tuple[str, ...]
     home: tuple[float, ...]
     joint_lower: tuple[float, ...]
     joint_upper: tuple[float, ...]
@@ -74,3 +70,18 @@ class Robot:
     off_table_geoms: tuple[str, ...]
     hand_reach: float = math.inf
     shoulder_height: float = 0.0
+
+    @property
+    def arm_actuators(self) -> tuple[str, ...]:
+        """Position servos, in the order of ``arm_joints``."""
+        return tuple(servo_of(joint) for joint in self.arm_joints)
+
+    @property
+    def finger_actuators(self) -> tuple[str, ...]:
+        """Position servos, in the order of ``finger_joints``."""
+        return tuple(servo_of(joint) for joint in self.finger_joints)
+
+
+def servo_of(joint: str) -> str:
+    """Return the name of a joint's position servo."""
+    return f"servo_{joint}"

@@ -6,51 +6,54 @@ from collections.abc import Sequence
 
 import mujoco
 
+from saver_envs.robots.description import Fingers, Robot, servo_of
+
 
 def add_servo(
-    spec: mujoco.MjSpec,
-    name: str,
-    joint: str,
-    limit: float,
-    stiffness: float,
-    damping: float | None = None,
+    spec: mujoco.MjSpec, joint: str, limit: float, stiffness: float, damping: float | None = None
 ) -> None:
     """Add a position servo to a joint.
 
     :param spec: of the robot; it gets another actuator.
-    :param name: of the actuator.
     :param joint: a hinge, or a slide in metres and newtons.
     :param limit: greatest torque, N m.
     :param stiffness: N m/rad.
     :param damping: N m s/rad; where ``None``, critical for the joint's inertia at the zero posture.
     """
-    servo = _add_actuator(spec, name, joint, limit)
+    servo = _add_actuator(spec, servo_of(joint), joint, limit)
     if damping is None:
         servo.set_to_position(kp=stiffness, dampratio=1.0)
     else:
         servo.set_to_position(kp=stiffness, kv=damping)
 
 
-def drive_by_torques(
-    spec: mujoco.MjSpec, names: Sequence[str], joints: Sequence[str], limits: Sequence[float]
-) -> None:
-    """Reduce a robot to its links' inertia, and drive its joints by torques.
+def add_arm_servos(spec: mujoco.MjSpec, robot: Robot, *gains: Sequence[float]) -> None:
+    """Add a position servo to each joint of the arm.
 
-    Servos, armature and gravity compensation are removed.
-
-    :param spec: of the robot, its fingers locked; changed in place.
-    :param names: of the actuators; actuator i drives joint i.
-    :param joints: the arm's.
-    :param limits: greatest torques, N m.
+    :param spec: of the robot.
+    :param robot: gives the torque limits.
+    :param gains: stiffness of every joint, and damping if it is not critical.
     """
+    for joint, limit, *own in zip(robot.arm_joints, robot.joint_torque_limits, *gains, strict=True):
+        add_servo(spec, joint, limit, *own)
+
+
+def torque_driven(robot: Robot) -> mujoco.MjSpec:
+    """Return a robot driven by torques: its links' inertia and nothing else.
+
+    There are no servos, armature or gravity compensation; actuator i drives joint i of the arm
+    within its torque limit; the fingers are locked.
+    """
+    spec = robot.build(Fingers.LOCKED)
     for servo in list(spec.actuators):
         spec.delete(servo)
     for body in spec.bodies:
         body.gravcomp = 0
-    for name, joint, limit in zip(names, joints, limits, strict=True):
-        driven = spec.joint(joint)
-        driven.armature, driven.actgravcomp = 0.0, 0
-        _add_actuator(spec, name, joint, limit).set_to_motor()
+    for name, limit in zip(robot.arm_joints, robot.joint_torque_limits, strict=True):
+        joint = spec.joint(name)
+        joint.armature, joint.actgravcomp = 0.0, 0
+        _add_actuator(spec, f"motor_{name}", name, limit).set_to_motor()
+    return spec
 
 
 def _add_actuator(spec: mujoco.MjSpec, name: str, joint: str, limit: float) -> mujoco.MjsActuator:

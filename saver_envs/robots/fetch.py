@@ -19,7 +19,7 @@ from pathlib import Path
 import mujoco
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
-from saver_envs.robots.drives import add_servo, drive_by_torques
+from saver_envs.robots.drives import add_arm_servos, add_servo
 
 _PREFIX = "robot0:"
 _NAMES = (
@@ -32,27 +32,15 @@ _NAMES = (
     "wrist_flex",
     "wrist_roll",
 )
-ARM_JOINTS = tuple(f"{_PREFIX}{name}_joint" for name in _NAMES)
-FINGER_JOINTS = tuple(f"{_PREFIX}{side}_gripper_finger_joint" for side in "rl")
 BASE_BODY, GRIPPER_BODY = f"{_PREFIX}base_link", f"{_PREFIX}gripper_link"
-TOOL_SITE = "tool"
 
-#: Metres for the lift, radians for the others; infinity where continuous.
-JOINT_LOWER = (0.0386, -1.6056, -1.221, -math.inf, -2.251, -math.inf, -2.16, -math.inf)
-JOINT_UPPER = (0.3861, 1.6056, 1.518, math.inf, 2.251, math.inf, 2.16, math.inf)
-#: N for the lift, N m for the others; m/s and rad/s.
-JOINT_TORQUES = (450.0, 33.82, 131.76, 76.94, 66.18, 29.35, 25.70, 7.36)
-JOINT_SPEEDS = (0.1, 1.256, 1.454, 1.571, 1.521, 1.571, 2.268, 2.268)
 #: A finger of the real hand, instead of the 4 kg of the puppet's (kg, kg m^2).
 FINGER_MASS, FINGER_INERTIA = 0.08, 2e-5
-FINGER_LOWER, FINGER_UPPER = 0.0, 0.05  # m
 
 #: Position servos, ours: stiffness (N/m, N m/rad), and reflected inertia (kg, kg m^2).
 STIFFNESS = (20000.0, 1500.0, 1500.0, 800.0, 800.0, 400.0, 400.0, 200.0)
 ARMATURE = (10.0, 0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
 FINGER_STIFFNESS, FINGER_DAMPING, FINGER_FORCE = 500.0, 20.0, 60.0  # N/m, N s/m, N
-#: The hand in front of the chest, level (m, rad).
-HOME = (0.15, 0.0, 0.6, 0.0, 1.0, 0.0, -1.6, 0.0)
 
 _REMOVED_JOINTS = ("slide0", "slide1", "slide2", "head_pan_joint", "head_tilt_joint")
 #: Fixed parts whose hulls overlap moving ones in every posture.
@@ -102,18 +90,18 @@ def _world() -> mujoco.MjSpec:
 
 
 def _set_joints(spec: mujoco.MjSpec, fingers: Fingers) -> None:
-    for index, name in enumerate(ARM_JOINTS):
+    for index, name in enumerate(FETCH.arm_joints):
         joint = spec.joint(name)
-        lower, upper = JOINT_LOWER[index], JOINT_UPPER[index]
+        lower, upper = FETCH.joint_lower[index], FETCH.joint_upper[index]
         limited = math.isfinite(lower)
         joint.limited = limited
         joint.range = (lower, upper) if limited else (0, 0)
         joint.armature, joint.frictionloss = ARMATURE[index], 0.0
         joint.damping, joint.stiffness = (0, 0, 0), (0, 0, 0)
-        limit = JOINT_TORQUES[index]
+        limit = FETCH.joint_torque_limits[index]
         joint.actfrclimited, joint.actfrcrange, joint.actgravcomp = True, (-limit, limit), 1
-    for name, side in zip(FINGER_JOINTS, "rl", strict=True):
-        body = spec.body(f"{_PREFIX}{side}_gripper_finger_link")
+    for name in FETCH.finger_joints:
+        body = spec.body(name.replace("_joint", "_link"))
         body.mass, body.inertia = FINGER_MASS, (FINGER_INERTIA,) * 3
         joint = spec.joint(name)
         if fingers is Fingers.LOCKED:
@@ -145,24 +133,11 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     for body in spec.bodies:
         if body.name.startswith(_PREFIX):
             body.gravcomp = 1
-    spec.body(GRIPPER_BODY).add_site(name=TOOL_SITE, size=(0.005, 0, 0), group=4)
-    for index, name in enumerate(ARM_JOINTS):
-        add_servo(spec, f"servo_{_NAMES[index]}", name, JOINT_TORQUES[index], STIFFNESS[index])
+    spec.body(GRIPPER_BODY).add_site(name=FETCH.tool_site, size=(0.005, 0, 0), group=4)
+    add_arm_servos(spec, FETCH, STIFFNESS)
     if fingers is Fingers.ACTUATED:
-        for name, side in zip(FINGER_JOINTS, "rl", strict=True):
-            servo = f"servo_{side}_finger"
-            add_servo(spec, servo, name, FINGER_FORCE, FINGER_STIFFNESS, FINGER_DAMPING)
-    return spec
-
-
-def build_torque_driven() -> mujoco.MjSpec:
-    """Return the robot driven by torques: its links' inertia and nothing else.
-
-    There is no armature, damping, friction or gravity compensation; actuator i drives joint i of
-    ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
-    """
-    spec = build(Fingers.LOCKED)
-    drive_by_torques(spec, [f"motor_{name}" for name in _NAMES], ARM_JOINTS, JOINT_TORQUES)
+        for joint in FETCH.finger_joints:
+            add_servo(spec, joint, FINGER_FORCE, FINGER_STIFFNESS, FINGER_DAMPING)
     return spec
 
 
@@ -170,18 +145,19 @@ FETCH = Robot(
     name="fetch",
     build=build,
     base_body=BASE_BODY,
-    tool_site=TOOL_SITE,
-    arm_joints=ARM_JOINTS,
-    finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{name}" for name in _NAMES),
-    finger_actuators=("servo_r_finger", "servo_l_finger"),
-    home=HOME,
-    joint_lower=JOINT_LOWER,
-    joint_upper=JOINT_UPPER,
-    joint_speed_limits=JOINT_SPEEDS,
-    joint_torque_limits=JOINT_TORQUES,
-    finger_open=FINGER_UPPER,
-    finger_closed=FINGER_LOWER,
+    tool_site="tool",
+    arm_joints=tuple(f"{_PREFIX}{name}_joint" for name in _NAMES),
+    finger_joints=tuple(f"{_PREFIX}{side}_gripper_finger_joint" for side in "rl"),
+    # The hand in front of the chest, level (m, rad).
+    home=(0.15, 0.0, 0.6, 0.0, 1.0, 0.0, -1.6, 0.0),
+    # Metres for the lift, radians for the others; infinity where continuous.
+    joint_lower=(0.0386, -1.6056, -1.221, -math.inf, -2.251, -math.inf, -2.16, -math.inf),
+    joint_upper=(0.3861, 1.6056, 1.518, math.inf, 2.251, math.inf, 2.16, math.inf),
+    # m/s and rad/s; N for the lift, N m for the others.
+    joint_speed_limits=(0.1, 1.256, 1.454, 1.571, 1.521, 1.571, 2.268, 2.268),
+    joint_torque_limits=(450.0, 33.82, 131.76, 76.94, 66.18, 29.35, 25.70, 7.36),
+    finger_open=0.05,  # m
+    finger_closed=0.0,
     holds_orientation=False,
     reach=0.9,
     off_table_geoms=(f"{_PREFIX}base_link", f"{_PREFIX}torso_lift_link"),

@@ -78,12 +78,12 @@ class ModelArm:
             group=4,
         )
         for joint, limit in zip(self.arm_joints, self.torque_limits, strict=True):
-            add_servo(spec, f"servo_{joint}", joint, limit, _STIFFNESS * limit)
+            add_servo(spec, joint, limit, _STIFFNESS * limit)
         for joint in self.finger_joints:
             if fingers is Fingers.LOCKED:
                 _lock(spec, joint, self.finger_closed)
             else:
-                add_servo(spec, f"servo_{joint}", joint, _FINGER_FORCE, 50 * _FINGER_FORCE)
+                add_servo(spec, joint, _FINGER_FORCE, 50 * _FINGER_FORCE)
         return spec
 
 
@@ -160,8 +160,6 @@ def robot_from_model(
         tool_site=TOOL_SITE,
         arm_joints=joints,
         finger_joints=arm.finger_joints,
-        arm_actuators=tuple(f"servo_{joint}" for joint in joints),
-        finger_actuators=tuple(f"servo_{joint}" for joint in arm.finger_joints),
         home=tuple(found.tolist()),
         joint_lower=tuple(lower.tolist()),
         joint_upper=tuple(upper.tolist()),

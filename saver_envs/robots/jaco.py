@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
-from saver_envs.robots.drives import add_servo
+from saver_envs.robots.drives import add_arm_servos
 from saver_envs.robots.kinova import (
     DARK,
     LIGHT,
@@ -29,19 +29,9 @@ from saver_envs.robots.kinova import (
     add_ring,
 )
 
-ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 7))
-FINGER_JOINTS = tuple(f"finger_{index}" for index in range(1, 4))
 HAND_BODY = "hand"
 
-#: The mechanics limit joints 2 and 3; the others are continuous (radians).
-JOINT_LOWER = (-math.inf, 0.820305, 0.331613, -math.inf, -math.inf, -math.inf)
-JOINT_UPPER = (math.inf, 5.462881, 5.951573, math.inf, math.inf, math.inf)
-#: Large actuators move joints 1 to 3, small ones joints 4 to 6 (dm-control's kinova package).
-JOINT_TORQUES = (30.5,) * 3 + (6.8,) * 3  # N m
-JOINT_SPEEDS = (math.radians(36.0),) * 3 + (math.radians(48.0),) * 3  # rad/s
-
 FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
-FINGER_OPEN, FINGER_CLOSED = 0.20, 1.30  # rad
 
 #: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
 ARMATURE = (0.25,) * 3 + (0.06,) * 3
@@ -49,9 +39,6 @@ ARMATURE = (0.25,) * 3 + (0.06,) * 3
 STIFFNESS = (3000.0,) * 3 + (500.0,) * 3
 #: One input drives the hand: fingers 2 and 3 together press as much as finger 1, which faces them.
 FINGER_SHARES = (1.0, 0.5, 0.5)
-
-#: A tool-down posture with the elbow up, tool near x = 0.45 m (rad).
-HOME = (-3.27, 3.827, 1.365, -0.206, 0.791, -0.04)
 
 _MESHES = (
     "base",
@@ -144,10 +131,9 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base, six links and the hand's body; return the hand."""
     body = spec.worldbody.add_body(name="base")
     _add_mesh_geom(body, "base", _BASE_MASS)
-    hinges = zip(ARM_JOINTS, JOINT_LOWER, JOINT_UPPER, JOINT_TORQUES, ARMATURE, strict=True)
-    for (name, position, quaternion, mesh, mass, ring), hinge in zip(_LINKS, hinges, strict=True):
+    for index, (name, position, quaternion, mesh, mass, ring) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        add_hinge(body, *hinge)
+        add_hinge(body, JACO, index, ARMATURE[index])
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
         add_ring(body, *ring)
@@ -161,12 +147,12 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
     for index, (position, quaternion) in enumerate(_FINGERS, start=1):
         if fingers is Fingers.LOCKED:
-            quaternion = tuple(_turned_about_z(quaternion, FINGER_CLOSED))
+            quaternion = tuple(_turned_about_z(quaternion, JACO.finger_closed))
         proximal = hand.add_body(
             name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
         )
         if fingers is Fingers.ACTUATED:
-            add_finger_hinge(proximal, FINGER_JOINTS[index - 1], FINGER_LOWER, FINGER_UPPER)
+            add_finger_hinge(proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER)
         _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, LIGHT)
         name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
         add_capsule(proximal, name, start, end, 0.010, pad=True)
@@ -202,10 +188,9 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
         add_capsule(spec.body(body), name, start, end, radius)
-    for joint, limit, stiffness in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, strict=True):
-        add_servo(spec, f"servo_{joint}", joint, limit, stiffness)
+    add_arm_servos(spec, JACO, STIFFNESS)
     if fingers is Fingers.ACTUATED:
-        add_finger_servos(spec, FINGER_JOINTS, FINGER_SHARES)
+        add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
     return spec
 
 
@@ -214,17 +199,18 @@ JACO = Robot(
     build=build,
     base_body="base",
     tool_site=TOOL_SITE,
-    arm_joints=ARM_JOINTS,
-    finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{joint}" for joint in ARM_JOINTS),
-    finger_actuators=tuple(f"servo_{joint}" for joint in FINGER_JOINTS),
-    home=HOME,
-    joint_lower=JOINT_LOWER,
-    joint_upper=JOINT_UPPER,
-    joint_speed_limits=JOINT_SPEEDS,
-    joint_torque_limits=JOINT_TORQUES,
-    finger_open=FINGER_OPEN,
-    finger_closed=FINGER_CLOSED,
+    arm_joints=tuple(f"joint_{index}" for index in range(1, 7)),
+    finger_joints=tuple(f"finger_{index}" for index in range(1, 4)),
+    # The elbow up, the tool near x = 0.45 m.
+    home=(-3.27, 3.827, 1.365, -0.206, 0.791, -0.04),
+    # The mechanics limit joints 2 and 3; the others are continuous.
+    joint_lower=(-math.inf, 0.820305, 0.331613, -math.inf, -math.inf, -math.inf),
+    joint_upper=(math.inf, 5.462881, 5.951573, math.inf, math.inf, math.inf),
+    # Large actuators move joints 1 to 3, small ones joints 4 to 6 (dm-control's kinova package).
+    joint_speed_limits=(math.radians(36.0),) * 3 + (math.radians(48.0),) * 3,
+    joint_torque_limits=(30.5,) * 3 + (6.8,) * 3,
+    finger_open=0.20,
+    finger_closed=1.30,
     holds_orientation=True,
     reach=0.62,
     off_table_geoms=("base", "shoulder"),

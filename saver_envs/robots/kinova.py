@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 
-from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY
+from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY, Robot
 from saver_envs.robots.drives import add_servo
 
 Point = tuple[float, float, float]
@@ -22,22 +23,19 @@ LINK_FRICTION, FINGER_FRICTION = (0.8, 0.02, 0.001), (1.5, 0.05, 0.001)
 FINGER_TORQUE, FINGER_ARMATURE, FINGER_STIFFNESS, FINGER_DAMPING = 1.0, 0.01, 5.0, 0.3
 
 
-def add_hinge(
-    body: mujoco.MjsBody, name: str, lower: float, upper: float, torque: float, armature: float
-) -> None:
+def add_hinge(body: mujoco.MjsBody, robot: Robot, index: int, armature: float) -> None:
     """Add a hinge of the arm about the body's z axis, with gravity compensation.
 
     :param body: of the link.
-    :param name: of the joint.
-    :param lower: limit, radians; minus infinity for a continuous joint.
-    :param upper: limit, radians; infinity for a continuous joint.
-    :param torque: limit, N m.
+    :param robot: gives name and limits; a continuous joint's are infinite.
+    :param index: of the joint.
     :param armature: reflected rotor inertia, kg m^2.
     """
+    lower, torque = robot.joint_lower[index], robot.joint_torque_limits[index]
     body.add_joint(
-        name=name,
+        name=robot.arm_joints[index],
         axis=(0, 0, 1),
-        range=(lower, upper) if math.isfinite(lower) else (0, 0),
+        range=(lower, robot.joint_upper[index]) if math.isfinite(lower) else (0, 0),
         armature=armature,
         actgravcomp=1,
         actfrcrange=(-torque, torque),
@@ -67,7 +65,13 @@ def add_ring(body: mujoco.MjsBody, radius: float, half_height: float) -> None:
 
 
 def add_capsule(
-    body: mujoco.MjsBody, name: str, start: Point, end: Point, radius: float, pad: bool = False
+    body: mujoco.MjsBody,
+    name: str,
+    start: Point,
+    end: Point,
+    radius: float,
+    pad: bool = False,
+    drawn: tuple[float, ...] | None = None,
 ) -> None:
     """Add a massless collision capsule.
 
@@ -77,12 +81,18 @@ def add_capsule(
     :param end: of its axis, metres.
     :param radius: metres.
     :param pad: whether it is a finger's rubber pad.
+    :param drawn: colour of a second one that is drawn, for a link without a mesh.
     """
+    shape: Any = {
+        "type": mujoco.mjtGeom.mjGEOM_CAPSULE,
+        "fromto": (*start, *end),
+        "size": (radius, 0, 0),
+    }
+    if drawn is not None:
+        body.add_geom(**shape, rgba=drawn, **DRAWN_ONLY)
     body.add_geom(
+        **shape,
         name=name,
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius, 0, 0),
         mass=0,
         condim=4 if pad else 3,
         friction=FINGER_FRICTION if pad else LINK_FRICTION,
@@ -100,4 +110,4 @@ def add_finger_servos(spec: mujoco.MjSpec, joints: Sequence[str], shares: Sequen
     """
     for joint, share in zip(joints, shares, strict=True):
         gains = (share * gain for gain in (FINGER_TORQUE, FINGER_STIFFNESS, FINGER_DAMPING))
-        add_servo(spec, f"servo_{joint}", joint, *gains)
+        add_servo(spec, joint, *gains)

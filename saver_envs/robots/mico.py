@@ -15,8 +15,8 @@ import math
 
 import mujoco
 
-from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
-from saver_envs.robots.drives import add_servo, drive_by_torques
+from saver_envs.robots.description import Fingers, Robot
+from saver_envs.robots.drives import add_arm_servos
 from saver_envs.robots.kinova import (
     DARK,
     LIGHT,
@@ -29,32 +29,15 @@ from saver_envs.robots.kinova import (
     add_ring,
 )
 
-ARM_JOINTS = tuple(f"joint_{index}" for index in range(1, 5))
-FINGER_JOINTS = ("finger_1", "finger_2")
-HAND_BODY = "link_4"  # the maker joins hand and last link
 #: The maker's end effector, 0.16 m along the hand: the point of the DH table (SPEC 4.1).
 END_EFFECTOR_SITE = "end_effector"
 
-#: The mechanics limit joints 2 and 3; the others are continuous (radians).
-JOINT_LOWER = (-math.inf, math.radians(50), math.radians(35), -math.inf)
-JOINT_UPPER = (math.inf, math.radians(310), math.radians(325), math.inf)
-JOINT_TORQUES = (40.0, 80.0, 40.0, 20.0)  # N m
-JOINT_SPEEDS = tuple(math.radians(speed) for speed in (36.0, 36.0, 36.0, 48.0))  # rad/s
-
-#: Finger angles (rad): range, open, and closed, where the fingertips just meet.
-FINGER_LOWER, FINGER_UPPER = 0.0, 1.40
-FINGER_OPEN, FINGER_CLOSED = 0.20, 1.15
+FINGER_LOWER, FINGER_UPPER = 0.0, 1.40  # rad
 
 #: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
 ARMATURE = (0.15, 0.15, 0.15, 0.05)
-#: Position servos: stiffness (N m/rad), and damping (N m s/rad) that is critical at ``HOME``.
+#: Position servos: stiffness (N m/rad), and damping (N m s/rad) that is critical at home.
 STIFFNESS, DAMPING = (3000.0, 3000.0, 2000.0, 500.0), (60.0, 61.0, 38.0, 10.0)
-
-#: A posture with the elbow up and the hand steep, tool at x = 0.40, z = 0.20 m (rad).
-HOME = (0.0, 2.2499, 4.7966, 0.0)
-#: Set-points stay within this distance of the shoulder (m). Stretched out, the arm reaches 0.601 m;
-#: the nearer to that, the flatter the hand, which would lie on the cube.
-HAND_REACH = 0.565
 
 _HALF = math.sqrt(0.5)
 
@@ -67,7 +50,8 @@ _LINKS = (
 )
 #: The maker's cylinders, from which a link's inertia follows: mass (kg), centre of mass (m),
 #: length (m), radius (m), axis (0 is x).
-_INERTIA = {
+Cylinder = tuple[float, Point, float, float, int]
+_INERTIA: dict[str, Cylinder] = {
     "base": (0.46784, (0, 0, 0.1255), 0.14, 0.04, 2),
     "link_1": (0.7477, (0, -0.002, -0.0605), 0.14, 0.04, 2),
     "link_2": (0.85968, (0, -0.145, -0.0076), 0.25, 0.03, 1),
@@ -97,14 +81,8 @@ _DISTAL_LENGTH = 0.040  # m
 _TOOL_POSITION = (0.0, 0.0, -0.188)
 
 
-def _set_inertia(
-    body: mujoco.MjsBody,
-    mass: float,
-    centre: tuple[float, ...],
-    length: float,
-    radius: float,
-    axis: int,
-) -> None:
+def _set_inertia(body: mujoco.MjsBody, cylinder: Cylinder) -> None:
+    mass, centre, length, radius, axis = cylinder
     across = mass * (3 * radius**2 + length**2) / 12
     inertia = [across, across, across]
     inertia[axis] = mass * radius**2 / 2
@@ -112,35 +90,14 @@ def _set_inertia(
     body.explicitinertial = True
 
 
-def _add_capsule(
-    body: mujoco.MjsBody,
-    name: str,
-    start: Point,
-    end: Point,
-    radius: float,
-    rgba: tuple[float, ...] = DARK,
-    pad: bool = False,
-) -> None:
-    """Add a capsule twice: once to be drawn, once to collide."""
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=(*start, *end),
-        size=(radius, 0, 0),
-        rgba=rgba,
-        **DRAWN_ONLY,
-    )
-    add_capsule(body, name, start, end, radius, pad)
-
-
 def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base and four links; return the last, which is the hand."""
     body = spec.worldbody.add_body(name="base")
-    _set_inertia(body, *_INERTIA["base"])
-    hinges = zip(ARM_JOINTS, JOINT_LOWER, JOINT_UPPER, JOINT_TORQUES, ARMATURE, strict=True)
-    for (name, position, quaternion, ring), hinge in zip(_LINKS, hinges, strict=True):
+    _set_inertia(body, _INERTIA["base"])
+    for index, (name, position, quaternion, ring) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        _set_inertia(body, *_INERTIA[name])
-        add_hinge(body, *hinge)
+        _set_inertia(body, _INERTIA[name])
+        add_hinge(body, MICO, index, ARMATURE[index])
         add_ring(body, *ring)
     # With the hand straight down and joints 1 and 4 at 0, this half turn makes the tool's axes
     # parallel to the base's.
@@ -158,26 +115,26 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
         # The frame's x axis runs along the finger, its z axis is the hinge.
         lean = _FINGER_LEAN
         if fingers is Fingers.LOCKED:
-            lean -= FINGER_CLOSED
+            lean -= MICO.finger_closed
         along = (0.0, side * math.sin(lean), -math.cos(lean))
         across = (0.0, -side * math.cos(lean), -math.sin(lean))
         proximal = hand.add_body(name=f"finger_proximal_{index}", pos=(x, side * y, z), gravcomp=1)
         proximal.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
         proximal.alt.xyaxes = (*along, *across)
-        _set_inertia(proximal, *_FINGER_INERTIA)
+        _set_inertia(proximal, _FINGER_INERTIA)
         if fingers is Fingers.ACTUATED:
-            add_finger_hinge(proximal, FINGER_JOINTS[index - 1], FINGER_LOWER, FINGER_UPPER)
+            add_finger_hinge(proximal, MICO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER)
         name = f"proximal_{index}"
-        _add_capsule(proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, LIGHT, pad=True)
+        add_capsule(proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, pad=True, drawn=LIGHT)
         distal = proximal.add_body(
             name=f"finger_distal_{index}",
             pos=_KNUCKLE,
             quat=(math.cos(_BEND / 2), 0, 0, math.sin(_BEND / 2)),
             gravcomp=1,
         )
-        _set_inertia(distal, *_FINGER_INERTIA)
+        _set_inertia(distal, _FINGER_INERTIA)
         name = f"distal_{index}"
-        _add_capsule(distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True)
+        add_capsule(distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True, drawn=DARK)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -192,23 +149,10 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        _add_capsule(spec.body(body), name, start, end, radius)
-    for joint, *gains in zip(ARM_JOINTS, JOINT_TORQUES, STIFFNESS, DAMPING, strict=True):
-        add_servo(spec, f"servo_{joint}", joint, *gains)
+        add_capsule(spec.body(body), name, start, end, radius, drawn=DARK)
+    add_arm_servos(spec, MICO, STIFFNESS, DAMPING)
     if fingers is Fingers.ACTUATED:
-        add_finger_servos(spec, FINGER_JOINTS, (1.0, 1.0))
-    return spec
-
-
-def build_torque_driven() -> mujoco.MjSpec:
-    """Return the arm driven by torques: its links' inertia and nothing else.
-
-    There is no armature, damping, friction or gravity compensation; actuator i drives joint i of
-    ``ARM_JOINTS`` within the maker's limits; the fingers are locked.
-    """
-    spec = build(Fingers.LOCKED)
-    names = [f"motor_{joint}" for joint in ARM_JOINTS]
-    drive_by_torques(spec, names, ARM_JOINTS, JOINT_TORQUES)
+        add_finger_servos(spec, MICO.finger_joints, (1.0, 1.0))
     return spec
 
 
@@ -217,20 +161,22 @@ MICO = Robot(
     build=build,
     base_body="base",
     tool_site=TOOL_SITE,
-    arm_joints=ARM_JOINTS,
-    finger_joints=FINGER_JOINTS,
-    arm_actuators=tuple(f"servo_{joint}" for joint in ARM_JOINTS),
-    finger_actuators=tuple(f"servo_{joint}" for joint in FINGER_JOINTS),
-    home=HOME,
-    joint_lower=JOINT_LOWER,
-    joint_upper=JOINT_UPPER,
-    joint_speed_limits=JOINT_SPEEDS,
-    joint_torque_limits=JOINT_TORQUES,
-    finger_open=FINGER_OPEN,
-    finger_closed=FINGER_CLOSED,
+    arm_joints=tuple(f"joint_{index}" for index in range(1, 5)),
+    finger_joints=("finger_1", "finger_2"),
+    # The elbow up and the hand steep, the tool at x = 0.40, z = 0.20 m.
+    home=(0.0, 2.2499, 4.7966, 0.0),
+    # The mechanics limit joints 2 and 3; the others are continuous.
+    joint_lower=(-math.inf, math.radians(50), math.radians(35), -math.inf),
+    joint_upper=(math.inf, math.radians(310), math.radians(325), math.inf),
+    joint_speed_limits=tuple(math.radians(speed) for speed in (36.0, 36.0, 36.0, 48.0)),
+    joint_torque_limits=(40.0, 80.0, 40.0, 20.0),
+    finger_open=0.20,
+    finger_closed=1.15,  # the fingertips just meet
     holds_orientation=False,
     reach=0.48,
     off_table_geoms=("base", "shoulder"),
-    hand_reach=HAND_REACH,
+    # Stretched out, the arm reaches 0.601 m; the nearer to that, the flatter the hand, which would
+    # lie on the cube.
+    hand_reach=0.565,
     shoulder_height=0.2755,
 )

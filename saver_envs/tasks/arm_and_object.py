@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.simulation import ArmState, ObjectState, Simulation
+from saver_envs.tasks.contract import Memory, Seen, Task
 from saver_envs.tasks.layout import Part
 
 #: Velocities are multiplied by these (s), which brings them to the order of the positions: a hand
@@ -31,6 +35,27 @@ OBJECT_PARTS = (
     Part("object angular velocity", 3, "rad/s", ANGULAR_VELOCITY_SCALE),
 )
 ARM_AND_OBJECT = HAND_PARTS + OBJECT_PARTS
+
+
+class ArmAndObjectTask(Task):
+    """Base of tasks in which each arm brings an object to a target, which is its whole goal.
+
+    Their starts have the targets (arms, 3) in each arm's base frame, metres.
+    """
+
+    @property
+    def observation(self) -> tuple[Part, ...]:
+        """The arm and its object."""
+        return ARM_AND_OBJECT
+
+    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
+        """Return each object's position in its arm's base frame, metres."""
+        position = seen["object position"]
+        return position.reshape(len(position), -1)
+
+    def desired(self, starts: Sequence[Any]) -> NDArray[np.float64]:
+        """Return each object's target in its arm's base frame, metres."""
+        return np.stack([start.target.reshape(-1) for start in starts])
 
 
 def hand_parts(simulation: Simulation, arms: ArmState) -> dict[str, NDArray[np.float64]]:

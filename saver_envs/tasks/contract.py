@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import Workspace
+from saver_envs.control import Workspace, length
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Bases, Content, Scene
 from saver_envs.simulation import ArmState, Simulation
@@ -108,8 +108,6 @@ class Task(Content):
     #: Part of the goal, of size 1, that must stay at its desired value, and its tolerance; or
     #: ``None``.
     constraint: ClassVar[tuple[str, float] | None] = None
-    #: Values of the option ``reward_stage``, for tasks that have it.
-    reward_stages: ClassVar[tuple[str, ...]] = ()
     #: Scripted policy that solves it, as ``module:function``.
     expert: ClassVar[str | None] = None
     #: Whether the simulation keeps the highest sample of each sensor in an action.
@@ -242,8 +240,7 @@ class Task(Content):
 
     def distances(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
         """Return each object's distance to its target (..., arms), metres."""
-        difference = self.goal_layout.blocks(achieved - desired)
-        return np.sqrt((difference * difference).sum(axis=-1))
+        return length(self.goal_layout.blocks(achieved - desired))
 
     def reward(self, achieved: FloatArray, desired: FloatArray) -> NDArray[np.float32]:
         """Return the reward of goals (..., goal size), shape (...); pure."""

@@ -53,7 +53,6 @@ class Distance(CarryTask):
     hard: ClassVar[tuple[str, ...]] = ("distance",)
     constraint: ClassVar[tuple[str, float] | None] = ("distance", DISTANCE_TOLERANCE)
     expert: ClassVar[str | None] = "saver_envs.experts.distance:expert"
-    reward_stages: ClassVar[tuple[str, ...]] = get_args(RewardStage)
 
     def __post_init__(self) -> None:
         super().__post_init__()

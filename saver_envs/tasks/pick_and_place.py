@@ -39,7 +39,6 @@ class CarryTask(TableTask):
             air_share=AIR_SHARE,
             air_height=AIR_HEIGHT,
             success_threshold=self.success_threshold,
-            pushes=False,
             in_hand_probability=self.in_hand_probability,
         )
 

@@ -38,7 +38,6 @@ class Push(TableTask):
         return StartRules(
             object_size=self.object_size,
             hand_height=(PUSH_HEIGHT, PUSH_HEIGHT),
-            air_share=0.0,
             air_height=self.object_size / 2,
             success_threshold=self.success_threshold,
             pushes=True,

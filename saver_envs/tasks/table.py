@@ -14,11 +14,10 @@ from saver_envs.control import Workspace
 from saver_envs.reachability import reachability_map
 from saver_envs.scenes import Arms, Bases, FreeBodies, Scene, free_bodies
 from saver_envs.simulation import ArmState, Simulation
-from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, hand_parts, object_parts
-from saver_envs.tasks.contract import Memory, Rows, Seen, Task, TaskPage
+from saver_envs.tasks.arm_and_object import ArmAndObjectTask, hand_parts, object_parts
+from saver_envs.tasks.contract import Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.cubes import CUBE_SIZE, Cubes
 from saver_envs.tasks.grasping import settled_grasp
-from saver_envs.tasks.layout import Part
 from saver_envs.tasks.regions import OVERLAP, Regions, regions
 from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart
 from saver_envs.tasks.table_page import table_page
@@ -26,7 +25,7 @@ from saver_envs.validation import require
 
 
 @dataclass(frozen=True)
-class TableTask(Task):
+class TableTask(ArmAndObjectTask):
     """Cubes to targets on a table; subclasses say how they are moved and what else is asked.
 
     :param object_size: edge of the cubes, m.
@@ -60,11 +59,6 @@ class TableTask(Task):
         """The cubes of the scene."""
         size, mass = self.object_size, self.object_mass
         return Cubes(self.n_arms, size, mass, self.object_friction, self.object_damping)
-
-    @property
-    def observation(self) -> tuple[Part, ...]:
-        """The arm and its cube."""
-        return ARM_AND_OBJECT
 
     @property
     def bases(self) -> Bases:
@@ -146,15 +140,6 @@ class TableTask(Task):
         objects = simulation.object_state(self._cubes(simulation))
         world = {"object world position": objects.world_position}
         return hand_parts(simulation, arms) | object_parts(arms, objects) | world
-
-    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
-        """Return each cube's position in its arm's base frame, metres."""
-        position = seen["object position"]
-        return position.reshape(len(position), -1)
-
-    def desired(self, starts: Sequence[TableStart]) -> NDArray[np.float64]:
-        """Return each cube's target in its arm's base frame, metres."""
-        return np.stack([start.target.reshape(-1) for start in starts])
 
     def _cubes(self, simulation: Simulation) -> FreeBodies:
         return free_bodies(simulation.scene, self.resting)

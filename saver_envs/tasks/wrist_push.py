@@ -26,9 +26,8 @@ from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Scene
 from saver_envs.simulation import ArmState, Simulation
-from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, hand_parts, object_parts
-from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, Task, TaskPage
-from saver_envs.tasks.layout import Part
+from saver_envs.tasks.arm_and_object import ArmAndObjectTask, hand_parts, object_parts
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import OVERLAP, regions
 from saver_envs.tasks.sampling import HAND_TO_OBJECT
@@ -51,7 +50,7 @@ READINGS: Final = ("torso_force", "torso_displacement")
 
 
 @dataclass(frozen=True)
-class WristPush(Task):
+class WristPush(ArmAndObjectTask):
     """Both wrists to the sides of the hips, hands closed and held at pushing height.
 
     The reward depends on the goal alone, so that relabelling can recompute it. Success also
@@ -84,11 +83,6 @@ class WristPush(Task):
         super().__post_init__()
         require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2, one for each wrist")
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
-
-    @property
-    def observation(self) -> tuple[Part, ...]:
-        """The arm and the wrist at its side, in place of a cube."""
-        return ARM_AND_OBJECT
 
     @property
     def resting(self) -> tuple[str, ...]:
@@ -139,15 +133,6 @@ class WristPush(Task):
         """Return hands and wrists."""
         wrists = simulation.keep(Patient).wrists()
         return hand_parts(simulation, arms) | object_parts(arms, wrists)
-
-    def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
-        """Return each wrist's position in its arm's base frame, metres."""
-        position = seen["object position"]
-        return position.reshape(len(position), -1)
-
-    def desired(self, starts: Sequence[WristStart]) -> NDArray[np.float64]:
-        """Return each wrist's target in its arm's base frame, metres."""
-        return np.stack([start.target.reshape(-1) for start in starts])
 
     def measure(
         self, simulation: Simulation, memory: Memory, achieved: FloatArray, desired: FloatArray

@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from saver_envs.people.bench import HIPS, person_addresses
 from saver_envs.people.bodies import PersonArm
-from saver_envs.people.patient import People
+from saver_envs.people.patient import People, turned
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
 from saver_envs.tasks.contract import Start
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import Regions
-from saver_envs.tasks.sampling import HAND_TO_OBJECT, distance_to_segment
-
-FloatArray = NDArray[np.float64]
+from saver_envs.tasks.sampling import HAND_TO_OBJECT, FloatArray, distance_to_segment
 
 #: Lateral distance of a wrist's target from its hip joint (m): the arms stop that far from the
 #: body, so as not to squeeze it (SPEC 5.5).
@@ -94,10 +92,15 @@ class WristStartSampler:
             stiffness = float(np.exp(generator.uniform(*np.log(STIFFNESS))))
             found: list[tuple[FloatArray, ...]] = []
             for arm in range(2):
-                found += self._arm(generator, body, hips, yaw, arm)
-                if len(found) == arm:
+                # The person stays the same: if a distance leaves no room, another one is drawn.
+                for _ in range(_MOST_DISTANCES):
+                    drawn = self._arm(generator, body, hips, yaw, arm)
+                    if drawn is not None:
+                        found.append(drawn)
+                        break
+                else:
                     break
-            if len(found) == 2:
+            else:
                 target, hand, shoulder, elbow = (
                     np.stack(part) for part in zip(*found, strict=True)
                 )
@@ -115,32 +118,14 @@ class WristStartSampler:
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
-    ) -> list[tuple[FloatArray, ...]]:
+    ) -> tuple[FloatArray, ...] | None:
         """Draw one arm: target and hand in the base frame, shoulder and elbow angles.
 
-        The person stays the same: if a distance leaves no room, another one is drawn.
-
-        :return: one, or none where no distance was found.
+        :return: ``None`` where the distance that is drawn leaves no room.
         """
-        for _ in range(_MOST_DISTANCES):
-            distance = float(generator.uniform(*WRIST_TO_TARGET))
-            drawn = self._arm_at(generator, body, hips, yaw, index, distance)
-            if drawn is not None:
-                return [drawn]
-        return []
-
-    def _arm_at(
-        self,
-        generator: np.random.Generator,
-        body: int,
-        hips: FloatArray,
-        yaw: float,
-        index: int,
-        distance: float,
-    ) -> tuple[FloatArray, ...] | None:
-        """Draw one arm whose wrist is at ``distance`` from its target, metres."""
+        distance = float(generator.uniform(*WRIST_TO_TARGET))
         arm = self._arms[body][index]
-        drawn = _proposed(arm, generator, distance)
+        drawn = _Proposals(arm, generator, distance)
         wrist, hand, behind = (
             self._to_base(points, hips, yaw, index)
             for points in (drawn.wrist, drawn.hand, drawn.behind)
@@ -163,12 +148,9 @@ class WristStartSampler:
 
     def _to_base(self, points: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Transform points (k, 3) from the manikin's frame to the base frame of ``arm``."""
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        x, y = points[:, 0], points[:, 1]
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y, points[:, 2]], axis=-1)
-        turned[:, :2] += hips
-        moved: FloatArray = turned - self._base[arm]
-        return moved
+        moved = points.copy()
+        moved[:, :2] = turned(points[:, :2], yaw) + hips
+        return moved - self._base[arm]
 
     def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
         """Transform a point (3,) from the base frame of ``arm`` to the manikin's frame."""
@@ -183,47 +165,39 @@ class WristStartSampler:
         return inside & reached
 
 
-@dataclass(frozen=True)
 class _Proposals:
     """Candidate poses of one arm, with a hand beside its wrist, in the person's frame.
 
-    :param target: (3,) of the wrist.
-    :param wrist: (k, 3).
-    :param elbow: (k, 3); not numbers where the wrist is out of its reach.
-    :param outwards: (k,) whether the elbow points away from the trunk.
-    :param fingers: (k, 3) end of the person's hand.
-    :param hand: (k, 3) the robot's.
-    :param behind: (k, 3) where the robot's hand finds room to start pushing.
+    :param arm: the person's.
+    :param generator: source of randomness.
+    :param distance: of the wrist from its target, metres.
     """
 
-    target: FloatArray
-    wrist: FloatArray
-    elbow: FloatArray
-    outwards: NDArray[np.bool_]
-    fingers: FloatArray
-    hand: FloatArray
-    behind: FloatArray
-
-
-def _proposed(arm: PersonArm, generator: np.random.Generator, distance: float) -> _Proposals:
-    """Draw a block of proposals with the wrist at ``distance`` from its target, metres."""
-    target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
-    target[2] = arm.wrist_height
-    angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
-    way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
-    wrist = target + distance * way
-    outwards = generator.random(_BLOCK) < 0.5
-    elbow = arm.elbow_at(wrist, outwards)
-    heading = angle + generator.uniform(-BEHIND, BEHIND, _BLOCK)
-    apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
-    aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
-    hand = wrist.copy()
-    hand[:, :2] += np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)[:, None] * aside
-    hand[:, 2] = PUSH_HEIGHT
-    behind = wrist + ROOM_BEHIND * way
-    behind[:, 2] = PUSH_HEIGHT
-    fingers = wrist + arm.hand_share * (wrist - elbow)
-    return _Proposals(target, wrist, elbow, outwards, fingers, hand, behind)
+    def __init__(self, arm: PersonArm, generator: np.random.Generator, distance: float) -> None:
+        #: (3,) of the wrist.
+        self.target = arm.hip + np.array([0.0, arm.sideways * STANDOFF, 0.0])
+        self.target[2] = arm.wrist_height
+        angle = generator.uniform(-OUTWARDS, OUTWARDS, _BLOCK)
+        way = np.stack([np.sin(angle), arm.sideways * np.cos(angle), np.zeros(_BLOCK)], axis=-1)
+        #: (k, 3).
+        self.wrist = self.target + distance * way
+        #: (k,) whether the elbow points away from the trunk.
+        self.outwards = generator.random(_BLOCK) < 0.5
+        #: (k, 3); not numbers where the wrist is out of its reach.
+        self.elbow = arm.elbow_at(self.wrist, self.outwards)
+        heading = angle + generator.uniform(-BEHIND, BEHIND, _BLOCK)
+        apart = generator.uniform(*HAND_TO_OBJECT, _BLOCK)
+        aside = np.stack([np.sin(heading), arm.sideways * np.cos(heading)], axis=-1)
+        run = np.sqrt(apart**2 - (PUSH_HEIGHT - arm.wrist_height) ** 2)
+        #: (k, 3) the robot's.
+        self.hand = self.wrist.copy()
+        self.hand[:, :2] += run[:, None] * aside
+        self.hand[:, 2] = PUSH_HEIGHT
+        #: (k, 3) where the robot's hand finds room to start pushing.
+        self.behind = self.wrist + ROOM_BEHIND * way
+        self.behind[:, 2] = PUSH_HEIGHT
+        #: (k, 3) end of the person's hand.
+        self.fingers = self.wrist + arm.hand_share * (self.wrist - self.elbow)
 
 
 def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:

@@ -21,13 +21,13 @@ from saver_envs.envs.vector_env import reset_mask, seed_each
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import Poses
-from saver_envs.perception.skeleton import N_JOINTS, limb_indices
+from saver_envs.perception.skeleton import limb_indices
 from saver_envs.validation import require
-from saver_envs.wrappers.pose_stream import PoseReading, PoseStream
+from saver_envs.wrappers.pose_stream import SHAPES, PoseReading, PoseStream
 
 Estimator = Callable[[NDArray[np.uint8]], Poses]
 #: What is added to the observation.
-KEYS: Final = ("pose_2d", "pose_3d", "pose_scores", "pose_scores_3d", "pose_age")
+KEYS: Final = (*SHAPES, "pose_age")
 #: "Age" before the first result (s).
 NEVER: Final = 1e3
 
@@ -203,13 +203,8 @@ class _Eye:
         time = float(self.times[row])
         reading = self._streams[row].read(time, partial(self._look, row))
         age = min(time - reading.taken, NEVER)
-        return {
-            "pose_2d": reading.joints_2d.copy(),
-            "pose_3d": reading.joints_3d.copy(),
-            "pose_scores": reading.scores_2d.copy(),
-            "pose_scores_3d": reading.scores_3d.copy(),
-            "pose_age": np.array([age], dtype=np.float32),
-        }
+        seen = {name: values.copy() for name, values in reading.entries.items()}
+        return {**seen, "pose_age": np.array([age], dtype=np.float32)}
 
     def _look(self, row: int, now: float) -> PoseReading:
         """Take a picture of an episode and find the person in it."""
@@ -219,33 +214,22 @@ class _Eye:
             return PoseReading.nothing(now)
         exact = self._renderer.depth()
         depth = measured_depth(exact, self._camera, self._random[row] if self._noise else None)
-        _, data = self._renderer.model_and_data
-        space = lift(poses, depth, self._camera, pose_of(data, self._name))
-        return PoseReading(
-            np.nan_to_num(poses.joints[0]).astype(np.float32),
-            np.nan_to_num(space.positions[0]).astype(np.float32),
-            poses.scores[0].astype(np.float32),
-            space.scores[0].astype(np.float32),
-            now,
-        )
+        space = lift(poses, depth, self._camera, pose_of(self._renderer.data, self._name))
+        found = (poses.joints[0], space.positions[0], poses.scores[0], space.scores[0])
+        values = (np.nan_to_num(part).astype(np.float32) for part in found)
+        return PoseReading(dict(zip(SHAPES, values, strict=True)), now)
 
     def extended(self, space: Any) -> spaces.Dict:
         """Return the observation space of an episode with what is added to it."""
         if not isinstance(space, spaces.Dict):
             raise TypeError(f"observation space {space}: must be a dictionary")
 
-        def box(low: Any, high: Any, *shape: int) -> spaces.Box:
-            return spaces.Box(low, high, shape, np.float32)
-
         size = np.array([self._camera.width, self._camera.height], dtype=np.float32)
-        pixels = np.tile(size, (N_JOINTS, 1))
-        added = {
-            "pose_2d": spaces.Box(np.zeros_like(pixels), pixels, dtype=np.float32),
-            "pose_3d": box(-np.inf, np.inf, N_JOINTS, 3),
-            "pose_scores": box(0.0, 1.0, N_JOINTS),
-            "pose_scores_3d": box(0.0, 1.0, N_JOINTS),
-            "pose_age": box(0.0, NEVER, 1),
-        }
+        limits = ((0.0, size), (-np.inf, np.inf), (0.0, 1.0), (0.0, 1.0), (0.0, NEVER))
+        added = {}
+        for key, shape, (low, high) in zip(KEYS, (*SHAPES.values(), (1,)), limits, strict=True):
+            lower, upper = (np.full(shape, limit, np.float32) for limit in (low, high))
+            added[key] = spaces.Box(lower, upper, dtype=np.float32)
         return spaces.Dict({**space.spaces, **added})
 
     def close(self) -> None:

@@ -6,38 +6,39 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.perception.skeleton import N_JOINTS
 
+#: Parts of the observation that describe a person.
+SHAPES: Final = {
+    "pose_2d": (N_JOINTS, 2),
+    "pose_3d": (N_JOINTS, 3),
+    "pose_scores": (N_JOINTS,),
+    "pose_scores_3d": (N_JOINTS,),
+}
+
 
 @dataclass(frozen=True)
 class PoseReading:
     """One person, the most certain one, as observed.
 
-    :param joints_2d: (14, 2) pixels; 0 where a joint was not found.
-    :param joints_3d: (14, 3) metres, world frame; 0 where unknown.
-    :param scores_2d: (14,) confidence in [0, 1]; 0 where a joint was not found.
-    :param scores_3d: (14,) the same, 0 also where there is no depth at the joint.
+    :param entries: by the names of :data:`SHAPES`: joints in pixels, joints in metres in the world
+        frame, and confidences in [0, 1] of both; 0 where a joint was not found or has no depth.
     :param taken: when the picture was taken, seconds of the episode; minus infinity where there
         was none.
     """
 
-    joints_2d: NDArray[np.float32]
-    joints_3d: NDArray[np.float32]
-    scores_2d: NDArray[np.float32]
-    scores_3d: NDArray[np.float32]
+    entries: dict[str, NDArray[np.float32]]
     taken: float = -math.inf
 
     @staticmethod
     def nothing(taken: float = -math.inf) -> PoseReading:
         """Return a reading without joints: before the first result, or of an empty picture."""
-        empty = np.zeros(N_JOINTS, dtype=np.float32)
-        flat = np.zeros((N_JOINTS, 2), dtype=np.float32)
-        space = np.zeros((N_JOINTS, 3), dtype=np.float32)
-        return PoseReading(flat, space, empty, empty.copy(), taken)
+        return PoseReading({name: np.zeros(s, np.float32) for name, s in SHAPES.items()}, taken)
 
 
 class PoseStream:

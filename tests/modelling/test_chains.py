@@ -17,21 +17,22 @@ from saver_envs.modelling.dh import DHRow, chain_of_table
 from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.mujoco_chain import chain_of_model, links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
-from saver_envs.robots import fetch, jaco, mico
+from saver_envs.robots import JACO, MICO, Robot, fetch
 from saver_envs.robots.description import Fingers
+from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.fetch import FETCH
 from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
 
 SITES = {"mico": "end_effector", "fetch": "tool"}
 BASES = {"mico": "base", "fetch": fetch.BASE_BODY}
-ROBOTS = {"mico": mico, "fetch": fetch}
+ROBOTS = {"mico": MICO, "fetch": FETCH}
 CHAINS = {"mico": arms.mico.chain(), "fetch": arms.fetch.chain()}
 
 
 @pytest.fixture(scope="module", params=["mico", "fetch"])
 def arm(request: pytest.FixtureRequest) -> tuple[str, mujoco.MjModel, Chain]:
-    model = ROBOTS[request.param].build_torque_driven().compile()
+    model = torque_driven(ROBOTS[request.param]).compile()
     # Random postures may touch: what contacts and limits add is no inverse dynamics of the arm.
     for flag in (mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_LIMIT):
         model.opt.disableflags |= int(flag)
@@ -67,7 +68,7 @@ def test_forward_kinematics_and_jacobian_are_mujocos(
 
 def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].arm_joints, chain)
     position, velocity, acceleration = motions(chain.dof)
     torque = inverse_dynamics(chain, links, position, velocity, acceleration)
     data = mujoco.MjData(model)
@@ -80,7 +81,7 @@ def test_newton_euler_is_mujocos_inverse(arm: tuple[str, mujoco.MjModel, Chain])
 def test_newton_euler_is_pinocchios(arm: tuple[str, mujoco.MjModel, Chain]) -> None:
     pinocchio = pytest.importorskip("pinocchio")
     name, model, chain = arm
-    links = links_of_model(model, BASES[name], ROBOTS[name].ARM_JOINTS, chain)
+    links = links_of_model(model, BASES[name], ROBOTS[name].arm_joints, chain)
     built = pinocchio.Model()
     parent = 0
     zero = chain.frames(np.zeros((1, chain.dof)))
@@ -115,7 +116,7 @@ def test_chains_read_off_a_model(robot: str) -> None:
     assert np.abs(chain.position(joints) - arm.tool_chain.position(joints)).max() < 1e-12
     if robot == "jaco":
         # Its home posture has the hand straight down.
-        rotation = chain.tool_pose(np.array([jaco.HOME]))[1][0]
+        rotation = chain.tool_pose(np.array([JACO.home]))[1][0]
         assert np.abs(rotation[:, 2] - (0, 0, 1)).max() < 1e-3
 
 
@@ -172,8 +173,8 @@ def test_the_appendix_describes_bodies_that_can_exist(links: Links) -> None:
 
 
 def test_the_appendix_is_near_the_makers_figures() -> None:
-    model = mico.build_torque_driven().compile()
-    maker = links_of_model(model, "base", mico.ARM_JOINTS, CHAINS["mico"])
+    model = torque_driven(MICO).compile()
+    maker = links_of_model(model, "base", MICO.arm_joints, CHAINS["mico"])
     paper = arms.mico.appendix_links()
     assert np.abs(maker.centre - paper.centre).max() < 0.035
     assert np.allclose(maker.mass, paper.mass)
@@ -181,8 +182,8 @@ def test_the_appendix_is_near_the_makers_figures() -> None:
 
 def test_the_fetch_comes_without_third_party_simulator_code() -> None:
     code = (
-        "import sys; from saver_envs.robots.fetch import FETCH, build_torque_driven;"
-        "build_torque_driven().compile();"
+        "import sys; from saver_envs.robots.drives import torque_driven;"
+        "from saver_envs.robots.fetch import FETCH; torque_driven(FETCH).compile();"
         "print([n for n in sys.modules if n.startswith('gymnasium_robotics.envs') or n == 'torch'])"
     )
     done = subprocess.run(
@@ -191,10 +192,10 @@ def test_the_fetch_comes_without_third_party_simulator_code() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("robot", [mico, fetch])
-def test_torque_driven_arms_have_motors_and_nothing_else(robot: object) -> None:
-    model = robot.build_torque_driven().compile()  # type: ignore[attr-defined]
-    limits = np.array(robot.JOINT_TORQUES)  # type: ignore[attr-defined]
+@pytest.mark.parametrize("robot", [MICO, FETCH])
+def test_torque_driven_arms_have_motors_and_nothing_else(robot: Robot) -> None:
+    model = torque_driven(robot).compile()
+    limits = np.array(robot.joint_torque_limits)
     assert (model.nq, model.nu) == (len(limits), len(limits))
     assert np.allclose(model.actuator_forcerange[:, 1], limits)
     assert not model.dof_armature.any()

@@ -15,7 +15,7 @@ from saver_envs.people.manikin import (
     total_mass,
 )
 from saver_envs.people.stretcher import add_stretcher
-from saver_envs.people.surface import ASSET, AVERAGE_MAN, Appearance, body_shape
+from saver_envs.people.surface import ASSET, AVERAGE_MAN, Appearance, BodyShape
 from saver_envs.perception.skeleton import JOINTS
 
 
@@ -46,7 +46,7 @@ def lying(appearance: Appearance = AVERAGE_MAN, steps: int = 0, prefix: str = ""
     ],
 )
 def test_size_and_mass(appearance: Appearance) -> None:
-    shape = body_shape(appearance)
+    shape = BodyShape(appearance)
     # Heels to crown; the feet, bent down, reach a little farther.
     assert np.ptp(shape.vertices[:, 0]) == pytest.approx(appearance.stature, rel=0.08)
     model, _ = lying(appearance)
@@ -78,7 +78,7 @@ def test_joints_are_those_of_the_skeleton_and_on_the_right_side() -> None:
 
 def test_skin_follows_the_bodies() -> None:
     """Vertices at an elbow move with it, those of the trunk do not."""
-    shape = body_shape(Appearance())
+    shape = BodyShape(Appearance())
     assert np.allclose(shape.weights.sum(axis=1), 1.0)
     forearm = shape.owned("left_forearm")
     centre = shape.head("left_forearm")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -18,7 +19,8 @@ from saver_envs.modelling.arms.description import (
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table
 from saver_envs.modelling.inertia import Links, symmetric
-from saver_envs.robots.fetch import BASE_BODY, FETCH, build_torque_driven
+from saver_envs.robots.drives import torque_driven
+from saver_envs.robots.fetch import BASE_BODY, FETCH
 
 _HALF_PI = math.pi / 2
 #: Distance of the gripper's frame from the last joint (m).
@@ -100,7 +102,7 @@ def appendix_links() -> Links:
 
 def _collision_model() -> mujoco.MjModel:
     """Return the robot on the ground."""
-    spec = build_torque_driven()
+    spec = torque_driven(FETCH)
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=(2, 2, 0.1), contype=2, conaffinity=0
     )
@@ -120,7 +122,7 @@ def arm() -> KinematicArm:
         *within_one_turn(FETCH),
         region=Region((0.45, -0.60, 0.35), (0.95, 0.60, 1.30)),
         appendix_links=appendix_links,
-        torque_driven=build_torque_driven,
+        torque_driven=partial(torque_driven, FETCH),
         twin=_TWIN,
         campaign=_CAMPAIGN,
         collision_model=_collision_model,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table, table_limits, translation
 from saver_envs.modelling.inertia import Links, symmetric
 from saver_envs.reachability import GRID_LOWER, GRID_UPPER
-from saver_envs.robots.mico import MICO, build_torque_driven
+from saver_envs.robots.drives import torque_driven
+from saver_envs.robots.mico import MICO
 
 _HALF_PI = math.pi / 2
 # The maker's lengths (kinova-ros, m1n4s200), metres. Row 3 has the lateral offset of 7 mm that the
@@ -122,7 +124,7 @@ def arm() -> KinematicArm:
         # The environments' box, limited to what the hand reaches.
         Region(GRID_LOWER, GRID_UPPER, reach=0.59),
         appendix_links,
-        build_torque_driven,
+        partial(torque_driven, MICO),
         TWIN,
         _CAMPAIGN,
         idle_joints=(3,),
