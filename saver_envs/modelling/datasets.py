@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from saver_envs.files import written_whole
-from saver_envs.modelling.arms import Campaign, Task, arm_named, arms_with_twins
+from saver_envs.modelling.arms import Task, arm_named, arms_with_twins
+from saver_envs.modelling.arms.description import Campaign
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.recordings import COLUMNS, Recording, process
 from saver_envs.modelling.trajectories import random_trajectory
@@ -52,28 +53,19 @@ def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray
     return np.concatenate(motion, axis=1), recording.torque
 
 
-def default_cache() -> Path:
-    """Return the folder of the data sets, in the user's cache folder."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "modelling"
-
-
 def twin_data_set(
-    name: str,
-    seed: int = 0,
-    cache: Path | None = None,
-    progress: Callable[[int], None] | None = None,
+    name: str, seed: int = 0, progress: Callable[[int], None] | None = None
 ) -> DataSet:
     """Return an arm's data set, from the cache if it is there.
 
     :param name: the arm's name.
     :param seed: of the way-points and the sensors' noise.
-    :param cache: folder of the files; the user's cache folder by default.
     :param progress: called with the number of simulation steps since the previous call.
     :raises ValueError: for an arm without a twin.
     """
     campaign = campaign_of(name)
-    path = (cache or default_cache()) / f"{name}-seed{seed}-v{VERSION}.npz"
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    path = Path(root) / "saver-envs" / "modelling" / f"{name}-seed{seed}-v{VERSION}.npz"
     if not path.exists():
         save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)
@@ -109,7 +101,6 @@ def record_twin(
     :param campaign: trajectories to drive and samples to keep.
     :param seed: of way-points and noise; each trajectory has its own generator.
     :param progress: see :func:`twin_data_set`.
-    :raises ValueError: if the campaign's number of samples does not match its durations.
     """
     way_points, noise = np.random.SeedSequence(seed).spawn(2)
     trajectories = [
@@ -125,11 +116,7 @@ def record_twin(
         campaign.log_every,
         progress,
     )
-    recordings = process(record, arm_named(name).chain, campaign.processing)
-    for recording in recordings:
-        if len(recording) != campaign.samples:
-            raise ValueError(f"{name}: {len(recording)} samples instead of {campaign.samples}")
-    return recordings
+    return process(record, arm_named(name).chain, campaign)
 
 
 def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:

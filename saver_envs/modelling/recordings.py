@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saver_envs.modelling.arms import Processing
+from saver_envs.modelling.arms.description import Campaign
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.twin import Record
+from saver_envs.modelling.twin import TIME_STEP, Record
 
 #: Columns of a data file: fields of :class:`Recording`.
 COLUMNS = ("position", "velocity", "acceleration", "torque", "hand")
@@ -53,29 +53,28 @@ class Recording:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
 
 
-def process(record: Record, chain: Chain, processing: Processing) -> list[Recording]:
+def process(record: Record, chain: Chain, campaign: Campaign) -> list[Recording]:
     """Return a recording for each arm of a log.
 
     The end effector's position is that of the arm's own forward model, as in the paper.
 
     :param record: log of n arms.
     :param chain: gives the end effector.
-    :param processing: cuts, window and rate.
+    :param campaign: gives the log's rate, cuts and window.
     """
-    step = float(record.time[1] - record.time[0])
-    cut = round(processing.cut / step)
-    keep = slice(cut, len(record.time) - cut, processing.keep_every)
+    step, window = TIME_STEP * campaign.log_every, campaign.window
+    cut = round(campaign.cut / step)
+    keep = slice(cut, record.position.shape[1] - cut, campaign.keep_every)
     recordings = []
     for position, torque in zip(record.measured_position, record.measured_torque, strict=True):
         motion = [position]
         for _ in range(2):
-            motion.append(np.gradient(smoothed(motion[-1], processing.window), step, axis=0))
+            motion.append(np.gradient(smoothed(motion[-1], window), step, axis=0))
         # The acceleration lacks one pass, the velocity two, the position all of them.
         position, velocity, acceleration = (
-            smoothed(one, processing.window, _PASSES - order)[keep]
-            for order, one in enumerate(motion)
+            smoothed(one, window, _PASSES - order)[keep] for order, one in enumerate(motion)
         )
-        torque = smoothed(torque, processing.window, _PASSES)[keep]
+        torque = smoothed(torque, window, _PASSES)[keep]
         hand = chain.position(position)
         recordings.append(Recording(position, velocity, acceleration, torque, hand))
     return recordings

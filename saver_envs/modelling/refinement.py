@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import KinematicArm
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.compiled import compiled
 from saver_envs.modelling.solvers import rotation_of

@@ -344,9 +344,9 @@ def test_other_pages_come_from_their_figures() -> None:
 def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """20 s of the MICO instead of 800: as many samples, nearer to one another."""
     from saver_envs.modelling import datasets
-    from saver_envs.modelling.arms import Campaign, Processing
+    from saver_envs.modelling.arms.description import Campaign
 
-    short = Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
+    short = Campaign(6, 3, 8.0, 1, cut=2.0, window=50, keep_every=1)
     monkeypatch.setattr(datasets, "campaign_of", lambda _: short)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
