@@ -126,10 +126,5 @@ class Identified(InverseModel):
         values = self._fitted(self._values)
         return {name: torch.from_numpy(one) for name, one in values.items()}, {}
 
-    @classmethod
-    def _from_state(
-        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
-    ) -> InverseModel:
-        model = cls(robot, task)
-        model._values = {name: one.numpy() for name, one in tensors.items()}
-        return model
+    def _restore(self, tensors: dict[str, Tensor], settings: dict[str, Any]) -> None:
+        self._values = {name: one.numpy() for name, one in tensors.items()}
