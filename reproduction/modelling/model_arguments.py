@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import add_choices
@@ -16,7 +17,7 @@ ROBOTS: Final = ("mico", "fetch")
 def add_arms_and_models(
     parser: argparse.ArgumentParser, arms: Sequence[str], models: Sequence[str], purpose: str
 ) -> None:
-    """Declare which arms are measured, and which models are trained for them.
+    """Declare which arms are measured, and which models are trained for them or read from files.
 
     :param parser: the command's parser.
     :param arms: arms that can be measured.
@@ -26,6 +27,14 @@ def add_arms_and_models(
     add_choices(parser, "--robots", arms, "arms")
     add_choices(parser, "--models", models, purpose, (), "*")
     add_training(parser)
+    parser.add_argument(
+        "--weights",
+        nargs="*",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="weight files of models to measure, each with its own arm, shown by file name",
+    )
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:

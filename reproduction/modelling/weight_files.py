@@ -1,30 +1,52 @@
-"""Read weight files of further models to measure."""
+"""Measure models of weight files beside others."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from reproduction.command_parts import measure_and_render
+from reproduction.modelling.model_arguments import training_of
 
 if TYPE_CHECKING:
     from saver_envs.modelling.arms import Task
     from saver_envs.modelling.models import InverseModel
 
 
-def add_weights(parser: argparse.ArgumentParser) -> None:
-    """Declare weight files of models to measure.
+Measure = Callable[
+    [argparse.Namespace, dict[str, Any], dict[str, dict[str, "InverseModel"]]], dict[str, Any]
+]
+"""Takes the command's arguments, how models are trained, and the files' models by arm and name."""
 
-    :param parser: the command's parser.
+
+def measure_models(
+    args: argparse.Namespace,
+    kind: str,
+    task: Task,
+    taken: Sequence[str],
+    measure: Measure,
+    render: Callable[[dict[str, Any]], str],
+) -> int:
+    """Measure models or read figures of them; see `reproduction.command_parts.measure_and_render`.
+
+    :param args: with the arguments of `model_arguments.add_arms_and_models`.
+    :param kind: the kind of the figures.
+    :param task: task of the models.
+    :param taken: names that no weight file may have, besides those of ``--models``.
+    :param measure: takes the measurements.
+    :param render: turns figures into a page.
+    :return: exit status.
+    :raises UsageError: for weight files or a device that cannot be used.
     """
-    parser.add_argument(
-        "--weights",
-        nargs="*",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="weight files of models to measure, each with its own arm, shown by file name",
-    )
+    training = training_of(args)
+    before = trained_before(args.weights, args.robots, task, (*taken, *args.models))
+
+    def figures() -> dict[str, Any]:
+        return measure(args, training, before) | cards_of(args.weights)
+
+    return measure_and_render(args, kind, figures, render)
 
 
 def trained_before(

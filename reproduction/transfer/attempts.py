@@ -88,9 +88,11 @@ class Attempt:
         return (push_failure if self.task == "push" else pick_failure)(trial)
 
 
-def by_kind(
-    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
-) -> Iterator[tuple[str, int, int]]:
+Played = tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]
+"""An attempt with its trials, and why each failed (None: it succeeded)."""
+
+
+def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
     """Find the first successful trial of each task, and the first of each cause of failure.
 
     Conditions with more differences come first, since the table is about them, and the policies of
@@ -99,14 +101,11 @@ def by_kind(
     :param found: attempts with their trials and failures.
     :return: ``success`` or a cause, the attempt's index in ``found``, and the trial's index.
     """
-    conditions = list(dict.fromkeys((one.task, one.condition.name) for one, _, _ in found))
+    names = [(one.task, one.condition.name) for one, _, _ in found]
+    conditions = list(dict.fromkeys(names))
     seen = set()
     # Sorting is stable: the policies of a condition keep their order.
-    places = sorted(
-        range(len(found)),
-        key=lambda place: -conditions.index((found[place][0].task, found[place][0].condition.name)),
-    )
-    for place in places:
+    for place in sorted(range(len(found)), key=lambda place: -conditions.index(names[place])):
         attempt, _, failures = found[place]
         if attempt.entrant.policy == EXPERT:
             continue

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from reproduction.command_parts import measure_and_render
 from reproduction.transfer.attempts import (
@@ -22,15 +22,15 @@ from reproduction.transfer.attempts import (
     TITLES,
     Attempt,
     Entrant,
+    Played,
 )
+from reproduction.transfer.conditions import Condition, conditions
+from reproduction.transfer.transfer_page import render
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.policies import resolve
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
-
-if TYPE_CHECKING:
-    from reproduction.transfer.conditions import Condition
-    from reproduction.transfer.failures import Failure
-    from reproduction.transfer.trajectories import TrialTrajectory
 
 EXAMPLES: Final = """\
 examples:
@@ -73,8 +73,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for an unknown condition or policy.
     """
-    from reproduction.transfer.transfer_page import render
-
     clips = None
     if args.video_dir is not None:
         clips = link(args.video_dir, Path.cwd() if args.table is None else args.table.parent)
@@ -92,7 +90,6 @@ def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:
     :raises UsageError: for two policies with the same label.
     """
     from saver_advisors.pretrained import shipped_policies
-    from saver_advisors.reporting.errors import UsageError
 
     if words is None:
         student = [Entrant("advised", STUDENTS[task])]
@@ -113,9 +110,6 @@ def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:
 
 def _conditions(names: Sequence[str] | None) -> dict[str, list[Condition]]:
     """Return the conditions of each task, or those of these names."""
-    from reproduction.transfer.conditions import conditions
-    from saver_advisors.reporting.errors import UsageError, unknown
-
     every = {task: list(conditions(task)) for task in TITLES}
     known = list(dict.fromkeys(one.name for several in every.values() for one in several))
     if names is None:
@@ -135,8 +129,8 @@ def attempts(args: argparse.Namespace) -> list[Attempt]:
     """
     return [
         Attempt(task, condition, entrant)
-        for task, conditions in _conditions(args.conditions).items()
-        for condition in conditions
+        for task, several in _conditions(args.conditions).items()
+        for condition in several
         for entrant in entrants(task, getattr(args, task))
         if entrant.policy != EXPERT or condition.expert
     ]
@@ -150,8 +144,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """
     from tqdm import tqdm
 
-    from saver_advisors.cli.policies import resolve
-
     found, todo = [], attempts(args)
     for attempt in todo:  # Report policies that do not fit before the first trial.
         resolve(attempt.entrant.policy, attempt.env_id, attempt.condition.options)
@@ -163,7 +155,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         "kind": "transfer",
         "trials": args.trials,
         "seed": args.seed,
-        "outcomes": [_row(*one) for one in found],
+        "outcomes": [_row(one) for one in found],
         "conditions": {
             task: [asdict(one) for one in several]
             for task, several in _conditions(args.conditions).items()
@@ -176,9 +168,8 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     return figures
 
 
-def _row(
-    attempt: Attempt, trials: Sequence[TrialTrajectory], failures: Sequence[Failure | None]
-) -> dict[str, Any]:
+def _row(played: Played) -> dict[str, Any]:
+    attempt, trials, failures = played
     successes = sum(one.success for one in trials)
     policy = attempt.entrant.policy
     causes = Counter(one.cause for one in failures if one is not None)

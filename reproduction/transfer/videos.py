@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from reproduction.transfer.attempts import Attempt, Played, by_kind
+from reproduction.transfer.failures import WORDS
 from saver_advisors.reporting.video import EpisodeVideo, Frame, write_clip, write_mp4
 
 if TYPE_CHECKING:
-    from reproduction.transfer.attempts import Attempt
-    from reproduction.transfer.failures import Failure
-    from reproduction.transfer.trajectories import TrialTrajectory
     from saver_envs.episodes import Episodes
 
 SIZE: Final = (960, 720)
@@ -26,10 +25,7 @@ STRIDE: Final = 2
 
 
 def record_each_kind(
-    folder: Path,
-    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
-    trials: int,
-    seed: int,
+    folder: Path, found: Sequence[Played], trials: int, seed: int
 ) -> list[dict[str, Any]]:
     """Replay attempts, and record a trial of each kind.
 
@@ -43,8 +39,6 @@ def record_each_kind(
     :return: JSON-able: ``file`` without its suffix, and what it shows.
     """
     from tqdm import tqdm
-
-    from reproduction.transfer.attempts import by_kind
 
     folder.mkdir(parents=True, exist_ok=True)
     wanted: dict[int, list[tuple[str, int]]] = {}
@@ -82,8 +76,6 @@ def _draw(
 
 
 def _write(folder: Path, attempt: Attempt, kind: str, recording: EpisodeVideo) -> dict[str, Any]:
-    from reproduction.transfer.failures import WORDS
-
     name = f"{attempt.task}-{kind.replace('_', '-')}"
     words = WORDS.get(kind, kind)
     title = f"{attempt.entrant.label}, {attempt.condition.name}: {words}"
