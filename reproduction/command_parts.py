@@ -11,6 +11,7 @@ from saver_advisors.cli.arguments import add_json, add_table, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 
 if TYPE_CHECKING:
+    from saver_advisors.experiments.plots import Panel
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
     from saver_advisors.reporting.figures import Drawn
@@ -152,6 +153,25 @@ def comparison_figures(
         "findings": [finding.to_mapping() for finding in findings],
         "skipped": [{"file": one.file, "reason": one.reason} for one in results.skipped],
     }
+
+
+def save_panels(panels: Sequence[Panel], column: str, path: Path, caption: str) -> list[Drawn]:
+    """Draw panels into a file.
+
+    :param panels: see `saver_advisors.experiments.plots.draw_panels`; nothing is drawn without any.
+    :param column: of the curves.
+    :param path: of the picture.
+    :param caption: of the figure.
+    :return: the figure, if it is drawn.
+    """
+    from saver_advisors.experiments.plots import draw_panels
+    from saver_advisors.reporting.figures import Drawn
+
+    if not panels:
+        return []
+    draw_panels(panels, column).savefig(path)
+    print(f"wrote {path}")
+    return [Drawn(path, caption)]
 
 
 def print_skipped(results: Results) -> None:

@@ -9,8 +9,6 @@ from typing import Any
 from saver_advisors.reporting.figures import Drawn, link
 from saver_advisors.reporting.provenance import machine_in_words
 
-JsonRow = Mapping[str, Any]
-
 
 def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
     """Show figures with their captions.
@@ -22,7 +20,7 @@ def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
     return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]
 
 
-def measured_at(figures: JsonRow) -> str:
+def measured_at(figures: Mapping[str, Any]) -> str:
     """Say when, at which commit, how and on which machine figures were measured.
 
     :param figures: content of a result file.

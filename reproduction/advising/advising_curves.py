@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from reproduction.advising.paper import NO_ADVICE, ONE_ARM, table_5_2
-from saver_advisors.experiments.plots import Panel, draw_panels
+from reproduction.command_parts import save_panels
+from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.figures import Drawn
 
@@ -29,22 +30,17 @@ def draw_all(results: Results, folder: Path) -> list[Drawn]:
     :return: the figures, in the paper's order.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = []
-    if panels := from_scratch(results):
-        caption = "Learning from scratch, with one arm and with two (as Figure 5.4)."
-        drawn.append(_save(panels, "success_rate", folder / "figure-5-4.png", caption))
+    caption = "Learning from scratch, with one arm and with two (as Figure 5.4)."
+    drawn = save_panels(from_scratch(results), "success_rate", folder / "figure-5-4.png", caption)
     tasks = table_5_2().tasks
     for (task, column), number in NUMBERS.items():
-        if panels := strategies(results.of_task(tasks[task])):
-            what = "Success" if column == "success_rate" else "The student's mean Q"
-            caption = f"{what} in {task}, by strategy and threshold (as Figure {number})."
-            path = folder / f"figure-{number.replace('.', '-')}.png"
-            drawn.append(_save(panels, column, path, caption))
+        what = "Success" if column == "success_rate" else "The student's mean Q"
+        caption = f"{what} in {task}, by strategy and threshold (as Figure {number})."
+        path = folder / f"figure-{number.replace('.', '-')}.png"
+        drawn += save_panels(strategies(results.of_task(tasks[task])), column, path, caption)
     panels = [panel for task in tasks if (panel := baselines(task, results.of_task(tasks[task])))]
-    if panels:
-        caption = "Baselines that the dissertation does not have."
-        drawn.append(_save(panels, "success_rate", folder / "figure-baselines.png", caption))
-    return drawn
+    caption = "Baselines that the dissertation does not have."
+    return drawn + save_panels(panels, "success_rate", folder / "figure-baselines.png", caption)
 
 
 def from_scratch(results: Results) -> list[Panel]:
@@ -64,7 +60,7 @@ def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
     """Return a panel of strategies, and one per correcting strategy with its thresholds."""
     panels = [Panel("strategies", _chosen(by_row, STRATEGIES), grey=NO_ADVICE)]
     for name in THRESHOLDS:
-        members = [row for row in table_5_2().labels if row.startswith(f"{name} ")]
+        members = [row for row in table_5_2().rows if row.startswith(f"{name} ")]
         if rows := _chosen(by_row, members):
             with_reference = {**_chosen(by_row, [NO_ADVICE]), **rows}
             panels.append(Panel(f"{name}, by threshold", with_reference, grey=NO_ADVICE))
@@ -73,7 +69,7 @@ def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
 
 def baselines(task: str, by_row: Mapping[str, Sequence[TrainingRun]]) -> Panel | None:
     """Return a panel of the rows beyond Table 5.2, with early and no advising for comparison."""
-    beyond = sorted(row for row in by_row if row not in table_5_2().labels)
+    beyond = sorted(row for row in by_row if row not in table_5_2().rows)
     rows = _chosen(by_row, beyond)
     if not rows:
         return None
@@ -89,9 +85,3 @@ def _chosen(
 
 def _finished(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
     return [run for run in runs if run.finished]
-
-
-def _save(panels: Sequence[Panel], column: str, path: Path, caption: str) -> Drawn:
-    draw_panels(panels, column).savefig(path)
-    print(f"wrote {path}")
-    return Drawn(path, caption)

@@ -26,7 +26,7 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.experiments.summary import MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
-from saver_advisors.reporting.tables import join_parts, markdown
+from saver_advisors.reporting.tables import join_parts, markdown, records_table
 from saver_advisors.reporting.tables import show as show_table
 
 COLUMNS: Final = ("row", "n", "IE", "RT", "MSR", "ELR")
@@ -77,7 +77,8 @@ def page(
     """
     parts = ["# Advising, measured", INTRODUCTION, DEFINITIONS]
     if findings:
-        parts += ["## The paper's findings", FINDINGS, finding_table(findings)]
+        table = records_table(map(finding_cells, findings))
+        parts += ["## The paper's findings", FINDINGS, table]
     for task, rows in tasks.items():
         parts += [f"## {task}", *_task(task, rows)]
     if scratch := scratch_table(tasks):
@@ -170,16 +171,6 @@ def finding_cells(finding: Finding) -> dict[str, str]:
         "n": str(finding.n) if finding.n else "-",
         "closest comparison": told,
     }
-
-
-def finding_table(findings: Sequence[Finding]) -> str:
-    """Render the findings with the figures that decide them.
-
-    :param findings: findings of the paper, at least one.
-    :return: Markdown.
-    """
-    cells = [finding_cells(finding) for finding in findings]
-    return markdown(list(cells[0]), [list(one.values()) for one in cells])
 
 
 def show(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import print_skipped
+from reproduction.command_parts import print_skipped, save_panels
 from reproduction.constraints.constraints_findings import PAPER_BEST, ConstraintFinding
 from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
@@ -17,7 +17,7 @@ from saver_advisors.benchmark.run_tables import (
     under_way_list,
 )
 from saver_advisors.evaluation.statistics import Estimate, estimate
-from saver_advisors.experiments.plots import Panel, draw_panels
+from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MINUTE, MethodRow
 from saver_advisors.experiments.training_runs import Results
 from saver_advisors.reporting.figures import Drawn
@@ -109,7 +109,7 @@ def page(
     finished = [row for row in rows if row.n]
     parts = ["# Learning under a constraint, measured", INTRODUCTION, "## Methods"]
     if finished:
-        parts.append(method_table(finished))
+        parts.append(records_table(map(_method_cells, finished)))
     parts.append(under_way_list(rows))
     if results.references:
         parts += ["Policies that did not learn this task:\n", references(results)]
@@ -122,17 +122,8 @@ def page(
     return join_parts([*parts, skipped_list(results.skipped), origin(results.runs)])
 
 
-def method_table(rows: Sequence[MethodRow]) -> str:
-    """Render every row with its rates and violations.
-
-    :param rows: rows with finished runs.
-    :return: Markdown.
-    """
-    return records_table(map(_method_cells, rows))
-
-
 def _method_cells(row: MethodRow) -> dict[str, str]:
-    """Return the cells of a row by their headings."""
+    """Return the rates and violations of a row with finished runs, by their headings."""
     costs = [run.final.get("cost_means", {}).get("cost_distance") for run in row.runs if run.final]
     training = [run.points[-1].get("training_cost") for run in row.runs]
     steps = sorted({run.curve.steps[-1] for run in row.runs})
@@ -205,17 +196,16 @@ def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     :return: the figures, in the order of the rates.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = []
+    drawn: list[Drawn] = []
     for label, name in RATES.items():
-        shown = {}
-        for row in rows:
-            if runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)]:
-                shown[row.name] = runs
-        if shown:
-            path = folder / f"{name.replace('_', '-')}.png"
-            draw_panels([Panel("DualJacoDistance-v0", shown)], name).savefig(path)
-            print(f"wrote {path}")
-            drawn.append(Drawn(path, CAPTIONS[label]))
+        shown = {
+            row.name: runs
+            for row in rows
+            if (runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)])
+        }
+        panels = [Panel("DualJacoDistance-v0", shown)] if shown else []
+        path = folder / f"{name.replace('_', '-')}.png"
+        drawn += save_panels(panels, name, path, CAPTIONS[label])
     return drawn
 
 

@@ -17,6 +17,10 @@ from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.ecosystem.libraries import LIBRARIES, Library
+from saver_advisors.benchmark.peers.process import PeerError
+from saver_advisors.benchmark.peers.suites import add_peer_cache, environment
+from saver_advisors.cli.arguments import add_page
+from saver_advisors.reporting.provenance import REPOSITORY
 
 EXAMPLES: Final = """\
 examples:
@@ -32,9 +36,6 @@ TORCH: Final = "torch==2.13.0"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.benchmark.peers.suites import add_peer_cache
-    from saver_advisors.cli.arguments import add_page
-
     add_choices(parser, "--only", [one.name for one in LIBRARIES], "libraries to try")
     add_peer_cache(parser)
     add_page(parser)
@@ -65,23 +66,17 @@ def tried(library: Library, cache: Path) -> dict[str, Any]:
     :return: ``library``, ``version``, ``pin``, and ``programs`` with the ``result`` of each: ``ok``
         or the last line of its output.
     """
-    from saver_advisors.benchmark.peers.process import PeerError
-
+    row = {"library": library.name, "version": None, "pin": library.pin}
     try:
         python = installed(library, cache)
     except PeerError as error:
         runs = [{"program": line, "result": str(error)} for line in library.programs]
-        return {"library": library.name, "version": None, "pin": library.pin, "programs": runs}
+        return {**row, "programs": runs}
     with tempfile.TemporaryDirectory() as folder:
         runs = [_run(python, line, Path(folder)) for line in library.programs]
     version = f"from importlib.metadata import version; print(version({library.package!r}))"
     found = subprocess.run([python, "-c", version], capture_output=True, text=True, check=True)
-    return {
-        "library": library.name,
-        "version": found.stdout.strip(),
-        "pin": library.pin,
-        "programs": runs,
-    }
+    return {**row, "version": found.stdout.strip(), "programs": runs}
 
 
 def installed(library: Library, cache: Path) -> Path:
@@ -92,9 +87,6 @@ def installed(library: Library, cache: Path) -> Path:
     :return: Python of the environment.
     :raises PeerError: if a distribution cannot be installed.
     """
-    from saver_advisors.benchmark.peers.suites import environment
-    from saver_advisors.reporting.provenance import REPOSITORY
-
     name = library.package if library.pin else SHARED
     ours = ["-e", f"{REPOSITORY}[{library.extra}]" if library.extra else str(REPOSITORY)]
     together = [one for each in LIBRARIES if not each.pin for one in each.requirements]
@@ -109,8 +101,6 @@ def installed(library: Library, cache: Path) -> Path:
 
 def _run(python: Path, line: str, folder: Path) -> dict[str, Any]:
     """Run a program in a folder of its own."""
-    from saver_advisors.reporting.provenance import REPOSITORY
-
     words = shlex.split(line.format(root=REPOSITORY))
     start = time.perf_counter()
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from reproduction.transfer.conditions import TRAINED_ON, Condition
-from reproduction.transfer.failures import Failure, pick_failure, push_failure
+from reproduction.transfer.failures import Failure
 from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
 from saver_envs.robots import ROBOTS
@@ -28,29 +28,19 @@ EXPERT: Final = "expert"
 
 
 @dataclass(frozen=True)
-class Entrant:
-    """A policy to try.
-
-    :param label: its name in tables.
-    :param policy: a policy as in ``saver evaluate``.
-    """
-
-    label: str
-    policy: str
-
-
-@dataclass(frozen=True)
 class Attempt:
     """One policy under one condition.
 
     :param task: ``push`` or ``pick``.
     :param condition: the condition.
-    :param entrant: the policy.
+    :param label: the policy's name in tables.
+    :param policy: a policy as in ``saver evaluate``.
     """
 
     task: str
     condition: Condition
-    entrant: Entrant
+    label: str
+    policy: str
 
     @property
     def env_id(self) -> str:
@@ -69,9 +59,9 @@ class Attempt:
         """
         condition = self.condition
         # A new policy each time, since an expert keeps the plans of past episodes.
-        policy = resolve(self.entrant.policy, self.env_id, condition.options, seed)
+        policy = resolve(self.policy, self.env_id, condition.options, seed)
         # The expert works with the hand of any robot.
-        known = condition.translated and self.entrant.policy != EXPERT
+        known = condition.translated and self.policy != EXPERT
         return run_trials(
             policy.predict,
             self.env_id,
@@ -82,10 +72,6 @@ class Attempt:
             hand=ROBOTS[TRAINED_ON] if known else None,
             frame_callback=frame_callback,
         )
-
-    def failure(self, trial: TrialTrajectory) -> Failure | None:
-        """Return why a trial failed, None if it succeeded."""
-        return (push_failure if self.task == "push" else pick_failure)(trial)
 
 
 Played = tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]
@@ -107,7 +93,7 @@ def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
     # Sorting is stable: the policies of a condition keep their order.
     for place in sorted(range(len(found)), key=lambda place: -conditions.index(names[place])):
         attempt, _, failures = found[place]
-        if attempt.entrant.policy == EXPERT:
+        if attempt.policy == EXPERT:
             continue
         for number, failure in enumerate(failures):
             kind = "success" if failure is None else failure.cause

@@ -15,16 +15,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import measure_and_render
-from reproduction.transfer.attempts import (
-    EXPERT,
-    STUDENTS,
-    TEACHERS,
-    TITLES,
-    Attempt,
-    Entrant,
-    Played,
-)
+from reproduction.transfer.attempts import EXPERT, STUDENTS, TEACHERS, TITLES, Attempt, Played
 from reproduction.transfer.conditions import Condition, conditions
+from reproduction.transfer.failures import find_failure
 from reproduction.transfer.transfer_page import render
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.policies import resolve
@@ -81,29 +74,27 @@ def run(args: argparse.Namespace) -> int:
     )
 
 
-def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:
+def entrants(task: str, words: Sequence[str] | None) -> dict[str, str]:
     """List the policies that try a task.
 
     :param task: ``push`` or ``pick``.
     :param words: ``[LABEL=]POLICY`` each; the default policies if None.
-    :return: the policies with their labels.
+    :return: policies by label.
     :raises UsageError: for two policies with the same label.
     """
     from saver_advisors.pretrained import shipped_policies
 
     if words is None:
-        student = [Entrant("advised", STUDENTS[task])]
-        return [
-            *(student if STUDENTS[task] in shipped_policies() else []),
-            Entrant("teachers side by side", f"side-by-side:{TEACHERS[task]}"),
-            Entrant("scripted expert", EXPERT),
-        ]
-    found = []
-    for word in words:
-        label, equals, policy = word.partition("=")
-        found.append(Entrant(label, policy) if equals else Entrant(word, word))
-    labels = [one.label for one in found]
-    if len(set(labels)) < len(labels):
+        student = STUDENTS[task]
+        return {
+            **({"advised": student} if student in shipped_policies() else {}),
+            "teachers side by side": f"side-by-side:{TEACHERS[task]}",
+            "scripted expert": EXPERT,
+        }
+    pairs = [word.partition("=")[::2] if "=" in word else (word, word) for word in words]
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        labels = [label for label, _ in pairs]
         raise UsageError(f"argument --{task}: {labels} must have different labels")
     return found
 
@@ -128,11 +119,11 @@ def attempts(args: argparse.Namespace) -> list[Attempt]:
     :raises UsageError: for an unknown condition.
     """
     return [
-        Attempt(task, condition, entrant)
+        Attempt(task, condition, label, policy)
         for task, several in _conditions(args.conditions).items()
         for condition in several
-        for entrant in entrants(task, getattr(args, task))
-        if entrant.policy != EXPERT or condition.expert
+        for label, policy in entrants(task, getattr(args, task)).items()
+        if policy != EXPERT or condition.expert
     ]
 
 
@@ -146,10 +137,10 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
     found, todo = [], attempts(args)
     for attempt in todo:  # Report policies that do not fit before the first trial.
-        resolve(attempt.entrant.policy, attempt.env_id, attempt.condition.options)
+        resolve(attempt.policy, attempt.env_id, attempt.condition.options)
     for attempt in tqdm(todo, "transfer", unit="attempt", dynamic_ncols=True):
         trials = attempt.play(args.trials, args.seed)
-        found.append((attempt, trials, [attempt.failure(one) for one in trials]))
+        found.append((attempt, trials, [find_failure(attempt.task, one) for one in trials]))
     figures: dict[str, Any] = {
         "title": "Transfer",
         "kind": "transfer",
@@ -171,12 +162,12 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 def _row(played: Played) -> dict[str, Any]:
     attempt, trials, failures = played
     successes = sum(one.success for one in trials)
-    policy = attempt.entrant.policy
+    policy = attempt.policy
     causes = Counter(one.cause for one in failures if one is not None)
     return {
         "task": attempt.task,
         "condition": attempt.condition.name,
-        "label": attempt.entrant.label,
+        "label": attempt.label,
         # Without the folder, which belongs to the machine.
         "policy": Path(policy).name if Path(policy).is_absolute() else policy,
         "env": attempt.env_id,

@@ -78,14 +78,14 @@ def _draw(
 def _write(folder: Path, attempt: Attempt, kind: str, recording: EpisodeVideo) -> dict[str, Any]:
     name = f"{attempt.task}-{kind.replace('_', '-')}"
     words = WORDS.get(kind, kind)
-    title = f"{attempt.entrant.label}, {attempt.condition.name}: {words}"
+    title = f"{attempt.label}, {attempt.condition.name}: {words}"
     write_mp4(folder / f"{name}.mp4", [recording], title)
     write_clip(folder / f"{name}.webp", recording.frames[::STRIDE], stride=STRIDE, quality=50)
     return {
         "file": name,
         "task": attempt.task,
         "kind": kind,
-        "label": attempt.entrant.label,
+        "label": attempt.label,
         "condition": attempt.condition.name,
         "seed": recording.seed,
     }

@@ -111,9 +111,10 @@ def _linearised(frames: Frames, targets: FloatArray, chain: Chain) -> tuple[Floa
 
 def evaluate(targets: FloatArray, joints: FloatArray, chain: Chain) -> Solution:
     """Return the errors at joints (n, dof) with respect to targets (n, 3 or 6)."""
-    position_only = targets.shape[1] == 3
-    tools = (chain.position(joints), None) if position_only else chain.tool_pose(joints)
-    error = pose_error(*tools, targets)
+    if targets.shape[1] == 3:
+        error = pose_error(chain.position(joints), None, targets)
+    else:
+        error = pose_error(*chain.tool_pose(joints), targets)
     position, orientation = (np.linalg.norm(one, axis=1) for one in (error[:, :3], error[:, 3:]))
     return Solution(joints, position, orientation)
 
