@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from reproduction.advising.paper import NO_ADVICE, ONE_ARM, PaperFigures, table_5_2
-from reproduction.command_parts import print_skipped
+from reproduction.command_parts import pictures, print_skipped
 from reproduction.findings import ABBREVIATIONS, MIN_SEEDS, Finding
-from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
     DEFINITIONS,
     beside,

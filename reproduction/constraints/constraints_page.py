@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import print_skipped, save_panels
+from reproduction.command_parts import pictures, print_skipped, save_panels
 from reproduction.constraints.constraints_findings import PAPER_BEST, ConstraintFinding
-from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
     NOTHING,
     origin,

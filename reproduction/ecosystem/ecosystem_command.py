@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices, measure_and_render, measured_at
 from reproduction.ecosystem.libraries import LIBRARIES, Library
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import add_peer_cache, environment
@@ -125,7 +125,6 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    from reproduction.page_parts import measured_at
     from saver_advisors.reporting.tables import markdown
 
     rows = [

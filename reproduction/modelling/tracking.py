@@ -7,8 +7,12 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.modelling.model_arguments import ROBOTS, add_arms_and_models
-from reproduction.modelling.weight_files import measure_models, origin
+from reproduction.modelling.model_arguments import (
+    ROBOTS,
+    add_arms_and_models,
+    measure_models,
+    origin,
+)
 from saver_advisors.cli.arguments import add_page
 from saver_advisors.reporting.tables import rows_table
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from saver_advisors.reporting.errors import UsageError, unknown
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 EXAMPLES = """\
 examples:
@@ -46,8 +46,18 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status: 1 if a compared page is out of date, else 0.
     :raises UsageError: for an unknown environment, or a README without markers.
     """
-    texts = _texts(args)
-    stale = [path for path, text in texts.items() if not _holds(path, text)]
+    from reproduction.pages.generated import all_pages, with_tables
+
+    texts = {args.output / name: text for name, text in all_pages(args.output).items()}
+    readme = args.readme or args.output.resolve().parent / "README.md"
+    if args.readme is not None or readme.is_file():
+        with user_mistakes("argument --readme"):
+            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), args.output)
+    stale = [
+        path
+        for path, text in texts.items()
+        if not path.is_file() or path.read_text(encoding="utf-8") != text
+    ]
     if args.check:
         for path in stale:
             print(f"{path} is out of date: run `python -m reproduction pages`", file=sys.stderr)
@@ -60,25 +70,6 @@ def run(args: argparse.Namespace) -> int:
     if not args.no_pictures:
         draw_all(args.output, args.only)
     return 0
-
-
-def _texts(args: argparse.Namespace) -> dict[Path, str]:
-    """Render all pages, by path."""
-    from reproduction.pages.generated import all_pages, with_tables
-
-    output = args.output
-    texts = {output / name: text for name, text in all_pages(output).items()}
-    readme = args.readme or output.resolve().parent / "README.md"
-    if args.readme is not None or readme.is_file():
-        try:
-            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), output)
-        except (OSError, ValueError) as error:
-            raise UsageError(f"argument --readme: {error}") from error
-    return texts
-
-
-def _holds(path: Path, text: str) -> bool:
-    return path.is_file() and path.read_text(encoding="utf-8") == text
 
 
 def draw_all(output: Path, only: Sequence[str] | None = None) -> None:

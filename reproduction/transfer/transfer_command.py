@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import measure_and_render
-from reproduction.transfer.attempts import EXPERT, STUDENTS, TEACHERS, TITLES, Attempt, Played
-from reproduction.transfer.conditions import Condition, conditions
+from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import find_failure
 from reproduction.transfer.transfer_page import render
 from saver_advisors.cli.arguments import add_count, add_page
@@ -35,6 +34,12 @@ examples:
 policies:
   [LABEL=]POLICY, with a POLICY as in `saver evaluate`: a shipped name, a weight file, a run's
   folder, side-by-side:TEACHER, expert. The labels advised and scratch match the paper's rows."""
+
+STUDENTS: Final = {
+    "push": "dual-jaco-push-advised",
+    "pick": "dual-jaco-pick-and-place-advised",
+}
+TEACHERS: Final = {"push": "jaco-push", "pick": "jaco-pick-and-place"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.page_parts import measured_at
+from reproduction.command_parts import measured_at
 from reproduction.transfer import failures
 from reproduction.transfer.attempts import TITLES
 from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table

@@ -50,7 +50,21 @@ def record_each_kind(
         frames = _draw(attempt, [number for _, number in kinds], trials, seed)
         for kind, number in kinds:
             recording = EpisodeVideo(seed + number, frames[number], kind == "success")
-            shown.append(_write(folder, attempt, kind, recording))
+            name = f"{attempt.task}-{kind.replace('_', '-')}"
+            title = f"{attempt.label}, {attempt.condition.name}: {WORDS.get(kind, kind)}"
+            write_mp4(folder / f"{name}.mp4", [recording], title)
+            clip = recording.frames[::STRIDE]
+            write_clip(folder / f"{name}.webp", clip, stride=STRIDE, quality=50)
+            shown.append(
+                {
+                    "file": name,
+                    "task": attempt.task,
+                    "kind": kind,
+                    "label": attempt.label,
+                    "condition": attempt.condition.name,
+                    "seed": recording.seed,
+                }
+            )
     return sorted(shown, key=lambda one: str(one["file"]))
 
 
@@ -73,19 +87,3 @@ def _draw(
 
         attempt.play(trials, seed, look)
     return frames
-
-
-def _write(folder: Path, attempt: Attempt, kind: str, recording: EpisodeVideo) -> dict[str, Any]:
-    name = f"{attempt.task}-{kind.replace('_', '-')}"
-    words = WORDS.get(kind, kind)
-    title = f"{attempt.label}, {attempt.condition.name}: {words}"
-    write_mp4(folder / f"{name}.mp4", [recording], title)
-    write_clip(folder / f"{name}.webp", recording.frames[::STRIDE], stride=STRIDE, quality=50)
-    return {
-        "file": name,
-        "task": attempt.task,
-        "kind": kind,
-        "label": attempt.label,
-        "condition": attempt.condition.name,
-        "seed": recording.seed,
-    }

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reproduction.modelling.weight_files import cards_of, origin, trained_before
+from reproduction.modelling.model_arguments import cards_of, origin, trained_before
 from saver_advisors.cli import main
 from saver_advisors.cli.model_figure import draw_recording
 from saver_advisors.reporting.errors import UsageError

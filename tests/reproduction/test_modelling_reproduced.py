@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from reproduction.modelling import grid, kinematics_page, tracking, training_time
+from reproduction.modelling import grid, kinematics, tracking, training_time
 from reproduction.modelling.grid import (
     as_known,
     cells_of,
@@ -329,7 +329,7 @@ def test_other_pages_come_from_their_figures() -> None:
         "cost": [],
         "success": [],
     }
-    page = kinematics_page.render(figures)
+    page = kinematics.render(figures)
     assert "| mico | shipped | 2 / 2.98 |" in page
     assert "| mico | shipped | 0.042 | 2.5 |" in page
     row = {"robot": "mico", "gain": 1.0, "per_joint": [0.001] * 4}

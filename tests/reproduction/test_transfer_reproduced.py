@@ -13,11 +13,12 @@ from reproduction.program import main as reproduce
 from reproduction.transfer.attempts import (
     ENVIRONMENTS,
     EXPERT,
+    OBJECT_SIZE,
     TITLES,
     Attempt,
     by_kind,
+    conditions,
 )
-from reproduction.transfer.conditions import OBJECT_SIZE, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, Failure
 from reproduction.transfer.transfer_command import attempts, entrants
 from reproduction.transfer.transfer_page import paper_rows, render
