@@ -96,7 +96,8 @@ def _task(task: str, rows: Sequence[MethodRow]) -> list[str]:
     paper = table_5_2().of_environment(task)
     parts = []
     if finished:
-        parts = [strategy_table(finished, paper), beyond(finished)]
+        parts = [strategy_table(finished, paper) if paper else metrics_table(finished)]
+        parts.append(beyond(finished))
         reference = next((row for row in finished if row.name == NO_ADVICE), None)
         others = [row for row in finished if row.name != NO_ADVICE]
         if reference is not None and others:
@@ -113,11 +114,9 @@ def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures])
     """Render the counterpart of Table 5.2.
 
     :param rows: rows of a task.
-    :param paper: the paper's rows of that task, if it has the task.
+    :param paper: the paper's rows of that task.
     :return: Markdown.
     """
-    if not paper:
-        return metrics_table(rows)
     columns = [*COLUMNS, *(f"paper: {name}" for name in COLUMNS[2:])]
     cells = [[row.name, *measured(row), *_paper_cells(paper.get(row.name))] for row in rows]
     return markdown(columns, cells)

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from reproduction.modelling.grid_cells import prediction_speed
+from reproduction.modelling.grid import prediction_speed
 from reproduction.modelling.model_arguments import add_arms_and_models, measure_models, origin
 from saver_advisors.benchmark.machine import median_ratio, timed
 from saver_advisors.cli.arguments import add_count, add_page

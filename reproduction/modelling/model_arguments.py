@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
-from reproduction.modelling.grid_cells import DEVICES, PAPER_EPOCHS, PRECISIONS
+from reproduction.modelling.grid import DEVICES, PAPER_EPOCHS, PRECISIONS
 from saver_advisors.cli.arguments import add_count
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 

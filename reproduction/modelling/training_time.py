@@ -15,7 +15,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
-from reproduction.modelling.grid_cells import PAPER_EPOCHS, SAMPLES_A_SIZE
+from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.reporting.provenance import load_averages

@@ -84,14 +84,16 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     for name in only or ():
         if name not in sparse_ids():
             raise UsageError(f"argument --only: {unknown('environment', name, sparse_ids())}")
+    from PIL import Image
     from tqdm import tqdm
 
-    from reproduction.pages.clips import CLIP_EVERY, clip_frames, save_jpeg
+    from reproduction.pages.clips import CLIP_EVERY, clip_frames
     from saver_advisors.cli.pictures import start_picture
     from saver_advisors.reporting.video import write_clip
 
     folder = output / "images" / "environments"
     folder.mkdir(parents=True, exist_ok=True)
     for env_id in tqdm(list(only or sparse_ids()), unit="environment"):
-        save_jpeg(folder / f"{env_id}.jpg", start_picture(env_id))
+        picture = Image.fromarray(start_picture(env_id))
+        picture.save(folder / f"{env_id}.jpg", quality=88, optimize=True)
         write_clip(folder / f"{env_id}.webp", clip_frames(env_id), stride=CLIP_EVERY)

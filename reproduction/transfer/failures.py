@@ -126,15 +126,13 @@ def _slid_away(trial: TrialTrajectory, arm: int) -> Failure | None:
 
 def _above_table(trial: TrialTrajectory, arm: int) -> NDArray[np.float64]:
     """Compute the height (T + 1,) of a flat cube's lower face above the table, metres."""
-    height: NDArray[np.float64] = trial.object[:, arm, 2] - trial.object_size / 2
-    return height
+    return trial.object[:, arm, 2] - trial.object_size / 2
 
 
 def _in_hand(trial: TrialTrajectory, arm: int) -> NDArray[np.bool_]:
     """Tell at each instant (T + 1,) whether the cube is within a width of the tool point."""
     separation = np.linalg.norm(trial.object[:, arm] - trial.tool[:, arm], axis=-1)
-    near: NDArray[np.bool_] = separation <= trial.object_size
-    return near
+    return np.asarray(separation <= trial.object_size)
 
 
 def _lifted(trial: TrialTrajectory, arm: int) -> list[tuple[int, int]]:

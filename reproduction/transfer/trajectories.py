@@ -58,8 +58,7 @@ class TrialTrajectory:
     @property
     def distance(self) -> NDArray[np.float64]:
         """(T + 1, arms) from each cube to its target, metres."""
-        distance: NDArray[np.float64] = np.linalg.norm(self.object - self.target, axis=-1)
-        return distance
+        return np.asarray(np.linalg.norm(self.object - self.target, axis=-1))
 
     @property
     def steps(self) -> int:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 
 #: Types of joints, and whether they slide.
 _SLIDES = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}

@@ -7,15 +7,30 @@ an acceleration of the base. This is equation 7.2 without friction and external 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.inertia import Links
 from saver_envs.simulation import cross
 
 GRAVITY = 9.81  # m/s^2, MuJoCo's default
 #: Rows computed at once: few enough to stay in the CPU's cache.
 _ROWS = 4096
+
+
+@dataclass(frozen=True)
+class Links:
+    """Inertia of a chain's links, each in its own frame.
+
+    :param mass: (dof,), kilograms.
+    :param centre: (dof, 3) centres of mass, metres.
+    :param inertia: (dof, 3, 3) about the centre of mass, kg m^2.
+    """
+
+    mass: FloatArray
+    centre: FloatArray
+    inertia: FloatArray
 
 
 def inverse_dynamics(

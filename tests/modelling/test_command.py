@@ -13,9 +13,8 @@ from saver_advisors.cli import main
 from saver_advisors.cli.model_figure import draw_recording
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.modelling.arms import Task, arm_named
-from saver_envs.modelling.datasets import save_recordings
+from saver_envs.modelling.datasets import Recording, save_recordings
 from saver_envs.modelling.models import load_model, new_model, read_card
-from saver_envs.modelling.recordings import Recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "modelling.md"
 

@@ -13,16 +13,18 @@ from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.arms.description import Campaign
 from saver_envs.modelling.arms.mico import TWIN
 from saver_envs.modelling.datasets import (
+    COLUMNS,
+    Recording,
     campaign_of,
     load_recordings,
     record_twin,
     samples_of,
     save_recordings,
     simulated_steps,
+    smoothed,
     twin_data_set,
 )
 from saver_envs.modelling.dynamics import tracking_error
-from saver_envs.modelling.recordings import COLUMNS, Recording, smoothed
 from saver_envs.modelling.trajectories import Trajectory, random_trajectory
 from saver_envs.modelling.twin import (
     TIME_STEP,
@@ -145,7 +147,7 @@ def test_smoothing_keeps_lines_and_removes_noise(window: int) -> None:
 
 
 def test_velocities_and_accelerations_are_those_of_the_motion() -> None:
-    from saver_envs.modelling.recordings import process
+    from saver_envs.modelling.datasets import process
     from saver_envs.modelling.twin import Record
 
     time = np.arange(0, 8, TIME_STEP)

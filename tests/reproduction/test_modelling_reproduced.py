@@ -13,13 +13,13 @@ import torch
 
 from reproduction.modelling import grid, kinematics, tracking, training_time
 from reproduction.modelling.grid import (
+    GridCell,
     as_known,
     cells_of,
     read_result,
     results_of,
     run_grid,
 )
-from reproduction.modelling.grid_cells import GridCell
 from reproduction.modelling.grid_page import render
 from reproduction.modelling.paper_claims import (
     ADVERSARIAL,

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.robots.description import Robot
 
 

@@ -16,7 +16,7 @@ from saver_envs.modelling.arms.description import (
 )
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.robots.fetch import BASE_BODY, FETCH, build_torque_driven
 
 _HALF_PI = math.pi / 2

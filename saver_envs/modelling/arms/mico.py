@@ -10,7 +10,7 @@ import numpy as np
 from saver_envs.modelling.arms.description import Campaign, KinematicArm, Region, TwinParameters
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table, translation
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.reachability import GRID_LOWER, GRID_UPPER
 from saver_envs.robots.mico import MICO, build_torque_driven
 

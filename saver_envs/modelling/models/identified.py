@@ -16,9 +16,8 @@ from torch import Tensor
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.models.base import History, InverseModel, Progress, Training
-from saver_envs.modelling.newton_euler import inverse_dynamics
+from saver_envs.modelling.newton_euler import Links, inverse_dynamics
 
 #: Samples used by the fit, evenly spaced over those that are given.
 SAMPLES = 1000
