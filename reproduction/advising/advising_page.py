@@ -162,8 +162,8 @@ def finding_cells(finding: Finding) -> dict[str, str]:
         many = len(missing) > FEW_NAMES
         told += f"; missing: {f'{len(missing)} rows' if many else ', '.join(missing)}"
     return {
-        "finding": finding.claim,
-        "task": finding.task,
+        "finding": finding.claim.text,
+        "task": finding.claim.task,
         "in these runs": finding.verdict,
         "beyond seeds": finding.beyond_seeds,
         "n": str(finding.n) if finding.n else "-",

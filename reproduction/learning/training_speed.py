@@ -93,7 +93,16 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     rows = []
     with cores(1):
         for env_id in args.envs:
-            row = {"env": env_id, **settings(env_id), **parts_row(env_id, args.rounds)}
+            config = settings_of(env_id, VARIANTS[0])
+            row = {
+                "env": env_id,
+                "n_envs": config.n_envs,
+                "net_arch": list(config.net_arch),
+                "batch_size": config.batch_size,
+                "gradient_steps": config.gradient_steps,
+                "advice": None if config.advice is None else config.advice.strategy,
+                **parts_row(env_id, args.rounds),
+            }
             row["variants"] = variant_rows(env_id, args.variants, args.stock, args.rounds)
             if args.sbx:
                 row["sbx"] = sbx_row(env_id, args.rounds, args.peer_cache)
@@ -105,22 +114,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         "load_before": load_before,
         "load_after": load_averages(),
         "rows": rows,
-    }
-
-
-def settings(env_id: str) -> dict[str, Any]:
-    """Return the settings that the figures depend on: sizes of networks and batches, updates.
-
-    :param env_id: id of the environment.
-    :return: JSON-able settings.
-    """
-    config = settings_of(env_id, VARIANTS[0])
-    return {
-        "n_envs": config.n_envs,
-        "net_arch": list(config.net_arch),
-        "batch_size": config.batch_size,
-        "gradient_steps": config.gradient_steps,
-        "advice": None if config.advice is None else config.advice.strategy,
     }
 
 
