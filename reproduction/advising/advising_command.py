@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.advising.advising_curves import draw_all
-from reproduction.advising.advising_page import page, show
+from reproduction.advising.advising_page import draw_all, page, show
 from reproduction.advising.paper import table_5_2
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
 from reproduction.findings import Finding, claims, evaluate_claim, table_of

@@ -10,7 +10,7 @@ import pytest
 from run_files import EVERY, curve, write_run
 
 from reproduction.advising.advising_command import evaluate_findings, figures, tables
-from reproduction.advising.advising_curves import strategies
+from reproduction.advising.advising_page import strategies
 from reproduction.advising.paper import PaperFigures, table_5_2
 from reproduction.findings import (
     Finding,

@@ -20,8 +20,7 @@ from reproduction.transfer.attempts import (
     conditions,
 )
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, Failure
-from reproduction.transfer.transfer_command import attempts, entrants
-from reproduction.transfer.transfer_page import paper_rows, render
+from reproduction.transfer.transfer_command import attempts, entrants, paper_rows, render
 from saver_advisors.policies import WEIGHTS_DIR
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import make_episodes
