@@ -1,4 +1,4 @@
-"""Arguments and steps that the commands of ``python -m reproduction`` share."""
+"""Arguments, steps and parts of pages that the commands of ``python -m reproduction`` share."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from saver_advisors.cli.arguments import add_json, add_table, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
+from saver_advisors.reporting.figures import Drawn, link
+from saver_advisors.reporting.provenance import machine_in_words
 
 if TYPE_CHECKING:
+    from saver_advisors.experiments.plots import Panel
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
-    from saver_advisors.reporting.figures import Drawn
 
 
 def add_seeds(parser: argparse.ArgumentParser, default: Sequence[int], purpose: str) -> None:
@@ -154,6 +156,24 @@ def comparison_figures(
     }
 
 
+def save_panels(panels: Sequence[Panel], column: str, path: Path, caption: str) -> list[Drawn]:
+    """Draw panels into a file.
+
+    :param panels: see `saver_advisors.experiments.plots.draw_panels`; nothing is drawn without any.
+    :param column: of the curves.
+    :param path: of the picture.
+    :param caption: of the figure.
+    :return: the figure, if it is drawn.
+    """
+    from saver_advisors.experiments.plots import draw_panels
+
+    if not panels:
+        return []
+    draw_panels(panels, column).savefig(path)
+    print(f"wrote {path}")
+    return [Drawn(path, caption)]
+
+
 def print_skipped(results: Results) -> None:
     """Print which files were left out, and why.
 
@@ -161,3 +181,30 @@ def print_skipped(results: Results) -> None:
     """
     for one in results.skipped:
         print(f"left out {one.file}: {one.reason}")
+
+
+def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
+    """Show figures with their captions.
+
+    :param drawn: figures on disk.
+    :param folder: the page's folder, which the links start from.
+    :return: one part of the page per figure.
+    """
+    return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]
+
+
+def measured_at(figures: Mapping[str, Any]) -> str:
+    """Say when, at which commit, how and on which machine figures were measured.
+
+    :param figures: content of a result file.
+    :return: a sentence; empty without provenance.
+    """
+    origin = figures.get("provenance")
+    if not origin:
+        return ""
+    versions = origin["versions"]
+    return (
+        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
+        f"{machine_in_words(origin['machine'])}, MuJoCo {versions['mujoco']}, PyTorch "
+        f"{versions['torch']}, Stable-Baselines3 {versions['sb3']}."
+    )

@@ -110,21 +110,37 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Claim:
+    """A claim of the dissertation about its Table 5.2.
+
+    :param text: the claim in words.
+    :param task: ``push`` or ``pick-and-place``.
+    :param metric: the metric that it is about.
+    :param leaders: rows that are claimed to be better than each of the others.
+    :param others: the rows they are compared with.
+    :param each: whether the claim is about every leader, or only about the best of them.
+    """
+
+    text: str
+    task: str
+    metric: Metric
+    leaders: Sequence[str]
+    others: Sequence[str]
+    each: bool = False
+
+
+@dataclass(frozen=True)
 class Finding:
     """A claim of the dissertation, evaluated on training runs.
 
-    :param claim: the claim in words.
-    :param task: ``push`` or ``pick-and-place``.
-    :param metric: the metric that it is about.
+    :param claim: the claim.
     :param comparisons: the comparisons that it consists of.
     :param figures: the metric of every row that it is about.
     :param missing: rows that it is about and that have not been run.
     :param open: whether one of the missing rows could still make it true.
     """
 
-    claim: str
-    task: str
-    metric: Metric
+    claim: Claim
     comparisons: Sequence[Comparison]
     figures: Mapping[str, Estimate]
     missing: Sequence[str] = ()
@@ -171,24 +187,25 @@ class Finding:
         )
         if one is None or one.advantage is None:
             return "no two of its rows can be compared"
+        metric = self.claim.metric
         parts = [
-            f"{name}: {number(self.figures[name].value, self.metric)}"
+            f"{name}: {number(self.figures[name].value, metric)}"
             for name in (one.better, one.worse)
         ]
-        gap = number(one.advantage.value, self.metric, signed=True)
+        gap = number(one.advantage.value, metric, signed=True)
         if one.advantage.interval is not None:
-            low, high = (number(end, self.metric, signed=True) for end in one.advantage.interval)
+            low, high = (number(end, metric, signed=True) for end in one.advantage.interval)
             gap += f" [{low}, {high}]"
-        told = f"{ABBREVIATIONS[self.metric]} of {parts[0]}, of {parts[1]}; advantage {gap}"
-        resolvable = number(one.resolution, self.metric)
+        told = f"{ABBREVIATIONS[metric]} of {parts[0]}, of {parts[1]}; advantage {gap}"
+        resolvable = number(one.resolution, metric)
         return f"{told}, resolution {resolvable}" if one.resolution else told
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         return {
-            "claim": self.claim,
-            "task": self.task,
-            "metric": self.metric,
+            "claim": self.claim.text,
+            "task": self.claim.task,
+            "metric": self.claim.metric,
             "verdict": self.verdict,
             "beyond_seeds": self.beyond_seeds,
             "n": self.n,
@@ -196,26 +213,6 @@ class Finding:
             "figures": {name: figure.to_mapping() for name, figure in self.figures.items()},
             "comparisons": [one.to_mapping() for one in self.comparisons],
         }
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A claim of the dissertation about its Table 5.2.
-
-    :param text: the claim in words.
-    :param task: ``push`` or ``pick-and-place``.
-    :param metric: the metric that it is about.
-    :param leaders: rows that are claimed to be better than each of the others.
-    :param others: the rows they are compared with.
-    :param each: whether the claim is about every leader, or only about the best of them.
-    """
-
-    text: str
-    task: str
-    metric: Metric
-    leaders: Sequence[str]
-    others: Sequence[str]
-    each: bool = False
 
 
 def claims(rows: Sequence[str]) -> list[Claim]:
@@ -267,7 +264,7 @@ def evaluate_claim(claim: Claim, table: Table) -> Finding:
     ]
     missing = [name for name, one in found.items() if one is None]
     still_open = not claim.each and any(name in missing for name in claim.leaders)
-    return Finding(claim.text, claim.task, claim.metric, comparisons, figures, missing, still_open)
+    return Finding(claim, comparisons, figures, missing, still_open)
 
 
 def table_of(rows: Iterable[MethodRow]) -> Table:

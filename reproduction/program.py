@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 from saver_advisors.cli.program import Program
@@ -30,7 +29,4 @@ REPRODUCTION: Final = Program(
     },
 )
 
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run `python -m reproduction`; see :meth:`Program.main`."""
-    return REPRODUCTION.main(argv)
+main = REPRODUCTION.main

@@ -53,7 +53,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "cli",
     ),
     "reproduction": (
-        "program findings page_parts command_parts",
+        "program findings command_parts",
         "advising constraints ecosystem learning modelling transfer wrist_push",
         "pages",
     ),

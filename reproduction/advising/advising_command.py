@@ -9,16 +9,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from reproduction.advising.advising_page import draw_all, page, show
+from reproduction.advising.paper import table_5_2
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
+from reproduction.findings import Finding, claims, evaluate_claim, table_of
 from saver_advisors.benchmark.run_tables import flat
 from saver_advisors.cli.result_files import read
-
-if TYPE_CHECKING:
-    from reproduction.findings import Finding
-    from saver_advisors.experiments.summary import MethodRow
-    from saver_advisors.experiments.training_runs import Results
+from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
+from saver_advisors.experiments.summary import MethodRow, summarize
+from saver_advisors.experiments.training_runs import Results
 
 EXAMPLES: Final = """\
 examples:
@@ -42,9 +43,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if there is no training run.
     """
-    from reproduction.advising.advising_curves import draw_all
-    from reproduction.advising.advising_page import page, show
-
     results = read(args.results)
     tasks = tables(results)
     findings = evaluate_findings(tasks)
@@ -63,14 +61,11 @@ def tables(results: Results) -> dict[str, list[MethodRow]]:
     :param results: what was read.
     :return: rows by environment id.
     """
-    from reproduction.advising.paper import table_5_2
-    from saver_advisors.experiments.summary import summarize
-
     paper = table_5_2()
     found = {run.task for run in results.runs}
     order = [env for env in paper.tasks.values() if env in found]
     order += sorted(found - set(order))
-    return {task: summarize(task, results.of_task(task), list(paper.labels)) for task in order}
+    return {task: summarize(task, results.of_task(task), paper.rows) for task in order}
 
 
 def evaluate_findings(tasks: Mapping[str, Sequence[MethodRow]]) -> list[Finding]:
@@ -79,13 +74,10 @@ def evaluate_findings(tasks: Mapping[str, Sequence[MethodRow]]) -> list[Finding]
     :param tasks: see :func:`tables`.
     :return: the findings.
     """
-    from reproduction.advising.paper import table_5_2
-    from reproduction.findings import claims, evaluate_claim, table_of
-
     paper = table_5_2()
     return [
         evaluate_claim(claim, table_of(tasks[paper.tasks[claim.task]]))
-        for claim in claims(list(paper.labels))
+        for claim in claims(paper.rows)
         if paper.tasks[claim.task] in tasks
     ]
 
@@ -100,8 +92,6 @@ def figures(
     :param results: what was read.
     :return: ``rows`` is a flat table, ``detail`` has intervals.
     """
-    from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
-
     rows = [row for rows in tasks.values() for row in rows]
     return {
         "title": "Advising",

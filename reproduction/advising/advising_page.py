@@ -1,4 +1,7 @@
-"""Render the page of ``python -m reproduction advising``, and print its short form."""
+"""Render the page of ``python -m reproduction advising``, and print and draw its parts.
+
+The figures are the counterparts of the dissertation's Figures 5.4 to 5.8, and our own baselines.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from reproduction.advising.paper import NO_ADVICE, ONE_ARM, PaperFigures, table_5_2
-from reproduction.command_parts import print_skipped
+from reproduction.command_parts import pictures, print_skipped, save_panels
 from reproduction.findings import ABBREVIATIONS, MIN_SEEDS, Finding
-from reproduction.page_parts import pictures
 from saver_advisors.benchmark.run_tables import (
     DEFINITIONS,
     beside,
@@ -23,11 +25,21 @@ from saver_advisors.benchmark.run_tables import (
     under_way_list,
 )
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
+from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MethodRow
-from saver_advisors.experiments.training_runs import Results
+from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.figures import Drawn
-from saver_advisors.reporting.tables import join_parts, markdown
+from saver_advisors.reporting.tables import join_parts, markdown, records_table
 from saver_advisors.reporting.tables import show as show_table
+
+STRATEGIES: Final = ("none", "early", "early-mc", "mc-q 0.1", "mc-act 0.1", "mc-actabs 0.1")
+THRESHOLDS: Final = ("mc-q", "mc-act", "mc-actabs")
+NUMBERS: Final = {
+    ("push", "success_rate"): "5.5",
+    ("pick-and-place", "success_rate"): "5.6",
+    ("push", "mean_q"): "5.7",
+    ("pick-and-place", "mean_q"): "5.8",
+}
 
 COLUMNS: Final = ("row", "n", "IE", "RT", "MSR", "ELR")
 
@@ -77,7 +89,8 @@ def page(
     """
     parts = ["# Advising, measured", INTRODUCTION, DEFINITIONS]
     if findings:
-        parts += ["## The paper's findings", FINDINGS, finding_table(findings)]
+        table = records_table(map(finding_cells, findings))
+        parts += ["## The paper's findings", FINDINGS, table]
     for task, rows in tasks.items():
         parts += [f"## {task}", *_task(task, rows)]
     if scratch := scratch_table(tasks):
@@ -96,7 +109,8 @@ def _task(task: str, rows: Sequence[MethodRow]) -> list[str]:
     paper = table_5_2().of_environment(task)
     parts = []
     if finished:
-        parts = [strategy_table(finished, paper), beyond(finished)]
+        parts = [strategy_table(finished, paper) if paper else metrics_table(finished)]
+        parts.append(beyond(finished))
         reference = next((row for row in finished if row.name == NO_ADVICE), None)
         others = [row for row in finished if row.name != NO_ADVICE]
         if reference is not None and others:
@@ -113,11 +127,9 @@ def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures])
     """Render the counterpart of Table 5.2.
 
     :param rows: rows of a task.
-    :param paper: the paper's rows of that task, if it has the task.
+    :param paper: the paper's rows of that task.
     :return: Markdown.
     """
-    if not paper:
-        return metrics_table(rows)
     columns = [*COLUMNS, *(f"paper: {name}" for name in COLUMNS[2:])]
     cells = [[row.name, *measured(row), *_paper_cells(paper.get(row.name))] for row in rows]
     return markdown(columns, cells)
@@ -163,23 +175,13 @@ def finding_cells(finding: Finding) -> dict[str, str]:
         many = len(missing) > FEW_NAMES
         told += f"; missing: {f'{len(missing)} rows' if many else ', '.join(missing)}"
     return {
-        "finding": finding.claim,
-        "task": finding.task,
+        "finding": finding.claim.text,
+        "task": finding.claim.task,
         "in these runs": finding.verdict,
         "beyond seeds": finding.beyond_seeds,
         "n": str(finding.n) if finding.n else "-",
         "closest comparison": told,
     }
-
-
-def finding_table(findings: Sequence[Finding]) -> str:
-    """Render the findings with the figures that decide them.
-
-    :param findings: findings of the paper, at least one.
-    :return: Markdown.
-    """
-    cells = [finding_cells(finding) for finding in findings]
-    return markdown(list(cells[0]), [list(one.values()) for one in cells])
 
 
 def show(
@@ -200,3 +202,68 @@ def show(
         short = [finding_cells(one) for one in findings]
         show_table(list(short[0])[:5], [list(one.values())[:5] for one in short])
     print_skipped(results)
+
+
+def draw_all(results: Results, folder: Path) -> list[Drawn]:
+    """Draw all figures for which there are runs.
+
+    :param results: the training runs.
+    :param folder: folder of the pictures, created if missing.
+    :return: the figures, in the paper's order.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    caption = "Learning from scratch, with one arm and with two (as Figure 5.4)."
+    drawn = save_panels(from_scratch(results), "success_rate", folder / "figure-5-4.png", caption)
+    tasks = table_5_2().tasks
+    for (task, column), number in NUMBERS.items():
+        what = "Success" if column == "success_rate" else "The student's mean Q"
+        caption = f"{what} in {task}, by strategy and threshold (as Figure {number})."
+        path = folder / f"figure-{number.replace('.', '-')}.png"
+        drawn += save_panels(strategies(results.of_task(tasks[task])), column, path, caption)
+    panels = [panel for task in tasks if (panel := baselines(task, results.of_task(tasks[task])))]
+    caption = "Baselines that the dissertation does not have."
+    return drawn + save_panels(panels, "success_rate", folder / "figure-baselines.png", caption)
+
+
+def from_scratch(results: Results) -> list[Panel]:
+    """Return one panel per task: learning without advice, with one arm and with two."""
+    panels = []
+    for task, two_arms in table_5_2().tasks.items():
+        rows = {}
+        for label, env in (("one arm", ONE_ARM[task]), ("two arms", two_arms)):
+            if runs := _finished(results.of_task(env).get(NO_ADVICE, ())):
+                rows[label] = runs
+        if rows:
+            panels.append(Panel(task, rows))
+    return panels
+
+
+def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
+    """Return a panel of strategies, and one per correcting strategy with its thresholds."""
+    panels = [Panel("strategies", _chosen(by_row, STRATEGIES), grey=NO_ADVICE)]
+    for name in THRESHOLDS:
+        members = [row for row in table_5_2().rows if row.startswith(f"{name} ")]
+        if rows := _chosen(by_row, members):
+            with_reference = {**_chosen(by_row, [NO_ADVICE]), **rows}
+            panels.append(Panel(f"{name}, by threshold", with_reference, grey=NO_ADVICE))
+    return [panel for panel in panels if panel.rows]
+
+
+def baselines(task: str, by_row: Mapping[str, Sequence[TrainingRun]]) -> Panel | None:
+    """Return a panel of the rows beyond Table 5.2, with early and no advising for comparison."""
+    beyond = sorted(row for row in by_row if row not in table_5_2().rows)
+    rows = _chosen(by_row, beyond)
+    if not rows:
+        return None
+    return Panel(task, {**_chosen(by_row, (NO_ADVICE, "early")), **rows}, grey=NO_ADVICE)
+
+
+def _chosen(
+    by_row: Mapping[str, Sequence[TrainingRun]], names: Sequence[str]
+) -> dict[str, Sequence[TrainingRun]]:
+    found = {name: _finished(by_row.get(name, ())) for name in names}
+    return {name: runs for name, runs in found.items() if runs}
+
+
+def _finished(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
+    return [run for run in runs if run.finished]

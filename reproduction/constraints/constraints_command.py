@@ -40,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if there is no run on the distance task.
     """
-    from reproduction.constraints.constraints_findings import evaluate_findings
-    from reproduction.constraints.constraints_page import draw_all, flat_row, page, show
+    from reproduction.constraints.constraints_page import draw_all, evaluated, flat_row, page, show
     from saver_advisors.reporting.errors import UsageError
 
     results = read(args.results)
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     if not rows:
         others = ", ".join(sorted({one.task for one in results.runs}))
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
-    findings = evaluate_findings(rows)
+    findings = evaluated(rows)
     show(rows, findings, results)
     figures: dict[str, Any] = {
         "title": "Learning under a constraint",

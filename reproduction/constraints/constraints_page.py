@@ -1,14 +1,21 @@
-"""Render the comparison with chapter 6 as a page with figures, and print its tables."""
+"""Evaluate the findings of chapter 6 on training runs, and render the comparison as a page.
+
+Chapter 6 shows curves (Figures 6.1 and 6.2) and no table. Here its findings are thresholds:
+"succeeds" is a success rate of at least half of the 0.70 that it shows at best, and "never
+succeeds" one of at most 0.05.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import print_skipped
-from reproduction.constraints.constraints_findings import PAPER_BEST, ConstraintFinding
-from reproduction.page_parts import pictures
+import numpy as np
+
+from reproduction.command_parts import pictures, print_skipped, save_panels
+from reproduction.findings import Verdict, verdict_of
 from saver_advisors.benchmark.run_tables import (
     NOTHING,
     origin,
@@ -17,13 +24,28 @@ from saver_advisors.benchmark.run_tables import (
     under_way_list,
 )
 from saver_advisors.evaluation.statistics import Estimate, estimate
-from saver_advisors.experiments.plots import Panel, draw_panels
-from saver_advisors.experiments.summary import MINUTE, MethodRow
-from saver_advisors.experiments.training_runs import Results
+from saver_advisors.experiments.plots import Panel
+from saver_advisors.experiments.summary import MINUTE, MethodRow, success_resolution
+from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.figures import Drawn
 from saver_advisors.reporting.tables import join_parts, markdown, records_table, rows_table
 from saver_advisors.reporting.tables import show as show_table
 
+PAPER_BEST: Final = 0.70
+"""Highest SR of the three stages in Figure 6.2."""
+SUCCEEDS: Final = PAPER_BEST / 2
+NEVER: Final = 0.05
+
+METHOD: Final = "min"
+NO_EXPLORING: Final = "advising without the third stage"
+#: Rows of the table, by the class names of `saver benchmark run` and one name of the grid -> names
+#: on the page.
+BASELINES: Final[Mapping[str, str]] = {
+    "CPO": "CPO",
+    "TRPOLagrangian": "TRPO-Lagrangian",
+    "PPOLagrangian": "PPO-Lagrangian",
+    "hindsight alone": "HER that is conditioned on the constraint",
+}
 RATES: Final = {"SR": "success_rate", "GSR": "goal_success_rate", "CMR": "constraint_met_rate"}
 CAPTIONS: Final = {
     "SR": "SR: both at their targets, the distance kept at every step.",
@@ -64,6 +86,82 @@ FINDINGS: Final = """\
 """
 
 FINDING_COLUMNS: Final = ("finding", "in these runs", "evidence")
+
+
+@dataclass(frozen=True)
+class ConstraintFinding:
+    """One finding of the chapter.
+
+    :param text: the finding in words.
+    :param verdict: whether it holds in these runs.
+    :param evidence: the figures behind the verdict.
+    """
+
+    text: str
+    verdict: Verdict
+    evidence: str
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return asdict(self)
+
+
+Rule = Callable[[MethodRow], tuple[bool | None, str]]
+"""Whether a finding holds for a row (None: cannot be told), and the figures that decide it."""
+
+
+def evaluated(rows: Sequence[MethodRow]) -> list[ConstraintFinding]:
+    """Evaluate every finding.
+
+    :param rows: rows of the distance task.
+    :return: the findings; those about missing rows cannot be told.
+    """
+    named = {row.name: row for row in rows if row.n}
+
+    def evaluate(text: str, name: str, rule: Rule) -> ConstraintFinding:
+        if name not in named:
+            return ConstraintFinding(text, verdict_of(None), "no finished run")
+        holds, figures = rule(named[name])
+        return ConstraintFinding(text, verdict_of(holds), f"{figures} (n = {named[name].n})")
+
+    succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
+    decays = "Advising without the third stage rises a little and decays"
+    return [
+        evaluate(succeed, METHOD, _succeeds),
+        *(evaluate(f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
+        evaluate(decays, NO_EXPLORING, _decays),
+    ]
+
+
+def _bests(row: MethodRow) -> list[float]:
+    """Return the highest success rate of each run."""
+    return [float(run.curve.success.max()) for run in row.runs]
+
+
+def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
+    best = max(_bests(row))
+    near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
+    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
+
+
+def _never(row: MethodRow) -> tuple[bool | None, str]:
+    best = max(_bests(row))
+    return best <= NEVER, f"SR {best:.2f} at best"
+
+
+def _decays(row: MethodRow) -> tuple[bool | None, str]:
+    """Compare the highest success with the success at the end."""
+    best = float(np.mean(_bests(row)))
+    last = float(np.mean([_last(run) for run in row.runs]))
+    resolved = best - last > success_resolution(best, row.runs[0].episodes)
+    holds = False if max(_bests(row)) <= NEVER else resolved or None
+    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter"
+
+
+def _last(run: TrainingRun) -> float:
+    """Compute the mean success of the last quarter of a curve."""
+    success = np.asarray(run.curve.success)
+    return float(success[-max(1, len(success) // 4) :].mean())
 
 
 def final_rate(row: MethodRow, name: str) -> Estimate | None:
@@ -109,7 +207,7 @@ def page(
     finished = [row for row in rows if row.n]
     parts = ["# Learning under a constraint, measured", INTRODUCTION, "## Methods"]
     if finished:
-        parts.append(method_table(finished))
+        parts.append(records_table(map(_method_cells, finished)))
     parts.append(under_way_list(rows))
     if results.references:
         parts += ["Policies that did not learn this task:\n", references(results)]
@@ -122,17 +220,8 @@ def page(
     return join_parts([*parts, skipped_list(results.skipped), origin(results.runs)])
 
 
-def method_table(rows: Sequence[MethodRow]) -> str:
-    """Render every row with its rates and violations.
-
-    :param rows: rows with finished runs.
-    :return: Markdown.
-    """
-    return records_table(map(_method_cells, rows))
-
-
 def _method_cells(row: MethodRow) -> dict[str, str]:
-    """Return the cells of a row by their headings."""
+    """Return the rates and violations of a row with finished runs, by their headings."""
     costs = [run.final.get("cost_means", {}).get("cost_distance") for run in row.runs if run.final]
     training = [run.points[-1].get("training_cost") for run in row.runs]
     steps = sorted({run.curve.steps[-1] for run in row.runs})
@@ -205,17 +294,16 @@ def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     :return: the figures, in the order of the rates.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = []
+    drawn: list[Drawn] = []
     for label, name in RATES.items():
-        shown = {}
-        for row in rows:
-            if runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)]:
-                shown[row.name] = runs
-        if shown:
-            path = folder / f"{name.replace('_', '-')}.png"
-            draw_panels([Panel("DualJacoDistance-v0", shown)], name).savefig(path)
-            print(f"wrote {path}")
-            drawn.append(Drawn(path, CAPTIONS[label]))
+        shown = {
+            row.name: runs
+            for row in rows
+            if (runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)])
+        }
+        panels = [Panel("DualJacoDistance-v0", shown)] if shown else []
+        path = folder / f"{name.replace('_', '-')}.png"
+        drawn += save_panels(panels, name, path, CAPTIONS[label])
     return drawn
 
 

@@ -44,27 +44,12 @@ START_SPEED: Final = 0.2
 Array = NDArray[np.float32]
 
 
-def best_efforts(horizon: int = HORIZON, cost_limit: float = COST_LIMIT) -> NDArray[np.float64]:
-    """Return the optimal efforts.
+def best_return(horizon: int = HORIZON, cost_limit: float = COST_LIMIT) -> float:
+    """Return R*, the best mean return under the limit.
 
     :param horizon: T, steps.
-    :param cost_limit: d, mean sum of squared efforts per episode.
-    :return: (horizon,).
-    :raises ValueError: if an effort would exceed 1, where the closed form does not hold.
+    :param cost_limit: d, mean sum of squared efforts per episode; small enough for u_0 <= 1.
     """
-    left = np.arange(horizon, 0, -1, dtype=np.float64)
-    efforts: NDArray[np.float64] = left * math.sqrt(cost_limit / float(np.sum(left**2)))
-    if efforts[0] > 1.0:
-        raise ValueError(
-            f"cost_limit={cost_limit} is too much for {horizon} steps: the best first effort would "
-            f"be {efforts[0]:.3g}, above 1"
-        )
-    return efforts
-
-
-def best_return(horizon: int = HORIZON, cost_limit: float = COST_LIMIT) -> float:
-    """Return R*, the best mean return under the limit; arguments as in :func:`best_efforts`."""
-    best_efforts(horizon, cost_limit)
     return math.sqrt(cost_limit * (horizon + 1) * (2 * horizon + 1) / (6 * horizon))
 
 

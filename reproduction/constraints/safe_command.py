@@ -16,8 +16,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_seeds
-from reproduction.page_parts import measured_at
+from reproduction.command_parts import add_choices, add_seeds, measured_at
 from saver_advisors.cli.arguments import add_count, add_page, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.tables import Column, between_markers, join_parts, rows_table

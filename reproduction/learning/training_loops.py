@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
-
-from reproduction.learning.stopwatch import Stopwatch
 
 AS_CONFIGURED: Final = "as configured"
 UPDATE: Final = "update"
@@ -106,19 +105,67 @@ def settings_of(env_id: str, variant: Variant) -> Any:
     return replace(config, **changes)
 
 
+class Stopwatch:
+    """Adds up the processor time of each watched method.
+
+    Time that a watched method spends in another one counts for the latter only, so that the parts
+    add up to the whole.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._running: list[str] = []
+        self._since = 0.0
+
+    def watch(self, owner: Any, method: str, part: str) -> None:
+        """Time a method of one object from now on.
+
+        :param owner: the object, whose attributes must be settable.
+        :param method: name of the method.
+        :param part: the part that its time counts for.
+        :raises AttributeError: if the object has no such method.
+        """
+        inner = getattr(owner, method)
+        self.seconds.setdefault(part, 0.0)
+
+        @functools.wraps(inner)
+        def timed(*arguments: Any, **named: Any) -> Any:
+            self._lap()
+            self._running.append(part)
+            try:
+                return inner(*arguments, **named)
+            finally:
+                self._lap()
+                self._running.pop()
+
+        setattr(owner, method, timed)
+
+    def take(self) -> dict[str, float]:
+        """Return the seconds of each part since the last call, and start again at 0."""
+        taken = dict(self.seconds)
+        self.seconds = dict.fromkeys(taken, 0.0)
+        return taken
+
+    def _lap(self) -> None:
+        """Add the time since the last lap to the part that is running."""
+        now = time.process_time()
+        if self._running:
+            self.seconds[self._running[-1]] += now - self._since
+        self._since = now
+
+
 class TimedLoop:
     """A learner that trains block by block: one episode in each environment, then updates.
 
     :param model: an SB3 algorithm with a ``train_freq`` of one episode.
-    :param n_envs: number of environments of its vector environment.
     :param horizon: number of steps of an episode.
-    :param updates: number of gradient steps after each block.
+    :param config: the run's configuration.
     """
 
-    def __init__(self, model: Any, n_envs: int, horizon: int, updates: int) -> None:
+    def __init__(self, model: Any, horizon: int, config: Any) -> None:
         self.model = model
-        self.steps = n_envs * horizon
-        self.updates = updates
+        self.steps = config.n_envs * horizon
+        self.updates = config.gradient_steps
         self.watch = Stopwatch()
         self._blocks = 0
 
@@ -159,7 +206,7 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     model: Any = build_model(config, env)
     if variant.prepare is not None:
         variant.prepare(model)
-    loop = TimedLoop(model, config.n_envs, episode_horizon(env), config.gradient_steps)
+    loop = TimedLoop(model, episode_horizon(env), config)
     if not by_part:
         loop.watch.watch(model, "train", UPDATE)
         return loop
@@ -182,7 +229,7 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
 
     from saver_advisors.learner.algorithms import episode_horizon
 
-    config = settings_of(env_id, Variant(AS_CONFIGURED))
+    config = settings_of(env_id, VARIANTS[0])
     env = _training_env(env_id, config)
     horizon = episode_horizon(env)
     model: Any = getattr(stable_baselines3, algorithm)(
@@ -200,7 +247,7 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
         device="cpu",
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    loop = TimedLoop(model, config.n_envs, horizon, config.gradient_steps)
+    loop = TimedLoop(model, horizon, config)
     loop.watch.watch(model, "train", UPDATE)
     return loop
 
@@ -212,12 +259,9 @@ def evaluation_seconds(env_id: str) -> tuple[float, int]:
     :return: processor seconds of an evaluation, and the environment steps between two.
     """
     from saver_advisors.evaluation.episodes import evaluate_policy
-    from saver_advisors.training.building import build_model
-    from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-    config = settings_of(env_id, Variant(AS_CONFIGURED))
-    env = SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **config.env_kwargs)
-    model = build_model(config, env)
+    config = settings_of(env_id, VARIANTS[0])
+    model = our_loop(env_id, VARIANTS[0], by_part=False).model
 
     def act(observation: dict[str, Any]) -> Any:
         return model.predict(observation, deterministic=True)[0]

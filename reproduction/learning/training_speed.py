@@ -8,11 +8,12 @@ block, on one core and in processor time, so that other work on the machine affe
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices, measure_and_render, measured_at
 from reproduction.learning.training_loops import (
     AS_CONFIGURED,
     UPDATE,
@@ -27,10 +28,9 @@ from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
 from saver_advisors.cli.arguments import add_count, add_page, env_id
+from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+from saver_advisors.reporting.tables import join_parts, markdown, rows_table
 
 EXAMPLES: Final = """\
 examples:
@@ -76,9 +76,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if SBX cannot be installed or run, or if a file cannot be written.
     """
-    from reproduction.learning.learning_page import render
-    from saver_advisors.reporting.errors import UsageError
-
     try:
         return measure_and_render(args, "learning", lambda: measure(args), render)
     except (PeerError, OSError) as error:
@@ -96,7 +93,16 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     rows = []
     with cores(1):
         for env_id in args.envs:
-            row = {"env": env_id, **settings(env_id), **parts_row(env_id, args.rounds)}
+            config = settings_of(env_id, VARIANTS[0])
+            row = {
+                "env": env_id,
+                "n_envs": config.n_envs,
+                "net_arch": list(config.net_arch),
+                "batch_size": config.batch_size,
+                "gradient_steps": config.gradient_steps,
+                "advice": None if config.advice is None else config.advice.strategy,
+                **parts_row(env_id, args.rounds),
+            }
             row["variants"] = variant_rows(env_id, args.variants, args.stock, args.rounds)
             if args.sbx:
                 row["sbx"] = sbx_row(env_id, args.rounds, args.peer_cache)
@@ -108,22 +114,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         "load_before": load_before,
         "load_after": load_averages(),
         "rows": rows,
-    }
-
-
-def settings(env_id: str) -> dict[str, Any]:
-    """Return the settings that the figures depend on: sizes of networks and batches, updates.
-
-    :param env_id: id of the environment.
-    :return: JSON-able settings.
-    """
-    config = settings_of(env_id, VARIANTS[0])
-    return {
-        "n_envs": config.n_envs,
-        "net_arch": list(config.net_arch),
-        "batch_size": config.batch_size,
-        "gradient_steps": config.gradient_steps,
-        "advice": None if config.advice is None else config.advice.strategy,
     }
 
 
@@ -226,3 +216,75 @@ def sbx_row(env_id: str, rounds: int, cache: Path) -> dict[str, Any]:
         "times_as_fast_an_update": median_ratio(ours, theirs),
         "versions": dict(versions),
     }
+
+
+INTRODUCTION: Final = """\
+Generated from the JSON file of `python -m reproduction learning`. A block is one episode in each
+environment and the gradient steps after it. Times are processor time on one core. Compared loops
+were measured alternately, block by block: figures are medians over the blocks, ratios medians of
+the blocks' ratios. The effect of a change on the success rate is not measured here; success against
+steps and minutes, ours and SB3's, is [beside the baselines](benchmark-td3-her.md).
+"""
+
+ONE_CHANGE: Final = """\
+One change at a time, and SB3's own algorithms with its hindsight replay, with the same widths,
+batches and updates per block. Speed-ups are relative to the first row.
+"""
+
+VARIANT_COLUMNS: Final = {
+    "learner": "{name}",
+    "ms per update": "{update_ms:.1f}",
+    "speed-up per update": "{times_as_fast_an_update:.2f}x",
+    "steps per second": "{steps_per_second:,.0f}",
+    "speed-up in all": "{times_as_fast:.2f}x",
+}
+
+
+def render(figures: Mapping[str, Any]) -> str:
+    """Render the figures as a page.
+
+    :param figures: what was measured, or the content of its JSON file.
+    :return: Markdown.
+    """
+    parts = ["# Speed of learning", INTRODUCTION]
+    for row in figures["rows"]:
+        parts += [f"## {row['env']}", _settings(row), _parts(row), ONE_CHANGE]
+        parts.append(rows_table(row["variants"], VARIANT_COLUMNS))
+        if "sbx" in row:
+            parts.append(_sbx(row["sbx"]))
+    return join_parts([*parts, _origin(figures)])
+
+
+def _settings(row: Mapping[str, Any]) -> str:
+    widths = " x ".join(str(width) for width in row["net_arch"])
+    advice = f"advised by `{row['advice']}`" if row["advice"] else "without advice"
+    return (
+        f"{row['n_envs']} environments, {widths} units, batches of {row['batch_size']}, "
+        f"{row['gradient_steps']} updates per block, {advice}."
+    )
+
+
+def _parts(row: Mapping[str, Any]) -> str:
+    cells = [
+        [name, f"{milliseconds:.0f}", f"{milliseconds / row['total']:.0%}"]
+        for name, milliseconds in row["parts"].items()
+    ]
+    cells.append(["in all", f"{row['total']:.0f}", ""])
+    return markdown(["part", "ms per 1,000 steps", "share"], cells)
+
+
+def _sbx(row: Mapping[str, Any]) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in row["versions"].items())
+    return (
+        f"SBX's TD3 ({versions}), compiled by XLA, with the same widths and batches: "
+        f"{row['update_ms']:.1f} ms per update, {row['times_as_fast_an_update']:.2f} times as fast "
+        "as ours beside it."
+    )
+
+
+def _origin(figures: Mapping[str, Any]) -> str:
+    loads = " and ".join(
+        str(one[0]) for one in (figures["load_before"], figures["load_after"]) if one
+    )
+    told = f" The system's load average was {loads} before and after." if loads else ""
+    return f"Medians over {figures['rounds']} blocks.{told} {measured_at(figures)}".rstrip()

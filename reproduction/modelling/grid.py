@@ -1,30 +1,187 @@
-"""List the cells of chapter 7's grid, read their results, and train the cells without results."""
+"""The cells of chapter 7's grid: train and measure them, and read their results."""
 
 from __future__ import annotations
 
 import json
 import multiprocessing
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from statistics import median
+from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.modelling.grid_cells import DEVICES, PRECISIONS, GridCell, run_cell
+import numpy as np
+
+from saver_advisors.benchmark.machine import timed
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
     from saver_envs.modelling.arms import Task
+    from saver_envs.modelling.chain import FloatArray
+    from saver_envs.modelling.models import InverseModel
     from saver_envs.modelling.networks import Device, Precision
 
+# As in `saver_envs.modelling.networks`, which imports torch.
+PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
+DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
+
+SAMPLES_A_SIZE: Final = 10_000
+"""Size k stands for the first k x 10,000 consecutive samples."""
+
+SIZES: Final = (1, 2, 3, 4, 5, 6)
+SIGMAS: Final = (0.0, 0.2, 0.4, 0.6)
+
+PAPER_EPOCHS: Final = 100
+"""Epochs of the paper's training runs."""
+
+REFINED: Final = 2
+"""Newton steps after a network's prediction, for the refined figures."""
+
+_TASK_SPACE_ROWS: Final = 6000
+_LARGE_BATCH: Final = 4096
+_LATENCY_CALLS: Final = 300
 #: Models whose networks are trained in the requested precision.
 _IN_EITHER_PRECISION = frozenset({"mlp", "cgan", "lsgan", "bigan", "dualgan", "conditional"})
 #: Models that are trained on the requested device; the others have no networks.
 _ON_EITHER_DEVICE = _IN_EITHER_PRECISION | {"flow"}
 #: Keys of a complete result besides the cell's own fields.
 _COMPLETE = frozenset({"test_rmse", "validation_rmse", "latency_ms", "provenance"})
+
+
+@dataclass(frozen=True)
+class GridCell:
+    """Everything that the result of a training run depends on.
+
+    :param robot: name of the arm.
+    :param task: "ik" or "id".
+    :param model: name of the model.
+    :param size: number of samples, in tens of thousands.
+    :param sigma: standard deviation of the fake inputs; 0 for models that are not adversarial.
+    :param seed: seed of split, weights and noise.
+    :param epochs: epochs of training.
+    :param supervised_weight: weight of the squared error in an adversarial model's loss.
+    :param precision: precision of the matrix products during training.
+    :param data_seed: seed of the data set.
+    :param device: device that trains.
+    """
+
+    robot: str
+    task: Task
+    model: str
+    size: int
+    sigma: float
+    seed: int
+    epochs: int = PAPER_EPOCHS
+    supervised_weight: float = 0.0
+    precision: Precision = "float32"
+    data_seed: int = 0
+    device: Device = "cpu"
+
+    @property
+    def file_name(self) -> str:
+        """Name of the cell's JSON file."""
+        supervised = f"-supervised{self.supervised_weight:g}" if self.supervised_weight else ""
+        epochs = f"-epochs{self.epochs}" if self.epochs != PAPER_EPOCHS else ""
+        precision = f"-{self.precision}" if self.precision != "float32" else ""
+        device = f"-{self.device}" if self.device != "cpu" else ""
+        return (
+            f"{self.robot}-{self.task}-{self.model}{supervised}{epochs}{precision}{device}"
+            f"-size{self.size}-sigma{self.sigma:g}-seed{self.seed}.json"
+        )
+
+
+def run_cell(cell: GridCell) -> dict[str, Any]:
+    """Train a cell's model and measure it.
+
+    :param cell: the cell.
+    :return: JSON-able: the cell's own fields, and ``validation_rmse``, ``test_rmse`` (over all
+        joints, and over those that move the hand), ``per_joint``, ``task_space_mm``,
+        ``latency_ms``, ``batch_us`` and ``training_s``.
+    """
+    from saver_envs.modelling.arms import arm_named
+    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.models import Training, new_model
+
+    data = twin_data_set(cell.robot, cell.data_seed)
+    inputs, outputs = samples_of(data.train.first(cell.size * SAMPLES_A_SIZE), cell.task)
+    test_inputs, test_outputs = samples_of(data.test, cell.task)
+    model = new_model(cell.model, cell.robot, cell.task)
+    training = Training(
+        epochs=cell.epochs,
+        sigma=cell.sigma,
+        supervised_weight=cell.supervised_weight,
+        precision=cell.precision,
+        device=cell.device,
+        seed=cell.seed,
+    )
+    wall, cpu = time.perf_counter(), time.process_time()
+    history = model.fit(inputs, outputs, training)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    # A model that needs the present joints receives those of the previous sample.
+    before = np.concatenate([test_outputs[:1], test_outputs[:-1]])
+    present = before if model.needs_present else None
+    predicted = model.predict(test_inputs, present)
+    per_joint = np.sqrt(np.square(predicted - test_outputs).mean(axis=0))
+    moving = [joint for joint in range(model.arm.dof) if joint not in model.arm.idle_joints]
+    result: dict[str, Any] = {
+        **asdict(cell),
+        "validation_rmse": rms(history.per_output),
+        "validation_rmse_moving": rms([history.per_output[joint] for joint in moving]),
+        "test_rmse": rms(per_joint.tolist()),
+        "test_rmse_moving": rms(per_joint[moving].tolist()),
+        "per_joint": per_joint.tolist(),
+        "best_epoch": history.best_epoch,
+        "training_s": {"wall": wall, "cpu": cpu},
+        **prediction_speed(model, test_inputs, present),
+    }
+    if cell.task == "ik":
+        result["task_space_mm"] = _task_space(arm_named(cell.robot), test_inputs, predicted)
+    return result
+
+
+def rms(values: list[float]) -> float:
+    """Combine the root mean squares of channels into one."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _task_space(arm: Any, targets: FloatArray, joints: FloatArray) -> dict[str, dict[str, float]]:
+    """Measure the distance from hand to target (mm), before and after Newton steps."""
+    from saver_envs.modelling.accuracy import distances
+    from saver_envs.modelling.solvers import newton
+
+    few = slice(0, len(targets), max(1, len(targets) // _TASK_SPACE_ROWS))
+    targets, joints = targets[few], joints[few]
+    refined = newton(arm, targets, joints, REFINED, arm.chain)
+    return {
+        name: distances(np.linalg.norm(arm.chain.position(one) - targets, axis=1))
+        for name, one in (("raw", joints), ("refined", refined))
+    }
+
+
+def prediction_speed(
+    model: InverseModel, inputs: FloatArray, present: FloatArray | None
+) -> dict[str, float]:
+    """Time single predictions and batches; figures are medians over calls.
+
+    :param model: the model.
+    :param inputs: (n, inputs), at least one row.
+    :param present: (n, joints) present joints in rad, if the model needs them.
+    :return: ``latency_ms`` of one prediction, and ``batch_us`` per prediction of up to 4,096.
+    """
+    rows, many = len(inputs), min(_LARGE_BATCH, len(inputs))
+
+    def duration(first: int, count: int) -> float:
+        chosen = slice(first, first + count)
+        now = None if present is None else present[chosen]
+        return timed(lambda: model.predict(inputs[chosen], now))
+
+    one = [duration(call % rows, 1) for call in range(_LATENCY_CALLS)]
+    batch = [duration(0, many) for _ in range(7)]
+    return {"latency_ms": median(one) * 1e3, "batch_us": median(batch) / many * 1e6}
 
 
 def cells_of(

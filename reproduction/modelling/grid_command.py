@@ -7,13 +7,23 @@ interrupted grid can be continued. The commands ``ik`` and ``id`` differ in the 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, add_seeds, measure_and_render
-from reproduction.modelling.grid_cells import SAMPLES_A_SIZE, SIGMAS, SIZES
+from reproduction.modelling.grid import (
+    SAMPLES_A_SIZE,
+    SIGMAS,
+    SIZES,
+    as_known,
+    cells_of,
+    results_of,
+    run_grid,
+)
+from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
+from reproduction.modelling.paper_claims import claims, little_data
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
@@ -85,14 +95,13 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if no cell has a result, or if there is no GPU and ``--device`` names one.
     """
-    from reproduction.modelling.grid_page import render
-
     return measure_and_render(args, f"modelling-{args.task}", lambda: _measure(args), render)
 
 
 def _measure(args: argparse.Namespace) -> dict[str, Any]:
-    from reproduction.modelling.grid import as_known, cells_of, results_of
-    from reproduction.modelling.paper_claims import claims, little_data
+    from tqdm import tqdm
+
+    from saver_envs.modelling.arms import TASK_NAMES
     from saver_envs.modelling.models import Training
 
     grid = args.robot, args.task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
@@ -107,12 +116,19 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
             for weight in args.supervised_weight:
                 Training(supervised_weight=weight)
         prepare_data(args.robot)
-        _train(cells, args.results, args.processes)
+        done = len(results_of(cells, args.results))
+        with tqdm(total=len(cells), initial=done, unit="cell", dynamic_ncols=True) as progress:
+            for result in run_grid(cells, args.results, args.processes):
+                progress.set_description(f"{result['model']}, size {result['size']}")
+                progress.update()
     results = results_of(cells, args.results)
     if not results:
         raise UsageError(f"argument --results: {args.results} has none of the cells asked for")
+    title = f"{TASK_NAMES[args.task].capitalize()}, {args.robot}"
+    if len(args.sizes) == 1:
+        title += f", {args.sizes[0] * SAMPLES_A_SIZE:,} samples"
     return {
-        "title": _title(args.task, args.robot, args.sizes),
+        "title": title,
         "kind": f"modelling-{args.task}",
         "robot": args.robot,
         "task": args.task,
@@ -121,23 +137,3 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
         "claims": claims(args.robot, args.task, results),
         "little_data": little_data(args.task, results),
     }
-
-
-def _title(task: Task, robot: str, sizes: Sequence[int]) -> str:
-    """Name the task and the arm, and the size if the grid has only one."""
-    from saver_envs.modelling.arms import TASK_NAMES
-
-    title = f"{TASK_NAMES[task].capitalize()}, {robot}"
-    return f"{title}, {sizes[0] * SAMPLES_A_SIZE:,} samples" if len(sizes) == 1 else title
-
-
-def _train(cells: Sequence[Any], folder: Path, processes: int) -> None:
-    from tqdm import tqdm
-
-    from reproduction.modelling.grid import results_of, run_grid
-
-    done = len(results_of(cells, folder))
-    with tqdm(total=len(cells), initial=done, unit="cell", dynamic_ncols=True) as progress:
-        for result in run_grid(cells, folder, processes):
-            progress.set_description(f"{result['model']}, size {result['size']}")
-            progress.update()

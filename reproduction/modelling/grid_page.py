@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from reproduction.findings import verdict_of
-from reproduction.modelling.grid_cells import PAPER_EPOCHS
+from reproduction.modelling.grid import PAPER_EPOCHS
 from reproduction.modelling.paper_claims import ADVERSARIAL, paper, paper_cells
 from saver_advisors.reporting.tables import markdown, rows_table
 

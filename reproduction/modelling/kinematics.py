@@ -12,15 +12,20 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import measure_and_render
+import numpy as np
+
+from reproduction.modelling.grid import prediction_speed
+from reproduction.modelling.model_arguments import add_arms_and_models, measure_models, origin
 from saver_advisors.benchmark.machine import median_ratio, timed
-from saver_advisors.cli.arguments import add_count
+from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.reporting.tables import Column, rows_table
 from saver_envs.modelling.accuracy import accuracy, unseen_targets
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.models import InverseModel
+from saver_envs.modelling.kinematics import LearnedInverseKinematics
+from saver_envs.modelling.models import InverseModel, Training, new_model
+from saver_envs.modelling.shipped import shipped_model
+from saver_envs.modelling.workspace import workspace_samples
 
 EXAMPLES: Final = """\
 examples:
@@ -47,14 +52,9 @@ _STEPS: Final = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from reproduction.modelling.model_arguments import add_arms_and_models
-    from reproduction.modelling.weight_files import add_weights
-    from saver_advisors.cli.arguments import add_page
-
     add_arms_and_models(
         parser, ARMS, NETWORKS, "networks to train on targets of the workspace and to use raw"
     )
-    add_weights(parser)
     add_count(parser, "--samples", 60_000, "training samples of these networks", least=100)
     add_count(parser, "--episodes", 100, "episodes of each evaluation")
     add_page(parser)
@@ -67,40 +67,25 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
-    from reproduction.modelling.kinematics_page import render
-    from reproduction.modelling.model_arguments import training_of
-    from reproduction.modelling.weight_files import cards_of, trained_before
-
-    training = training_of(args)
-    before = trained_before(args.weights, args.robots, "ik", (SHIPPED, SHIPPED_GAN, *args.models))
-
-    def figures() -> dict[str, Any]:
-        found = measure(args.robots, args.models, before, args.samples, training, args.episodes)
-        return found | cards_of(args.weights)
-
-    return measure_and_render(args, "kinematics", figures, render)
+    return measure_models(args, "kinematics", "ik", (SHIPPED, SHIPPED_GAN), measure, render)
 
 
 def measure(
-    robots: Sequence[str],
-    models: Sequence[str],
-    before: Mapping[str, Mapping[str, InverseModel]],
-    samples: int,
+    args: argparse.Namespace,
     training: Mapping[str, Any],
-    episodes: int,
+    before: Mapping[str, Mapping[str, InverseModel]],
 ) -> dict[str, Any]:
     """Take every measurement.
 
-    :param robots: names of the arms.
-    :param models: models to train, besides the shipped ones.
-    :param before: models of weight files, by arm and name.
-    :param samples: number of samples to train on.
+    :param args: see :func:`add_arguments`.
     :param training: ``epochs``, ``precision`` and ``device`` of the training.
-    :param episodes: number of episodes of each evaluation.
+    :param before: models of weight files, by arm and name.
     :return: JSON-able: ``prediction``, ``cost``, ``accuracy`` and ``success``.
     """
+    robots, episodes = args.robots, args.episodes
     inverses = {
-        robot: _inverses(robot, models, samples, training) | dict(before[robot]) for robot in robots
+        robot: {**_inverses(robot, args.models, args.samples, training), **before[robot]}
+        for robot in robots
     }
     used = [robot for robot in robots if robot in ENVS]
     # Times first: the machine should be idle while they are measured, less than a minute.
@@ -124,7 +109,7 @@ def measure(
     return {
         "title": "Learned inverse kinematics in use",
         "kind": "kinematics",
-        "samples": samples,
+        "samples": args.samples,
         **training,
         "prediction": predictions,
         "accuracy": accuracies,
@@ -151,10 +136,6 @@ def _inverses(
     """Load the shipped models, and train the others."""
     from tqdm import tqdm
 
-    from saver_envs.modelling.models import Training, new_model
-    from saver_envs.modelling.shipped import shipped_model
-    from saver_envs.modelling.workspace import workspace_samples
-
     found: dict[str, Any] = {
         SHIPPED: shipped_model(robot),
         SHIPPED_GAN: shipped_model(robot, adversarial=True),
@@ -169,8 +150,6 @@ def _inverses(
 
 def _prediction(robot: str, name: str, model: Any) -> dict[str, Any]:
     """Time a model alone, for one target and for each of many."""
-    from reproduction.modelling.grid_cells import prediction_speed
-
     unseen = unseen_targets(robot)
     present = unseen.joints if model.needs_present else None
     return {"robot": robot, "model": name, **prediction_speed(model, unseen.targets, present)}
@@ -182,10 +161,7 @@ def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
     The states and set-points are those of random actions. Each call runs once after a step, as in
     use: a second call in a row would find its data in the processor's caches.
     """
-    import numpy as np
-
     from saver_envs.control import DampedLeastSquares
-    from saver_envs.modelling.kinematics import LearnedInverseKinematics
     from saver_envs.registration import make_episodes
 
     episodes = make_episodes(ENVS[robot], n_envs)
@@ -230,15 +206,24 @@ def _success(
     episodes: int,
     wrapper: bool = False,
 ) -> dict[str, Any]:
-    """Evaluate a policy whose set-points a model turns into joint targets."""
+    """Evaluate a policy whose set-points a model turns into joint targets.
+
+    With ``wrapper`` the environment is in joint control, and the wrapper turns the set-points.
+    """
+    import gymnasium
+
     from saver_advisors.cli.policies import resolve
-    from saver_advisors.evaluation.episodes import evaluate_policy
-    from saver_envs.modelling.kinematics import LearnedInverseKinematics
+    from saver_advisors.evaluation.episodes import SingleEpisodeEnv, evaluate_policy, run_episodes
+    from saver_envs.wrappers.learned_ik import LearnedIKAction
 
     env_id = ENVS[robot]
     predict = resolve(policy, env_id, {}).predict
     if wrapper:
-        outcomes = _through_wrapper(env_id, predict, model, steps, episodes)
+        joints: Any = gymnasium.make(f"saver_envs:{env_id}", control="joints")
+        with LearnedIKAction(joints, model, steps or 0) as env:
+            task = joints.unwrapped.episodes.task
+            single = SingleEpisodeEnv(env)
+            outcomes = run_episodes(predict, single, task, env_id=env_id, episodes=episodes)
     else:
         kwargs = {}
         if model is not None and steps is not None:
@@ -256,15 +241,67 @@ def _success(
     }
 
 
-def _through_wrapper(env_id: str, predict: Any, model: Any, steps: Any, episodes: int) -> Any:
-    """Evaluate a Cartesian policy on an environment in joint control, through the wrapper."""
-    import gymnasium
+ACCURACY: Final = {
+    "arm": "{robot}",
+    "model": "{model}",
+    **{
+        label.replace("_", " "): f"{{millimetres[{label}][median]:.3g}} / "
+        f"{{millimetres[{label}][p99]:.3g}}"
+        for label in ("raw", "one_step", "two_steps", "as_used")
+    },
+}
+PREDICTION: Final = {
+    "arm": "{robot}",
+    "model": "{model}",
+    "one prediction (ms)": "{latency_ms:.3f}",
+    "one of 4096 (us)": "{batch_us:.1f}",
+}
+COST: Final = {
+    "arm": "{robot}",
+    "n_envs": "{n_envs}",
+    "learned (us)": "{learned_us:.0f}",
+    "least squares (us)": "{damped_least_squares_us:.0f}",
+    "ratio": "{ratio:.2f}x",
+    "share of a step": "{share_of_step:.1%}",
+}
+SUCCESS: Final[Mapping[str, Column]] = {
+    "environment": "{env}",
+    "policy": "{policy}",
+    "inverse kinematics": "{inverse_kinematics}",
+    "used in": "{used_in}",
+    "Newton steps": lambda one: "-" if one["refinement"] is None else str(one["refinement"]),
+    "success": "{success:.3f} [{interval[0]:.3f}, {interval[1]:.3f}]",
+}
 
-    from saver_advisors.evaluation.episodes import SingleEpisodeEnv, run_episodes
-    from saver_envs.wrappers.learned_ik import LearnedIKAction
 
-    joints: Any = gymnasium.make(f"saver_envs:{env_id}", control="joints")
-    with LearnedIKAction(joints, model, steps) as env:
-        task = joints.unwrapped.episodes.task
-        single = SingleEpisodeEnv(env)
-        return run_episodes(predict, single, task, env_id=env_id, episodes=episodes)
+def render(figures: Mapping[str, Any]) -> str:
+    """Render the results as a page.
+
+    :param figures: the measurements, or the content of their JSON file.
+    :return: Markdown.
+    """
+    parts = [
+        f"# {figures['title']}\n",
+        "## Accuracy\n",
+        "Distance of the hand from unseen targets in the workspace, median / 99th percentile, mm. "
+        "*As used* adds a search for the nearest point if two Newton steps miss the target."
+        f"{origin(figures)}\n",
+        rows_table(figures["accuracy"], ACCURACY),
+        "## Prediction time\n",
+        "A model without refinement: for a single target, and per target in a batch of 4,096.\n",
+        rows_table(figures["prediction"], PREDICTION),
+    ]
+    if figures["cost"]:
+        parts += [
+            "One call for all environments: the shipped models with refinement, on states and "
+            "set-points of random actions, each call after a step, as in use. *Ratio* is the "
+            "median over the rounds.\n",
+            rows_table(figures["cost"], COST),
+        ]
+    if success := figures["success"]:
+        parts += [
+            "## In use\n",
+            f"Success over {success[0]['episodes']} episodes, 95% intervals.\n",
+            rows_table(sorted(success, key=lambda one: (one["env"], one["policy"])), SUCCESS),
+        ]
+    return "\n".join(parts)

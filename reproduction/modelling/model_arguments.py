@@ -1,14 +1,20 @@
-"""Declare the arguments that several commands of chapter 7 share."""
+"""Arguments that several commands of chapter 7 share, and models that are read from files."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import add_choices
-from reproduction.modelling.grid_cells import DEVICES, PAPER_EPOCHS, PRECISIONS
+from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.modelling.grid import DEVICES, PAPER_EPOCHS, PRECISIONS
 from saver_advisors.cli.arguments import add_count
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.arms import Task
+    from saver_envs.modelling.models import InverseModel
 
 ROBOTS: Final = ("mico", "fetch")
 
@@ -16,7 +22,7 @@ ROBOTS: Final = ("mico", "fetch")
 def add_arms_and_models(
     parser: argparse.ArgumentParser, arms: Sequence[str], models: Sequence[str], purpose: str
 ) -> None:
-    """Declare which arms are measured, and which models are trained for them.
+    """Declare which arms are measured, and which models are trained for them or read from files.
 
     :param parser: the command's parser.
     :param arms: arms that can be measured.
@@ -26,6 +32,14 @@ def add_arms_and_models(
     add_choices(parser, "--robots", arms, "arms")
     add_choices(parser, "--models", models, purpose, (), "*")
     add_training(parser)
+    parser.add_argument(
+        "--weights",
+        nargs="*",
+        type=Path,
+        default=[],
+        metavar="FILE",
+        help="weight files of models to measure, each with its own arm, shown by file name",
+    )
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:
@@ -66,9 +80,104 @@ def training_of(args: argparse.Namespace) -> dict[str, Any]:
     :return: keyword arguments of ``Training``.
     :raises UsageError: if ``--device`` names a GPU and there is none.
     """
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.models import Training
 
     with user_mistakes("argument --device"):
         Training(device=args.device)
     return {"epochs": args.epochs, "precision": args.precision, "device": args.device}
+
+
+Measure = Callable[
+    [argparse.Namespace, dict[str, Any], dict[str, dict[str, "InverseModel"]]], dict[str, Any]
+]
+"""Takes the command's arguments, how models are trained, and the files' models by arm and name."""
+
+
+def measure_models(
+    args: argparse.Namespace,
+    kind: str,
+    task: Task,
+    taken: Sequence[str],
+    measure: Measure,
+    render: Callable[[dict[str, Any]], str],
+) -> int:
+    """Measure models or read figures of them; see `reproduction.command_parts.measure_and_render`.
+
+    :param args: with the arguments of :func:`add_arms_and_models`.
+    :param kind: the kind of the figures.
+    :param task: task of the models.
+    :param taken: names that no weight file may have, besides those of ``--models``.
+    :param measure: takes the measurements.
+    :param render: turns figures into a page.
+    :return: exit status.
+    :raises UsageError: for weight files or a device that cannot be used.
+    """
+    training = training_of(args)
+    before = trained_before(args.weights, args.robots, task, (*taken, *args.models))
+
+    def figures() -> dict[str, Any]:
+        return measure(args, training, before) | cards_of(args.weights)
+
+    return measure_and_render(args, kind, figures, render)
+
+
+def trained_before(
+    paths: Sequence[Path], robots: Sequence[str], task: Task, taken: Sequence[str]
+) -> dict[str, dict[str, InverseModel]]:
+    """Read weight files.
+
+    :param paths: the files.
+    :param robots: arms that are measured.
+    :param task: task that all models must be for.
+    :param taken: names of the other models.
+    :return: the models of each arm, by their files' names without suffix.
+    :raises UsageError: for a file that is damaged or no weight file, of another task, of an arm
+        that is not measured, or with a name that another model of its arm has.
+    """
+    from saver_envs.modelling.models import load_model
+
+    found: dict[str, dict[str, InverseModel]] = {robot: {} for robot in robots}
+    for path in paths:
+        with user_mistakes("argument --weights"):
+            model = load_model(path, task=task)
+        if model.robot not in found:
+            raise UsageError(
+                f"argument --weights: {path} is a model of {model.robot!r}, but --robots selects "
+                f"{', '.join(robots)}"
+            )
+        if path.stem in taken or path.stem in found[model.robot]:
+            raise UsageError(
+                f"argument --weights: {path}: there is another {path.stem!r} for "
+                f"{model.robot!r}; rename the file"
+            )
+        found[model.robot][path.stem] = model
+    return found
+
+
+def cards_of(paths: Sequence[Path]) -> dict[str, Any]:
+    """Read what the figures keep of the files.
+
+    :param paths: the files.
+    :return: ``weights``, with the card and the name of each file.
+    """
+    from saver_envs.modelling.models import read_card
+
+    return {"weights": [{"name": path.stem, **read_card(path)} for path in paths]}
+
+
+def origin(figures: Mapping[str, Any]) -> str:
+    """Say how the models of weight files were trained.
+
+    :param figures: with or without what :func:`cards_of` returns.
+    :return: a sentence; empty if no card says so.
+    """
+    by_training: dict[str, list[str]] = {}
+    for card in figures.get("weights", []):
+        if "training" not in card:
+            continue
+        how = f"{card['training']['epochs']} epochs of {card['samples']:,} samples"
+        names, name = by_training.setdefault(how, []), f"`{card['name']}`"
+        if name not in names:  # the same network of another arm
+            names.append(name)
+    said = [f"{', '.join(names)}: {how}" for how, names in by_training.items()]
+    return f" Trained before: {'; '.join(said)}." if said else ""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
-from reproduction.command_parts import measure_and_render
-from reproduction.modelling.model_arguments import ROBOTS, add_arms_and_models, training_of
-from reproduction.modelling.weight_files import add_weights, cards_of, origin, trained_before
+from reproduction.modelling.model_arguments import (
+    ROBOTS,
+    add_arms_and_models,
+    measure_models,
+    origin,
+)
 from saver_advisors.cli.arguments import add_page
 from saver_advisors.reporting.tables import rows_table
 
@@ -35,7 +39,6 @@ _TRAJECTORIES: Final = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_arms_and_models(parser, ROBOTS, MODELS, "models to train on the whole data set")
-    add_weights(parser)
     add_page(parser)
 
 
@@ -46,81 +49,40 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
-    training = training_of(args)
-    before = trained_before(args.weights, args.robots, "id", (*UNTRAINED, *args.models))
-
-    def figures() -> dict[str, Any]:
-        return measure(args.robots, args.models, training, before) | cards_of(args.weights)
-
-    return measure_and_render(args, "tracking", figures, render)
+    return measure_models(args, "tracking", "id", UNTRAINED, measure, render)
 
 
 def measure(
-    robots: Sequence[str],
-    models: Sequence[str],
+    args: argparse.Namespace,
     training: Mapping[str, Any],
     before: Mapping[str, Mapping[str, InverseModel]],
 ) -> dict[str, Any]:
     """Measure the tracking error of every arm and feed-forward.
 
-    :param robots: names of the arms.
-    :param models: models to train.
+    :param args: see :func:`add_arguments`.
     :param training: ``epochs``, ``precision`` and ``device`` of the training.
     :param before: models of weight files, by arm and name.
     :return: JSON-able; ``rows`` has one row per arm, feed-forward and gain.
     """
-    rows = [row for robot in robots for row in _rows(robot, models, training, before[robot])]
-    return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
-
-
-def _feed_forwards(
-    robot: str,
-    models: Sequence[str],
-    training: Mapping[str, Any],
-    before: Mapping[str, InverseModel],
-) -> dict[str, Any]:
-    """Return feed-forwards by name; None is feedback alone."""
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.dynamics import LearnedInverseDynamics
-    from saver_envs.modelling.models import Training, new_model
-
-    alone, analytic, shipped = UNTRAINED
-    found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
-    if models:
-        prepare_data(robot)
-        samples = samples_of(twin_data_set(robot).train, "id")
-        for name in models:
-            found[name] = new_model(name, robot, "id")
-            found[name].fit(*samples, Training(**training))
-    learned = {
-        name: LearnedInverseDynamics(robot, model) for name, model in {**found, **before}.items()
-    }
-    return {alone: None, **learned}
-
-
-def _rows(
-    robot: str,
-    models: Sequence[str],
-    training: Mapping[str, Any],
-    before: Mapping[str, InverseModel],
-) -> list[dict[str, Any]]:
     import numpy as np
 
     from saver_envs.modelling.datasets import campaign_of
-    from saver_envs.modelling.dynamics import tracking_error
+    from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
     from saver_envs.modelling.trajectories import random_trajectory
     from saver_envs.modelling.twin import Twin
 
-    generator = np.random.default_rng(_UNSEEN)
-    interval = campaign_of(robot).interval
-    ways = [
-        random_trajectory(robot, _WAY_POINTS, interval, generator) for _ in range(_TRAJECTORIES)
-    ]
-    twin = Twin(robot)
     rows = []
-    for name, feed_forward in _feed_forwards(robot, models, training, before).items():
-        for gain in GAINS:
+    for robot in args.robots:
+        generator = np.random.default_rng(_UNSEEN)
+        interval = campaign_of(robot).interval
+        ways = [
+            random_trajectory(robot, _WAY_POINTS, interval, generator) for _ in range(_TRAJECTORIES)
+        ]
+        twin = Twin(robot)
+        models = {**_models(robot, args.models, training), **before[robot]}
+        feed_forwards: dict[str, Any] = {UNTRAINED[0]: None}
+        feed_forwards |= {name: LearnedInverseDynamics(robot, one) for name, one in models.items()}
+        for (name, feed_forward), gain in product(feed_forwards.items(), GAINS):
             error = tracking_error(twin, ways, feed_forward, _UNSEEN, gain)
             rows.append(
                 {
@@ -131,7 +93,26 @@ def _rows(
                     "per_joint": error.per_joint.tolist(),
                 }
             )
-    return rows
+    return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
+
+
+def _models(
+    robot: str, names: Sequence[str], training: Mapping[str, Any]
+) -> dict[str, InverseModel | None]:
+    """Return the analytic model, the shipped one, as None, and the trained ones."""
+    from saver_advisors.cli.model_data import prepare_data
+    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.models import Training, new_model
+
+    _, analytic, shipped = UNTRAINED
+    found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
+    if names:
+        prepare_data(robot)
+        samples = samples_of(twin_data_set(robot).train, "id")
+        for name in names:
+            found[name] = new_model(name, robot, "id")
+            found[name].fit(*samples, Training(**training))
+    return found
 
 
 def render(figures: dict[str, Any]) -> str:

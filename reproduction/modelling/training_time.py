@@ -10,19 +10,21 @@ import argparse
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
-from reproduction.modelling.grid_cells import PAPER_EPOCHS, SAMPLES_A_SIZE
+from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.reporting.tables import Column, rows_table
 
 if TYPE_CHECKING:
     from saver_envs.modelling.arms import Task
     from saver_envs.modelling.chain import FloatArray
-    from saver_envs.modelling.models import InverseModel
-    from saver_envs.modelling.networks import Precision
+    from saver_envs.modelling.models import InverseModel, Training
 
 EXAMPLES: Final = """\
 examples:
@@ -67,9 +69,32 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :return: JSON-able; ``rows`` has one row per task and model.
     """
     from saver_advisors.cli.model_data import prepare_data
+    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.models import Training, new_model
 
     prepare_data(args.robot)
-    rows = [_row(args, task, model) for task in args.tasks for model in args.models]
+    recording = twin_data_set(args.robot).train
+    training = Training(epochs=args.epochs, precision=args.precision)
+    rows = []
+    for task, name in product(args.tasks, args.models):
+        samples = samples_of(recording.first(min(args.samples, len(recording))), task)
+        fresh = partial(new_model, name, args.robot, task)
+        wall, cpu = time.perf_counter(), time.process_time()
+        fresh().fit(*samples, training)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        loads = load_averages()
+        rows.append(
+            {
+                "task": task,
+                "model": name,
+                "samples": len(samples[0]),
+                "epochs": args.epochs,
+                "wall_minutes": wall / 60,
+                "cpu_minutes": cpu / 60,
+                "load_average": loads[0] if loads else None,
+                "shares": _shares(fresh, samples, Training(epochs=1, precision=args.precision)),
+            }
+        )
     return {
         "title": "How long the arms' models take to train",
         "kind": "modelling-time",
@@ -79,60 +104,28 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _row(args: argparse.Namespace, task: Task, name: str) -> dict[str, Any]:
-    """Time a whole run, and profile a short one."""
-    from saver_advisors.reporting.provenance import load_averages
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.models import Training, new_model
-
-    recording = twin_data_set(args.robot).train
-    samples = samples_of(recording.first(min(args.samples, len(recording))), task)
-    training = Training(epochs=args.epochs, precision=args.precision)
-    wall, cpu = time.perf_counter(), time.process_time()
-    new_model(name, args.robot, task).fit(*samples, training)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    loads = load_averages()
-    return {
-        "task": task,
-        "model": name,
-        "samples": len(samples[0]),
-        "epochs": args.epochs,
-        "wall_minutes": wall / 60,
-        "cpu_minutes": cpu / 60,
-        "load_average": loads[0] if loads else None,
-        "shares": _shares(lambda: new_model(name, args.robot, task), samples, args.precision),
-    }
-
-
 def _shares(
-    fresh: Callable[[], InverseModel],
-    samples: tuple[FloatArray, FloatArray],
-    precision: Precision,
+    fresh: Callable[[], InverseModel], samples: tuple[FloatArray, FloatArray], training: Training
 ) -> dict[str, float]:
     """Compute each part's share of the process's time, over an epoch of few samples."""
     from torch.profiler import ProfilerActivity, profile
 
-    from saver_envs.modelling.models import Training
-
     inputs, outputs = (one[:SAMPLES_A_SIZE] for one in samples)
-    training = Training(epochs=1, precision=precision)
     fresh().fit(inputs, outputs, training)  # warm-up: the first run includes one-time setup
     model = fresh()
     began = time.perf_counter()
     with profile(activities=[ProfilerActivity.CPU]) as profiler:
         model.fit(inputs, outputs, training)
         whole = time.perf_counter() - began
+    purposes = {operator: name for name, those in PARTS.items() for operator in those}
     parts: dict[str, float] = defaultdict(float)
     for event in profiler.key_averages():
         if event.key.startswith(("aten::", "autograd::")):
-            parts[_part(event.key)] += event.self_cpu_time_total * 1e-6
+            purpose = purposes.get(event.key, "other operators")
+            parts[purpose] += event.self_cpu_time_total * 1e-6
     parts["Python"] = max(0.0, whole - sum(parts.values()))
     total = sum(parts.values())
     return {name: parts[name] / total for name in (*PARTS, "other operators", "Python")}
-
-
-def _part(operator: str) -> str:
-    return next((name for name, those in PARTS.items() if operator in those), "other operators")
 
 
 def render(figures: dict[str, Any]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -51,15 +50,3 @@ def best_policy(env_id: str) -> NamedPolicy:
         return resolve("expert", env_id, {})
     except UsageError:
         return resolve("random", env_id, {})
-
-
-def save_jpeg(path: Path, picture: Frame, quality: int = 88) -> None:
-    """Write a picture as JPEG.
-
-    :param path: file name, ending in ``.jpg``
-    :param picture: (height, width, 3)
-    :param quality: 1 to 95
-    """
-    from PIL import Image
-
-    Image.fromarray(picture).save(path, quality=quality, optimize=True)

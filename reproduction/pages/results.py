@@ -66,13 +66,12 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
 
 def _evaluation_table(found: list[dict[str, Any]]) -> str:
     columns = (*evaluation_table.EVALUATION_COLUMNS, "collisions per episode")
-    rows = [[*evaluation_table.evaluation_cells(one), _collisions(one)] for one in found]
+    rows = []
+    for one in found:
+        collisions = one.get("cost_means", {}).get("cost_collision")
+        told = "-" if collisions is None else f"{collisions:.2f}"
+        rows.append([*evaluation_table.evaluation_cells(one), told])
     return markdown(columns, rows)
-
-
-def _collisions(one: dict[str, Any]) -> str:
-    collisions = one.get("cost_means", {}).get("cost_collision")
-    return "-" if collisions is None else f"{collisions:.2f}"
 
 
 def success_overview(results: list[dict[str, Any]], folder: str) -> str:

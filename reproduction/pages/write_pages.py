@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from saver_advisors.reporting.errors import UsageError, unknown
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 EXAMPLES = """\
 examples:
@@ -46,8 +46,18 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status: 1 if a compared page is out of date, else 0.
     :raises UsageError: for an unknown environment, or a README without markers.
     """
-    texts = _texts(args)
-    stale = [path for path, text in texts.items() if not _holds(path, text)]
+    from reproduction.pages.generated import all_pages, with_tables
+
+    texts = {args.output / name: text for name, text in all_pages(args.output).items()}
+    readme = args.readme or args.output.resolve().parent / "README.md"
+    if args.readme is not None or readme.is_file():
+        with user_mistakes("argument --readme"):
+            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), args.output)
+    stale = [
+        path
+        for path, text in texts.items()
+        if not path.is_file() or path.read_text(encoding="utf-8") != text
+    ]
     if args.check:
         for path in stale:
             print(f"{path} is out of date: run `python -m reproduction pages`", file=sys.stderr)
@@ -62,25 +72,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _texts(args: argparse.Namespace) -> dict[Path, str]:
-    """Render all pages, by path."""
-    from reproduction.pages.generated import all_pages, with_tables
-
-    output = args.output
-    texts = {output / name: text for name, text in all_pages(output).items()}
-    readme = args.readme or output.resolve().parent / "README.md"
-    if args.readme is not None or readme.is_file():
-        try:
-            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), output)
-        except (OSError, ValueError) as error:
-            raise UsageError(f"argument --readme: {error}") from error
-    return texts
-
-
-def _holds(path: Path, text: str) -> bool:
-    return path.is_file() and path.read_text(encoding="utf-8") == text
-
-
 def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     """Draw a picture and record a clip of every environment.
 
@@ -93,14 +84,16 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     for name in only or ():
         if name not in sparse_ids():
             raise UsageError(f"argument --only: {unknown('environment', name, sparse_ids())}")
+    from PIL import Image
     from tqdm import tqdm
 
-    from reproduction.pages.clips import CLIP_EVERY, clip_frames, save_jpeg
+    from reproduction.pages.clips import CLIP_EVERY, clip_frames
     from saver_advisors.cli.pictures import start_picture
     from saver_advisors.reporting.video import write_clip
 
     folder = output / "images" / "environments"
     folder.mkdir(parents=True, exist_ok=True)
     for env_id in tqdm(list(only or sparse_ids()), unit="environment"):
-        save_jpeg(folder / f"{env_id}.jpg", start_picture(env_id))
+        picture = Image.fromarray(start_picture(env_id))
+        picture.save(folder / f"{env_id}.jpg", quality=88, optimize=True)
         write_clip(folder / f"{env_id}.webp", clip_frames(env_id), stride=CLIP_EVERY)

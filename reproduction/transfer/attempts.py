@@ -1,16 +1,16 @@
-"""Play the trials of a policy under a condition, and find the causes of their failures."""
+"""Define the conditions of the trials, and play the trials of a policy under one of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
-from reproduction.transfer.conditions import TRAINED_ON, Condition
-from reproduction.transfer.failures import Failure, pick_failure, push_failure
+from reproduction.transfer.failures import Failure
 from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
 from saver_envs.robots import ROBOTS
+from saver_envs.wrappers.sensor_noise import SensorNoise
 
 ENVIRONMENTS: Final = {
     ("push", "jaco"): "DualJacoPush-v0",
@@ -18,25 +18,85 @@ ENVIRONMENTS: Final = {
     ("pick", "jaco"): "DualJacoPickAndPlace-v0",
     ("pick", "mico"): "DualMicoPickAndPlace-v0",
 }
-STUDENTS: Final = {
-    "push": "dual-jaco-push-advised",
-    "pick": "dual-jaco-pick-and-place-advised",
-}
-TEACHERS: Final = {"push": "jaco-push", "pick": "jaco-pick-and-place"}
 TITLES: Final = {"push": "Push", "pick": "Pick and place"}
 EXPERT: Final = "expert"
 
 
-@dataclass(frozen=True)
-class Entrant:
-    """A policy to try.
+OBJECT_SIZE: Final = 0.09
+"""Edge of the cube in the dissertation's physical push runs (m); 5.6 cm in training."""
+FRICTION: Final = 0.35
+"""Friction of a smooth box on a smooth table; 0.5 in training. With less, objects slide further."""
+MASS: Final = 0.4
+"""Kilograms, twice that of training: a filled box instead of an empty one."""
+DAMPING: Final = 1.0
+"""N s/m; 0 in training. At the hand's top speed of 0.5 m/s the drag is half the friction of a
+training cube, and a third of that of a cube with the two figures above.
+"""
 
-    :param label: its name in tables.
-    :param policy: a policy as in ``saver evaluate``.
+TRAINED_ON: Final = "jaco"
+"""The robot that the policies were trained with."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition in which policies are tried.
+
+    :param name: its name in tables and on the command line.
+    :param words: the differences in words.
+    :param robot: name of the arm.
+    :param options: keyword arguments of the environment.
+    :param noise: sensor noise, or None.
+    :param translated: whether finger readings are translated to those of the trained hand.
+    :param expert: whether to try the scripted expert, which is slow, as well.
     """
 
-    label: str
-    policy: str
+    name: str
+    words: str
+    robot: str = "mico"
+    options: dict[str, Any] = field(default_factory=dict)
+    noise: SensorNoise | None = None
+    translated: bool = True
+    expert: bool = False
+
+
+_CHANGES: Final[dict[str, Any]] = {
+    "object_friction": FRICTION,
+    "object_mass": MASS,
+    "object_damping": DAMPING,
+}
+_SIZE: Final[dict[str, Any]] = {"object_size": OBJECT_SIZE}
+
+
+def conditions(task: str) -> tuple[Condition, ...]:
+    """List the conditions of a task, from those of training to all differences together.
+
+    :param task: ``push`` or ``pick``.
+    :return: the conditions; the last one is compared with the dissertation's table.
+    """
+    noise = SensorNoise()
+    size = f"{100 * OBJECT_SIZE:g} cm cubes"
+    one_at_a_time = (
+        Condition("friction", f"friction {FRICTION:g}", options={"object_friction": FRICTION}),
+        Condition("mass", f"mass {MASS:g} kg", options={"object_mass": MASS}),
+        Condition("damping", f"damping {DAMPING:g} N s/m", options={"object_damping": DAMPING}),
+        Condition("noise", "sensor noise", noise=noise),
+    )
+    start = (
+        Condition("home", "two Jacos, as trained", robot=TRAINED_ON),
+        Condition("raw", "two MICOs, finger readings untranslated", translated=False),
+        Condition("mico", "two MICOs", expert=True),
+    )
+    changed = f"friction {FRICTION:g}, mass {MASS:g} kg, damping {DAMPING:g} N s/m, sensor noise"
+    if task == "pick":
+        everything = Condition("all", changed, options=_CHANGES, noise=noise, expert=True)
+        return (*start, *one_at_a_time, everything)
+    return (
+        *start,
+        Condition("size", size, options=_SIZE),
+        *one_at_a_time,
+        Condition("all-but-size", changed, options=_CHANGES, noise=noise, expert=True),
+        Condition("all", f"{size}, {changed}", options=_CHANGES | _SIZE, noise=noise, expert=True),
+    )
 
 
 @dataclass(frozen=True)
@@ -45,12 +105,14 @@ class Attempt:
 
     :param task: ``push`` or ``pick``.
     :param condition: the condition.
-    :param entrant: the policy.
+    :param label: the policy's name in tables.
+    :param policy: a policy as in ``saver evaluate``.
     """
 
     task: str
     condition: Condition
-    entrant: Entrant
+    label: str
+    policy: str
 
     @property
     def env_id(self) -> str:
@@ -69,9 +131,9 @@ class Attempt:
         """
         condition = self.condition
         # A new policy each time, since an expert keeps the plans of past episodes.
-        policy = resolve(self.entrant.policy, self.env_id, condition.options, seed)
+        policy = resolve(self.policy, self.env_id, condition.options, seed)
         # The expert works with the hand of any robot.
-        known = condition.translated and self.entrant.policy != EXPERT
+        known = condition.translated and self.policy != EXPERT
         return run_trials(
             policy.predict,
             self.env_id,
@@ -83,14 +145,12 @@ class Attempt:
             frame_callback=frame_callback,
         )
 
-    def failure(self, trial: TrialTrajectory) -> Failure | None:
-        """Return why a trial failed, None if it succeeded."""
-        return (push_failure if self.task == "push" else pick_failure)(trial)
+
+Played = tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]
+"""An attempt with its trials, and why each failed (None: it succeeded)."""
 
 
-def by_kind(
-    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
-) -> Iterator[tuple[str, int, int]]:
+def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
     """Find the first successful trial of each task, and the first of each cause of failure.
 
     Conditions with more differences come first, since the table is about them, and the policies of
@@ -99,16 +159,13 @@ def by_kind(
     :param found: attempts with their trials and failures.
     :return: ``success`` or a cause, the attempt's index in ``found``, and the trial's index.
     """
-    conditions = list(dict.fromkeys((one.task, one.condition.name) for one, _, _ in found))
+    names = [(one.task, one.condition.name) for one, _, _ in found]
+    conditions = list(dict.fromkeys(names))
     seen = set()
     # Sorting is stable: the policies of a condition keep their order.
-    places = sorted(
-        range(len(found)),
-        key=lambda place: -conditions.index((found[place][0].task, found[place][0].condition.name)),
-    )
-    for place in places:
+    for place in sorted(range(len(found)), key=lambda place: -conditions.index(names[place])):
         attempt, _, failures = found[place]
-        if attempt.entrant.policy == EXPERT:
+        if attempt.policy == EXPERT:
             continue
         for number, failure in enumerate(failures):
             kind = "success" if failure is None else failure.cause

@@ -30,7 +30,6 @@ object firmly"):
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -86,38 +85,22 @@ class Failure:
     arm: int
 
 
-def push_failure(trial: TrialTrajectory) -> Failure | None:
-    """Find the cause of a failed push.
+def find_failure(task: str, trial: TrialTrajectory) -> Failure | None:
+    """Find the cause of a failed trial.
 
+    :param task: ``push`` or ``pick``.
     :param trial: the trajectory.
     :return: the failure; None for a success.
     """
-    return _earliest(trial, lambda arm: [_slid_away(trial, arm)])
-
-
-def pick_failure(trial: TrialTrajectory) -> Failure | None:
-    """Find the cause of a failed pick and place.
-
-    :param trial: the trajectory.
-    :return: the failure; None for a success.
-    """
-    return _earliest(trial, lambda arm: [_grasp_lost(trial, arm), _weak_grasp(trial, arm)])
-
-
-def _earliest(
-    trial: TrialTrajectory, events_of: Callable[[int], Sequence[Failure | None]]
-) -> Failure | None:
     if trial.success:
         return None
     if trial.diverged:
         return Failure("diverged", trial.steps, 0)
     failed = np.flatnonzero(trial.distance[-1] > trial.threshold).tolist()
+    own = (_slid_away,) if task == "push" else (_grasp_lost, _weak_grasp)
     # All cubes are at their targets if the episode violated a constraint.
-    events: list[Failure] = []
-    for arm in failed or [0]:
-        found = [*events_of(arm), _collided(trial, arm), _at_the_end(trial, arm)]
-        events += [one for one in found if one is not None]
-    return min(events, key=lambda one: one.step)
+    found = (event(trial, arm) for arm in failed or [0] for event in (*own, _collided, _at_the_end))
+    return min((one for one in found if one is not None), key=lambda one: one.step)
 
 
 def _at_the_end(trial: TrialTrajectory, arm: int) -> Failure:
@@ -143,15 +126,13 @@ def _slid_away(trial: TrialTrajectory, arm: int) -> Failure | None:
 
 def _above_table(trial: TrialTrajectory, arm: int) -> NDArray[np.float64]:
     """Compute the height (T + 1,) of a flat cube's lower face above the table, metres."""
-    height: NDArray[np.float64] = trial.object[:, arm, 2] - trial.object_size / 2
-    return height
+    return trial.object[:, arm, 2] - trial.object_size / 2
 
 
 def _in_hand(trial: TrialTrajectory, arm: int) -> NDArray[np.bool_]:
     """Tell at each instant (T + 1,) whether the cube is within a width of the tool point."""
     separation = np.linalg.norm(trial.object[:, arm] - trial.tool[:, arm], axis=-1)
-    near: NDArray[np.bool_] = separation <= trial.object_size
-    return near
+    return np.asarray(separation <= trial.object_size)
 
 
 def _lifted(trial: TrialTrajectory, arm: int) -> list[tuple[int, int]]:

@@ -58,8 +58,7 @@ class TrialTrajectory:
     @property
     def distance(self) -> NDArray[np.float64]:
         """(T + 1, arms) from each cube to its target, metres."""
-        distance: NDArray[np.float64] = np.linalg.norm(self.object - self.target, axis=-1)
-        return distance
+        return np.asarray(np.linalg.norm(self.object - self.target, axis=-1))
 
     @property
     def steps(self) -> int:
@@ -104,8 +103,11 @@ def run_trials(
     episodes.reset()
     if errors is not None:
         errors.begin(range(trials))
-    recorder = _Recorder(episodes)
-    robot = episodes.settings.robot
+    task, robot = episodes.task, episodes.settings.robot
+    assert isinstance(task, TableTask)
+    seen = [episodes.observation().observation.astype(np.float64)]
+    closing, collided = [], []
+    success, diverged = np.zeros((2, trials), dtype=bool)
     for step in range(episodes.settings.horizon):
         if frame_callback is not None:
             frame_callback(episodes, step)
@@ -114,61 +116,37 @@ def run_trials(
             observation["observation"] = errors.disturb(observation["observation"])
         if hand is not None and hand is not robot:
             observation["observation"] = translated_fingers(
-                observation["observation"], episodes.task.observation_layout, robot, hand
+                observation["observation"], task.observation_layout, robot, hand
             )
-        recorder.step(predict(observation))
+        actions = predict(observation)
+        outcome = episodes.step(actions)
+        seen.append(episodes.observation().observation.astype(np.float64))
+        collided.append(outcome.measured["cost_collision"] > 0)
+        # A diverged simulation restarts by itself; what follows is not this trial.
+        success = outcome.success & ~diverged & ~outcome.diverged
+        diverged |= outcome.diverged
+        blocks = np.asarray(actions).reshape(trials, task.n_arms, -1)
+        gripper = task.held_height is None
+        closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
     if frame_callback is not None:
         frame_callback(episodes, episodes.settings.horizon)
-    return recorder.trajectories(seed)
-
-
-class _Recorder:
-    """Steps episodes and records them."""
-
-    def __init__(self, episodes: Episodes) -> None:
-        self._episodes = episodes
-        self._seen = [episodes.observation().observation.astype(np.float64)]
-        self._closing: list[NDArray[np.bool_]] = []
-        self._collided: list[NDArray[np.bool_]] = []
-        self._diverged = np.zeros(episodes.n, dtype=bool)
-        self._success = np.zeros(episodes.n, dtype=bool)
-
-    def step(self, actions: NDArray[Any]) -> None:
-        """Apply actions (n, action_size)."""
-        episodes = self._episodes
-        outcome = episodes.step(actions)
-        self._seen.append(episodes.observation().observation.astype(np.float64))
-        self._collided.append(outcome.measured["cost_collision"] > 0)
-        # A diverged simulation restarts by itself; what follows is not this trial.
-        self._success = outcome.success & ~self._diverged & ~outcome.diverged
-        self._diverged |= outcome.diverged
-        blocks = np.asarray(actions).reshape(episodes.n, episodes.task.n_arms, -1)
-        gripper = episodes.task.held_height is None
-        self._closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
-
-    def trajectories(self, seed: int) -> list[TrialTrajectory]:
-        """Return the recorded trials."""
-        episodes = self._episodes
-        task = episodes.task
-        assert isinstance(task, TableTask)
-        layout, targets = task.observation_layout, task.goal_layout
-        seen = np.stack(self._seen, axis=1)
-        velocity = layout.get(seen, "object linear velocity") / LINEAR_VELOCITY_SCALE
-        closing, collided = np.stack(self._closing, axis=1), np.stack(self._collided, axis=1)
-        return [
-            TrialTrajectory(
-                tool=layout.get(seen[index], "gripper position"),
-                object=layout.get(seen[index], "object position"),
-                object_speed=np.linalg.norm(velocity[index], axis=-1),
-                target=targets.blocks(episodes.goal[index]).copy(),
-                closing=closing[index],
-                collided=collided[index],
-                object_size=task.object_size,
-                threshold=episodes.task.success_threshold,
-                reach=task.regions(episodes.scene.arms).reach,
-                success=bool(self._success[index]),
-                diverged=bool(self._diverged[index]),
-                seed=seed + index,
-            )
-            for index in range(episodes.n)
-        ]
+    layout, true = task.observation_layout, np.stack(seen, axis=1)
+    velocity = layout.get(true, "object linear velocity") / LINEAR_VELOCITY_SCALE
+    closed, touched = np.stack(closing, axis=1), np.stack(collided, axis=1)
+    return [
+        TrialTrajectory(
+            tool=layout.get(true[index], "gripper position"),
+            object=layout.get(true[index], "object position"),
+            object_speed=np.linalg.norm(velocity[index], axis=-1),
+            target=task.goal_layout.blocks(episodes.goal[index]).copy(),
+            closing=closed[index],
+            collided=touched[index],
+            object_size=task.object_size,
+            threshold=task.success_threshold,
+            reach=task.regions(episodes.scene.arms).reach,
+            success=bool(success[index]),
+            diverged=bool(diverged[index]),
+            seed=seed + index,
+        )
+        for index in range(trials)
+    ]

@@ -8,29 +8,22 @@ trajectory.
 from __future__ import annotations
 
 import argparse
+import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import measure_and_render
-from reproduction.transfer.attempts import (
-    EXPERT,
-    STUDENTS,
-    TEACHERS,
-    TITLES,
-    Attempt,
-    Entrant,
-)
+from reproduction.command_parts import measure_and_render, measured_at
+from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
+from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.policies import resolve
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
-
-if TYPE_CHECKING:
-    from reproduction.transfer.conditions import Condition
-    from reproduction.transfer.failures import Failure
-    from reproduction.transfer.trajectories import TrialTrajectory
+from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table
 
 EXAMPLES: Final = """\
 examples:
@@ -42,6 +35,12 @@ examples:
 policies:
   [LABEL=]POLICY, with a POLICY as in `saver evaluate`: a shipped name, a weight file, a run's
   folder, side-by-side:TEACHER, expert. The labels advised and scratch match the paper's rows."""
+
+STUDENTS: Final = {
+    "push": "dual-jaco-push-advised",
+    "pick": "dual-jaco-pick-and-place-advised",
+}
+TEACHERS: Final = {"push": "jaco-push", "pick": "jaco-pick-and-place"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,8 +72,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for an unknown condition or policy.
     """
-    from reproduction.transfer.transfer_page import render
-
     clips = None
     if args.video_dir is not None:
         clips = link(args.video_dir, Path.cwd() if args.table is None else args.table.parent)
@@ -83,39 +80,33 @@ def run(args: argparse.Namespace) -> int:
     )
 
 
-def entrants(task: str, words: Sequence[str] | None) -> list[Entrant]:
+def entrants(task: str, words: Sequence[str] | None) -> dict[str, str]:
     """List the policies that try a task.
 
     :param task: ``push`` or ``pick``.
     :param words: ``[LABEL=]POLICY`` each; the default policies if None.
-    :return: the policies with their labels.
+    :return: policies by label.
     :raises UsageError: for two policies with the same label.
     """
     from saver_advisors.pretrained import shipped_policies
-    from saver_advisors.reporting.errors import UsageError
 
     if words is None:
-        student = [Entrant("advised", STUDENTS[task])]
-        return [
-            *(student if STUDENTS[task] in shipped_policies() else []),
-            Entrant("teachers side by side", f"side-by-side:{TEACHERS[task]}"),
-            Entrant("scripted expert", EXPERT),
-        ]
-    found = []
-    for word in words:
-        label, equals, policy = word.partition("=")
-        found.append(Entrant(label, policy) if equals else Entrant(word, word))
-    labels = [one.label for one in found]
-    if len(set(labels)) < len(labels):
+        student = STUDENTS[task]
+        return {
+            **({"advised": student} if student in shipped_policies() else {}),
+            "teachers side by side": f"side-by-side:{TEACHERS[task]}",
+            "scripted expert": EXPERT,
+        }
+    pairs = [word.partition("=")[::2] if "=" in word else (word, word) for word in words]
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        labels = [label for label, _ in pairs]
         raise UsageError(f"argument --{task}: {labels} must have different labels")
     return found
 
 
 def _conditions(names: Sequence[str] | None) -> dict[str, list[Condition]]:
     """Return the conditions of each task, or those of these names."""
-    from reproduction.transfer.conditions import conditions
-    from saver_advisors.reporting.errors import UsageError, unknown
-
     every = {task: list(conditions(task)) for task in TITLES}
     known = list(dict.fromkeys(one.name for several in every.values() for one in several))
     if names is None:
@@ -134,11 +125,11 @@ def attempts(args: argparse.Namespace) -> list[Attempt]:
     :raises UsageError: for an unknown condition.
     """
     return [
-        Attempt(task, condition, entrant)
-        for task, conditions in _conditions(args.conditions).items()
-        for condition in conditions
-        for entrant in entrants(task, getattr(args, task))
-        if entrant.policy != EXPERT or condition.expert
+        Attempt(task, condition, label, policy)
+        for task, several in _conditions(args.conditions).items()
+        for condition in several
+        for label, policy in entrants(task, getattr(args, task)).items()
+        if policy != EXPERT or condition.expert
     ]
 
 
@@ -150,20 +141,18 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """
     from tqdm import tqdm
 
-    from saver_advisors.cli.policies import resolve
-
     found, todo = [], attempts(args)
     for attempt in todo:  # Report policies that do not fit before the first trial.
-        resolve(attempt.entrant.policy, attempt.env_id, attempt.condition.options)
+        resolve(attempt.policy, attempt.env_id, attempt.condition.options)
     for attempt in tqdm(todo, "transfer", unit="attempt", dynamic_ncols=True):
         trials = attempt.play(args.trials, args.seed)
-        found.append((attempt, trials, [attempt.failure(one) for one in trials]))
+        found.append((attempt, trials, [find_failure(attempt.task, one) for one in trials]))
     figures: dict[str, Any] = {
         "title": "Transfer",
         "kind": "transfer",
         "trials": args.trials,
         "seed": args.seed,
-        "outcomes": [_row(*one) for one in found],
+        "outcomes": [_row(one) for one in found],
         "conditions": {
             task: [asdict(one) for one in several]
             for task, several in _conditions(args.conditions).items()
@@ -176,16 +165,15 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     return figures
 
 
-def _row(
-    attempt: Attempt, trials: Sequence[TrialTrajectory], failures: Sequence[Failure | None]
-) -> dict[str, Any]:
+def _row(played: Played) -> dict[str, Any]:
+    attempt, trials, failures = played
     successes = sum(one.success for one in trials)
-    policy = attempt.entrant.policy
+    policy = attempt.policy
     causes = Counter(one.cause for one in failures if one is not None)
     return {
         "task": attempt.task,
         "condition": attempt.condition.name,
-        "label": attempt.entrant.label,
+        "label": attempt.label,
         # Without the folder, which belongs to the machine.
         "policy": Path(policy).name if Path(policy).is_absolute() else policy,
         "env": attempt.env_id,
@@ -196,3 +184,155 @@ def _row(
         "touched": sum(bool(one.collided.any()) for one in trials),
         "final_distance_mean": float(sum(one.distance[-1].mean() for one in trials) / len(trials)),
     }
+
+
+PAPER: Final = Path(__file__).with_name("paper.json")
+CAUSES: Final = {"push": PUSH_CAUSES, "pick": PICK_CAUSES}
+HEADLINE: Final = "all"
+SUCCESS: Final = "{successes}/{trials}"
+INTERVAL: Final = "{ci95[0]:.2f} to {ci95[1]:.2f}"
+
+INTRODUCTION: Final = """\
+Generated from the JSON file of `python -m reproduction transfer`. In the dissertation's Table 5.4,
+policies that were trained on two simulated Jacos run on two real MICOs. Here they run, unchanged,
+on two simulated MICOs, which have four joints, two fingers and a shorter reach, with other objects
+and with sensor noise.
+"""
+
+HAND: Final = """\
+A policy observes finger angles, and was trained with those of the Jaco. The MICO's readings are
+translated into the Jaco's angles, from open to closed, as any use of a policy with another hand
+requires; the rows *raw* show the result without translation. Success is computed from the true
+positions of the cubes, without noise.
+"""
+
+CAUSE_WORDS: Final = """\
+A failed trial has one cause, the first event that went wrong; `reproduction.transfer.failures`
+defines the causes. *Touched* counts trials, including successful ones, with any contact between
+arms, or of an arm with the table or with the cube of another arm; as a cause of failure, contact
+has to last for 0.12 s.
+"""
+
+
+def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
+    """Render the figures as a page.
+
+    :param figures: what was measured, or the content of its JSON file.
+    :param clips: folder of the videos relative to the page; no videos if None.
+    :return: Markdown.
+    """
+    parts = ["# Transfer", INTRODUCTION, "## Comparison with Table 5.4", _headline(figures)]
+    parts += [HAND, CAUSE_WORDS]
+    for task, title in TITLES.items():
+        rows = [one for one in figures["outcomes"] if one["task"] == task]
+        if rows:
+            parts += [f"## {title}, one difference at a time", _condition_list(task, figures)]
+            parts.append(_table(task, rows))
+    if clips is not None and figures.get("videos"):
+        parts += ["## Videos", _videos(figures["videos"], clips)]
+    parts += ["## Sensors", _sensors(figures), _origin(figures)]
+    return join_parts(parts)
+
+
+def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
+    """Read Table 5.4.
+
+    :return: its rows by task and policy.
+    """
+    content = json.loads(PAPER.read_text(encoding="utf-8"))
+    return {
+        (one["task"], one["policy"]): {**one, "trials": content["trials"]}
+        for one in content["rows"]
+    }
+
+
+def _headline(figures: Mapping[str, Any]) -> str:
+    """Render the condition with all differences next to the paper's rows."""
+    paper = paper_rows()
+    columns = ["task", "policy", "success here", "95% interval", "failures here"]
+    columns += ["paper, on real arms", "failures there"]
+    rows = []
+    for task in TITLES:
+        ours = {
+            one["label"]: one
+            for one in figures["outcomes"]
+            if (one["task"], one["condition"]) == (task, HEADLINE)
+        }
+        for label in dict.fromkeys([*ours, *(policy for name, policy in paper if name == task)]):
+            cells = _ours(ours.get(label))
+            rows.append([TITLES[task], label, *cells, *_theirs(paper.get((task, label)))])
+    return markdown(columns, rows)
+
+
+def _ours(one: Mapping[str, Any] | None) -> list[str]:
+    if one is None:
+        return ["-", "-", "not tried"]
+    return [SUCCESS.format_map(one), INTERVAL.format_map(one), _failures(one)]
+
+
+def _theirs(one: Mapping[str, Any] | None) -> list[str]:
+    if one is None:
+        return ["-", "-"]
+    told = _failures(one) if one["causes"] else one["words"]
+    return [SUCCESS.format_map(one), told]
+
+
+def _failures(one: Mapping[str, Any]) -> str:
+    ordered = sorted(one["causes"].items(), key=lambda item: -item[1])
+    return ", ".join(f"{count} {WORDS[cause]}" for cause, count in ordered) or "none"
+
+
+def _condition_list(task: str, figures: Mapping[str, Any]) -> str:
+    lines = [f"- *{one['name']}*: {one['words']}" for one in figures["conditions"][task]]
+    return "\n".join(lines) + "\n"
+
+
+def _table(task: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    columns: dict[str, Column] = {
+        "condition": "{condition}",
+        "policy": "{label}",
+        "success": SUCCESS,
+        "95% interval": INTERVAL,
+    }
+    rows = [{**row, "causes": Counter(row["causes"])} for row in rows]  # 0 for other causes
+    for cause in CAUSES[task]:
+        if any(row["causes"][cause] for row in rows):
+            columns[WORDS[cause]] = f"{{causes[{cause}]}}"
+    columns["touched"] = "{touched}"
+    columns["final distance (cm)"] = lambda row: f"{100 * row['final_distance_mean']:.1f}"
+    return rows_table(rows, columns)
+
+
+def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
+    parts = []
+    for one in videos:
+        words = WORDS.get(one["kind"], one["kind"])
+        told = f"{TITLES[one['task']]}, {words}"
+        parts.append(
+            f"![{told}]({clips}/{one['file']}.webp)\n\n*{told}*: {one['label']}, condition "
+            f"*{one['condition']}*, seed {one['seed']} ([MP4]({clips}/{one['file']}.mp4))\n"
+        )
+    return "\n".join(parts)
+
+
+def _sensors(figures: Mapping[str, Any]) -> str:
+    every = [one["noise"] for several in figures["conditions"].values() for one in several]
+    noise = next((one for one in every if one is not None), None)
+    if noise is None:
+        return "Sensors were exact.\n"
+    rows = [[name.replace("_", " "), f"{value:g}"] for name, value in noise.items()]
+    text = "Standard deviations, SI units, see `saver_envs.wrappers.sensor_noise`.\n\n"
+    return text + markdown(["reading", "standard deviation"], rows)
+
+
+def _origin(figures: Mapping[str, Any]) -> str:
+    # Names that policies have been given since are in the file; the command is as it was typed.
+    renamed = "".join(
+        f"The policy `{old}` of this command is now `{new}`. "
+        for old, new in figures.get("renamed", {}).items()
+    )
+    return (
+        f"Trials start from seeds {figures['seed']} and up, the same for every policy. "
+        f"{measured_at(figures)} {renamed}Contact is chaotic: single trials differ between "
+        "machines, but rates stay within their intervals."
+    )

@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from reproduction.transfer.attempts import Attempt, Played, by_kind
+from reproduction.transfer.failures import WORDS
 from saver_advisors.reporting.video import EpisodeVideo, Frame, write_clip, write_mp4
 
 if TYPE_CHECKING:
-    from reproduction.transfer.attempts import Attempt
-    from reproduction.transfer.failures import Failure
-    from reproduction.transfer.trajectories import TrialTrajectory
     from saver_envs.episodes import Episodes
 
 SIZE: Final = (960, 720)
@@ -26,10 +25,7 @@ STRIDE: Final = 2
 
 
 def record_each_kind(
-    folder: Path,
-    found: Sequence[tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]],
-    trials: int,
-    seed: int,
+    folder: Path, found: Sequence[Played], trials: int, seed: int
 ) -> list[dict[str, Any]]:
     """Replay attempts, and record a trial of each kind.
 
@@ -44,8 +40,6 @@ def record_each_kind(
     """
     from tqdm import tqdm
 
-    from reproduction.transfer.attempts import by_kind
-
     folder.mkdir(parents=True, exist_ok=True)
     wanted: dict[int, list[tuple[str, int]]] = {}
     for kind, place, number in by_kind(found):
@@ -56,7 +50,21 @@ def record_each_kind(
         frames = _draw(attempt, [number for _, number in kinds], trials, seed)
         for kind, number in kinds:
             recording = EpisodeVideo(seed + number, frames[number], kind == "success")
-            shown.append(_write(folder, attempt, kind, recording))
+            name = f"{attempt.task}-{kind.replace('_', '-')}"
+            title = f"{attempt.label}, {attempt.condition.name}: {WORDS.get(kind, kind)}"
+            write_mp4(folder / f"{name}.mp4", [recording], title)
+            clip = recording.frames[::STRIDE]
+            write_clip(folder / f"{name}.webp", clip, stride=STRIDE, quality=50)
+            shown.append(
+                {
+                    "file": name,
+                    "task": attempt.task,
+                    "kind": kind,
+                    "label": attempt.label,
+                    "condition": attempt.condition.name,
+                    "seed": recording.seed,
+                }
+            )
     return sorted(shown, key=lambda one: str(one["file"]))
 
 
@@ -79,21 +87,3 @@ def _draw(
 
         attempt.play(trials, seed, look)
     return frames
-
-
-def _write(folder: Path, attempt: Attempt, kind: str, recording: EpisodeVideo) -> dict[str, Any]:
-    from reproduction.transfer.failures import WORDS
-
-    name = f"{attempt.task}-{kind.replace('_', '-')}"
-    words = WORDS.get(kind, kind)
-    title = f"{attempt.entrant.label}, {attempt.condition.name}: {words}"
-    write_mp4(folder / f"{name}.mp4", [recording], title)
-    write_clip(folder / f"{name}.webp", recording.frames[::STRIDE], stride=STRIDE, quality=50)
-    return {
-        "file": name,
-        "task": attempt.task,
-        "kind": kind,
-        "label": attempt.entrant.label,
-        "condition": attempt.condition.name,
-        "seed": recording.seed,
-    }

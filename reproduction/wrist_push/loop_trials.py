@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from functools import cache
 from multiprocessing import get_context
@@ -36,11 +36,9 @@ def shares(processes: int) -> Iterator[Share]:
     """
     from tqdm import tqdm
 
-    with ExitStack() as stack:
-        each: Callable[..., Iterable[dict[str, Any]]] = map
-        if processes > 1:
-            # Spawn, since graphics contexts and threads do not survive a fork.
-            each = stack.enter_context(get_context("spawn").Pool(processes)).imap
+    # Spawn, since graphics contexts and threads do not survive a fork.
+    with get_context("spawn").Pool(processes) if processes > 1 else nullcontext() as pool:
+        each: Callable[..., Iterable[dict[str, Any]]] = map if pool is None else pool.imap
 
         def share(title: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
             results = each(work, jobs)
@@ -113,8 +111,11 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     :param settings: settings of the loop.
     :param trials: number of trials.
     :param seed: seed of the first trial.
-    :return: JSON-able figures.
+    :return: JSON-able figures; of each stage its rate in simulated time, and a call's wall clock.
     """
+    from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
+    from saver_envs.tasks.wrist_push import WristPush
+
     seeds = range(seed, seed + trials)
     name = f"{'network' if settings.seeing else 'true state'}, "
     name += "learned kinematics" if settings.learned_kinematics else "exact kinematics"
@@ -126,21 +127,6 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     simulated = sum(one["seconds"] for one in played)
     busy = sum(result["wall_s"] for result in results)
     ages = 1000 * np.concatenate([result["ages"] for result in results])
-    return {
-        **_counted(played),
-        "real_time_share": simulated / busy,
-        "throughput": simulated / elapsed,
-        "wall_s_per_trial": busy / trials,
-        "age_ms": [float(np.median(ages)), float(np.quantile(ages, 0.95))],
-        "stages": _stages(results, simulated),
-        "outcomes": played,
-    }
-
-
-def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
-    from saver_envs.tasks.wrist_push import WristPush
-
     outcomes = [one["outcome"] for one in played]
     succeeded = outcomes.count(SUCCEEDED)
     harmed = sum(
@@ -148,6 +134,15 @@ def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         or one["torso_displacement_m"] > WristPush.torso_displacement_limit
         for one in played
     )
+    stages = {}
+    for stage in results[0]["stages"]:
+        parts = [result["stages"][stage] for result in results]
+        taken = 1000 * np.concatenate([part["seconds"] for part in parts])
+        stages[stage] = {
+            "rate_hz": sum(part["calls"] for part in parts) / simulated,
+            "median_ms": float(np.median(taken)),
+            "p95_ms": float(np.quantile(taken, 0.95)),
+        }
     return {
         "trials": len(played),
         "succeeded": succeeded,
@@ -156,21 +151,13 @@ def _counted(played: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "ci95": success_interval(succeeded, len(played)),
         "harmed": harmed,
         "held_share": float(np.mean([one["held_share"] for one in played])),
+        "real_time_share": simulated / busy,
+        "throughput": simulated / elapsed,
+        "wall_s_per_trial": busy / trials,
+        "age_ms": [float(np.median(ages)), float(np.quantile(ages, 0.95))],
+        "stages": stages,
+        "outcomes": played,
     }
-
-
-def _stages(results: Sequence[Mapping[str, Any]], simulated: float) -> dict[str, Any]:
-    """Summarise each stage: rate in simulated time, and wall-clock time of a call."""
-    table = {}
-    for name in results[0]["stages"]:
-        parts = [result["stages"][name] for result in results]
-        taken = 1000 * np.concatenate([part["seconds"] for part in parts])
-        table[name] = {
-            "rate_hz": sum(part["calls"] for part in parts) / simulated,
-            "median_ms": float(np.median(taken)),
-            "p95_ms": float(np.quantile(taken, 0.95)),
-        }
-    return table
 
 
 def fault_row(

@@ -162,8 +162,7 @@ def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return inputs and outputs of the training samples."""
     from saver_advisors.cli.model_data import prepare_data
     from saver_advisors.reporting.errors import UsageError, user_mistakes
-    from saver_envs.modelling.datasets import load_recordings, samples_of, twin_data_set
-    from saver_envs.modelling.recordings import Recording
+    from saver_envs.modelling.datasets import Recording, load_recordings, samples_of, twin_data_set
     from saver_envs.modelling.workspace import workspace_samples
 
     if args.data == "workspace":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from saver_envs.modelling.recordings import Recording
+    from saver_envs.modelling.datasets import Recording
 
 _QUANTITIES: Final = (
     ("position", "position (rad)"),

@@ -47,7 +47,6 @@ class Chain:
     :param direction: (dof,) 1, or -1 for a joint that moves against the z axis.
     :param prismatic: (dof,) which joints slide.
     :param tool: (4, 4) the tool in the frame of the last link.
-    :raises ValueError: for mismatched shapes.
     """
 
     before: FloatArray
@@ -55,15 +54,6 @@ class Chain:
     direction: FloatArray
     prismatic: NDArray[np.bool_]
     tool: FloatArray
-
-    def __post_init__(self) -> None:
-        dof = len(self.direction)
-        links = (dof, 4, 4)
-        shapes = {"before": links, "after": links, "prismatic": (dof,), "tool": (4, 4)}
-        for name, shape in shapes.items():
-            given = np.shape(getattr(self, name))
-            if given != shape:
-                raise ValueError(f"{name} of shape {given}: must have shape {shape}")
 
     @property
     def dof(self) -> int:

@@ -1,8 +1,8 @@
 """Record the data sets of chapter 7 with the twins, and read and write data files.
 
 A data set is recorded once per seed, in a minute or two, and kept in the user's cache folder. A
-file is plain NumPy (``.npz``, nothing pickled) with the columns of `recordings.COLUMNS`, each of
-shape (trajectories, samples, size); :func:`load_recordings` also reads such files of a real arm.
+file is plain NumPy (``.npz``, nothing pickled) with the columns of `COLUMNS`, each of shape
+ (trajectories, samples, size); :func:`load_recordings` also reads such files of a real arm.
 """
 
 from __future__ import annotations
@@ -17,14 +17,57 @@ from typing import Any
 import numpy as np
 
 from saver_envs.files import written_whole
-from saver_envs.modelling.arms import Campaign, Task, arm_named, arms_with_twins
-from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.recordings import COLUMNS, Recording, process
+from saver_envs.modelling.arms import Task, arm_named, arms_with_twins
+from saver_envs.modelling.arms.description import Campaign
+from saver_envs.modelling.chain import Chain, FloatArray
 from saver_envs.modelling.trajectories import random_trajectory
-from saver_envs.modelling.twin import TIME_STEP, Twin, nominal_inverse_dynamics
+from saver_envs.modelling.twin import TIME_STEP, Record, Twin, nominal_inverse_dynamics
 
 #: Increased whenever the same seed gives other samples.
 VERSION = 1
+
+
+#: Columns of a data file: fields of :class:`Recording`.
+COLUMNS = ("position", "velocity", "acceleration", "torque", "hand")
+#: Passes of the moving average. Position is differentiated twice, with a pass before each time; all
+#: quantities get the same number of passes, so that torque and motion stay aligned.
+_PASSES = 3
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples of one trajectory, in temporal order.
+
+    :param position: (k, dof) joints, radians; metres for a lift.
+    :param velocity: (k, dof), per second.
+    :param acceleration: (k, dof), per second squared.
+    :param torque: (k, dof), N m; N for a lift.
+    :param hand: (k, 3) the end effector in the base frame, metres.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    hand: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def first(self, count: int) -> Recording:
+        """Return the first ``count`` samples.
+
+        :param count: number of samples.
+        :raises ValueError: if there are fewer.
+        """
+        if not 0 < count <= len(self):
+            raise ValueError(f"count={count!r}: must be 1 to {len(self)}")
+        return Recording(*(getattr(self, name)[:count] for name in COLUMNS))
+
+    @classmethod
+    def joined(cls, parts: list[Recording]) -> Recording:
+        """Return trajectories concatenated in time."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
 
 
 @dataclass(frozen=True)
@@ -52,28 +95,19 @@ def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray
     return np.concatenate(motion, axis=1), recording.torque
 
 
-def default_cache() -> Path:
-    """Return the folder of the data sets, in the user's cache folder."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "modelling"
-
-
 def twin_data_set(
-    name: str,
-    seed: int = 0,
-    cache: Path | None = None,
-    progress: Callable[[int], None] | None = None,
+    name: str, seed: int = 0, progress: Callable[[int], None] | None = None
 ) -> DataSet:
     """Return an arm's data set, from the cache if it is there.
 
     :param name: the arm's name.
     :param seed: of the way-points and the sensors' noise.
-    :param cache: folder of the files; the user's cache folder by default.
     :param progress: called with the number of simulation steps since the previous call.
     :raises ValueError: for an arm without a twin.
     """
     campaign = campaign_of(name)
-    path = (cache or default_cache()) / f"{name}-seed{seed}-v{VERSION}.npz"
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    path = Path(root) / "saver-envs" / "modelling" / f"{name}-seed{seed}-v{VERSION}.npz"
     if not path.exists():
         save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)
@@ -109,7 +143,6 @@ def record_twin(
     :param campaign: trajectories to drive and samples to keep.
     :param seed: of way-points and noise; each trajectory has its own generator.
     :param progress: see :func:`twin_data_set`.
-    :raises ValueError: if the campaign's number of samples does not match its durations.
     """
     way_points, noise = np.random.SeedSequence(seed).spawn(2)
     trajectories = [
@@ -125,11 +158,7 @@ def record_twin(
         campaign.log_every,
         progress,
     )
-    recordings = process(record, arm_named(name).chain, campaign.processing)
-    for recording in recordings:
-        if len(recording) != campaign.samples:
-            raise ValueError(f"{name}: {len(recording)} samples instead of {campaign.samples}")
-    return recordings
+    return process(record, arm_named(name).chain, campaign)
 
 
 def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
@@ -149,7 +178,7 @@ def save_recordings(path: Path, name: str, recordings: list[Recording]) -> None:
 def load_recordings(path: Path, name: str) -> list[Recording]:
     """Read and validate a data file.
 
-    :param path: of an ``.npz`` file with the columns of `recordings.COLUMNS`, each (trajectories,
+    :param path: of an ``.npz`` file with the columns of `COLUMNS`, each (trajectories,
         samples, size).
     :param name: the arm that it must belong to.
     :raises ValueError: for an incomplete file or another format, missing columns, another arm's
@@ -185,3 +214,50 @@ def load_recordings(path: Path, name: str) -> list[Recording]:
         Recording(*(content[column][index].astype(np.float64) for column in COLUMNS))
         for index in range(shape[0])
     ]
+
+
+def process(record: Record, chain: Chain, campaign: Campaign) -> list[Recording]:
+    """Return a recording for each arm of a log.
+
+    The end effector's position is that of the arm's own forward model, as in the paper.
+
+    :param record: log of n arms.
+    :param chain: gives the end effector.
+    :param campaign: gives the log's rate, cuts and window.
+    """
+    step, window = TIME_STEP * campaign.log_every, campaign.window
+    cut = round(campaign.cut / step)
+    keep = slice(cut, record.position.shape[1] - cut, campaign.keep_every)
+    recordings = []
+    for position, torque in zip(record.measured_position, record.measured_torque, strict=True):
+        motion = [position]
+        for _ in range(2):
+            motion.append(np.gradient(smoothed(motion[-1], window), step, axis=0))
+        # The acceleration lacks one pass, the velocity two, the position all of them.
+        position, velocity, acceleration = (
+            smoothed(one, window, _PASSES - order)[keep] for order, one in enumerate(motion)
+        )
+        torque = smoothed(torque, window, _PASSES)[keep]
+        hand = chain.position(position)
+        recordings.append(Recording(position, velocity, acceleration, torque, hand))
+    return recordings
+
+
+def smoothed(values: FloatArray, window: int, passes: int = 1) -> FloatArray:
+    """Return the centred moving average; beyond the ends the outermost values are repeated.
+
+    :param values: (k, ...).
+    :param window: length in samples; an even window weights its two outermost samples by half.
+    :param passes: number of times that it is applied.
+    """
+    half = window // 2
+    span = 2 * half + 1
+    for _ in range(passes):
+        padded = np.concatenate([values[:1]] * half + [values] + [values[-1:]] * half)
+        total = np.cumsum(padded, axis=0)
+        total = np.concatenate([np.zeros_like(total[:1]), total])
+        inner = total[span:] - total[:-span]
+        if window % 2 == 0:
+            inner -= 0.5 * (padded[: len(values)] + padded[span - 1 :])
+        values = inner / window
+    return values

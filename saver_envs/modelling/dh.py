@@ -65,24 +65,6 @@ def chain_of_table(rows: Sequence[DHRow], convention: Literal["modified", "stand
     )
 
 
-def table_limits(
-    rows: Sequence[DHRow], limits: Sequence[tuple[float, float]]
-) -> tuple[FloatArray, FloatArray]:
-    """Convert limits of a table's variables to limits of the maker's joints.
-
-    :param rows: joints of the table.
-    :param limits: lower and upper limit of each variable, radians or metres.
-    :return: lower and upper limits (dof,), radians or metres.
-    """
-    ends = np.array(
-        [
-            sorted((end - row.offset) / row.direction for end in pair)
-            for row, pair in zip(rows, limits, strict=True)
-        ]
-    )
-    return ends[:, 0], ends[:, 1]
-
-
 def translation(x: float, y: float, z: float) -> FloatArray:
     """Return a translation (4, 4), metres."""
     transform = np.eye(4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +68,11 @@ def tracking_error(
     """
     if not gain > 0:
         raise ValueError(f"gain={gain!r}: must be above 0")
-    record = twin.with_gain(gain).track(trajectories, feed_forward, np.random.default_rng(seed))
+    given = twin.parameters
+    stiffness = tuple(gain * one for one in given.stiffness)
+    damping = tuple(gain**0.5 * one for one in given.controller_damping)
+    changed = replace(given, stiffness=stiffness, controller_damping=damping)
+    plant = Twin(twin.arm.robot.name, changed)
+    record = plant.track(trajectories, feed_forward, np.random.default_rng(seed))
     square = np.square(record.reference - record.position)
     return TrackingError(float(np.sqrt(square.mean())), np.sqrt(square.mean(axis=(0, 1))))

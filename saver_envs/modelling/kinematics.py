@@ -93,7 +93,8 @@ class LearnedInverseKinematics:
         if self._nearest and len(missed):
             start = joints[missed]
             if present is not None:
-                start = self._nearer(targets[missed], start, present[missed])
+                here = evaluate(targets[missed], present[missed], self._chain).error
+                start = np.where((found.error[missed] <= here)[:, None], start, present[missed])
             better = nearest(self.arm, targets[missed], start, self._chain)
             found.joints[missed] = better.joints
             found.error[missed] = better.error
@@ -111,9 +112,3 @@ class LearnedInverseKinematics:
         if targets.shape[1] < size:
             targets = np.concatenate([targets, np.zeros((len(targets), size - 3))], axis=1)
         return targets
-
-    def _nearer(self, targets: FloatArray, joints: FloatArray, present: FloatArray) -> FloatArray:
-        """Return for each target the guess or the present joints, whichever is nearer to it."""
-        first = evaluate(targets, joints, self._chain).error
-        second = evaluate(targets, present, self._chain).error
-        return np.where((first <= second)[:, None], joints, present)

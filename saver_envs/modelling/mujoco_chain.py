@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 
 #: Types of joints, and whether they slide.
 _SLIDES = {int(mujoco.mjtJoint.mjJNT_HINGE): False, int(mujoco.mjtJoint.mjJNT_SLIDE): True}
@@ -61,7 +61,8 @@ def links_of_model(model: mujoco.MjModel, base: str, joints: Sequence[str], chai
     frames = chain.frames(np.zeros((1, chain.dof)))
     origin, to_base = data.body(base).xpos.copy(), data.body(base).xmat.reshape(3, 3).T.copy()
     link_of_body = {int(model.joint(name).bodyid[0]): index for index, name in enumerate(joints)}
-    parts: list[list[tuple[float, FloatArray, FloatArray]]] = [[] for _ in joints]
+    parts: list[tuple[int, float, FloatArray, FloatArray]] = []
+    mass, moment, inertia = (np.zeros((len(joints), *shape)) for shape in ((), (3,), (3, 3)))
     for body in range(1, model.nbody):
         carrier = body
         while carrier and carrier not in link_of_body:
@@ -72,10 +73,17 @@ def links_of_model(model: mujoco.MjModel, base: str, joints: Sequence[str], chai
         rotation = frames.link_rotation[index, 0]
         centre = to_base @ (data.xipos[body] - origin)
         axes = rotation.T @ to_base @ data.ximat[body].reshape(3, 3)
-        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
         local = rotation.T @ (centre - frames.link_position[index, 0])
-        parts[index].append((float(model.body_mass[body]), local, inertia))
-    return Links.joined(parts)
+        mass[index] += model.body_mass[body]
+        moment[index] += model.body_mass[body] * local
+        turned = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        parts.append((index, float(model.body_mass[body]), local, turned))
+    centres = moment / np.where(mass > 0, mass, 1.0)[:, None]
+    for index, part_mass, local, turned in parts:
+        arm = local - centres[index]
+        inertia[index] += turned
+        inertia[index] += part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Links(mass, centres, inertia)
 
 
 def _at_zero(model: mujoco.MjModel, joints: Sequence[str]) -> mujoco.MjData:

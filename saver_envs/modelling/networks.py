@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from saver_envs.validation import require
+
 Float32 = NDArray[np.float32]
 #: Mean and standard deviation of channels.
 Scale = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -19,13 +21,9 @@ Activation = Literal["leaky_relu", "relu", "sigmoid"]
 Precision = Literal["float32", "bfloat16"]
 Device = Literal["cpu", "cuda"]
 
-#: Values of the paper's search (Table 7.3).
-LAYERS: Final = (3, 4, 5, 6, 7, 8)
-WIDTHS: Final = (128, 256, 512, 1024)
 PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
 DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
 ACTIVATIONS: Final[tuple[Activation, ...]] = ("relu", "sigmoid", "leaky_relu")
-LEAKS: Final = (0.1, 0.3, 0.4, 0.5, 0.7, 0.9)
 
 
 @dataclass(frozen=True)
@@ -45,14 +43,11 @@ class MLPArchitecture:
     leak: float = 0.1
 
     def __post_init__(self) -> None:
-        if not 1 <= self.layers <= 16:
-            raise ValueError(f"layers={self.layers!r}: must be 1 to 16")
-        if not 1 <= self.width <= 4096:
-            raise ValueError(f"width={self.width!r}: must be 1 to 4096")
-        if self.activation not in ACTIVATIONS:
-            raise ValueError(f"activation={self.activation!r}: must be one of {ACTIVATIONS}")
-        if not 0 <= self.leak < 1:
-            raise ValueError(f"leak={self.leak!r}: must be at least 0 and below 1")
+        require("layers", self.layers, 1 <= self.layers <= 16, "1 to 16")
+        require("width", self.width, 1 <= self.width <= 4096, "1 to 4096")
+        known = self.activation in ACTIVATIONS
+        require("activation", self.activation, known, f"one of {ACTIVATIONS}")
+        require("leak", self.leak, 0 <= self.leak < 1, "at least 0 and below 1")
 
 
 class Bfloat16Linear(nn.Linear):
@@ -87,16 +82,13 @@ def build_network(
     between, last = (
         (Bfloat16Linear, Float32Linear) if precision == "bfloat16" else (nn.Linear, nn.Linear)
     )
-    layers: list[nn.Module] = [nn.Linear(inputs, width), _activation(architecture)]
+    activation: nn.Module = nn.LeakyReLU(architecture.leak)
+    if architecture.activation != "leaky_relu":
+        activation = nn.ReLU() if architecture.activation == "relu" else nn.Sigmoid()
+    layers: list[nn.Module] = [nn.Linear(inputs, width), activation]
     for _ in range(architecture.layers - 1):
-        layers += [between(width, width), _activation(architecture)]
+        layers += [between(width, width), activation]
     return nn.Sequential(*layers, last(width, outputs))
-
-
-def _activation(architecture: MLPArchitecture) -> nn.Module:
-    if architecture.activation == "leaky_relu":
-        return nn.LeakyReLU(architecture.leak)
-    return nn.ReLU() if architecture.activation == "relu" else nn.Sigmoid()
 
 
 #: Rows computed at once: few enough for their activations to stay in the CPU's cache.

@@ -7,15 +7,30 @@ an acceleration of the base. This is equation 7.2 without friction and external 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from saver_envs.modelling.chain import Chain, FloatArray, Frames
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.chain import Chain, FloatArray
 from saver_envs.simulation import cross
 
 GRAVITY = 9.81  # m/s^2, MuJoCo's default
 #: Rows computed at once: few enough to stay in the CPU's cache.
 _ROWS = 4096
+
+
+@dataclass(frozen=True)
+class Links:
+    """Inertia of a chain's links, each in its own frame.
+
+    :param mass: (dof,), kilograms.
+    :param centre: (dof, 3) centres of mass, metres.
+    :param inertia: (dof, 3, 3) about the centre of mass, kg m^2.
+    """
+
+    mass: FloatArray
+    centre: FloatArray
+    inertia: FloatArray
 
 
 def inverse_dynamics(
@@ -24,7 +39,6 @@ def inverse_dynamics(
     position: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
-    gravity: float = GRAVITY,
 ) -> FloatArray:
     """Return the joint torques (N m; N for slides) of a motion.
 
@@ -33,7 +47,6 @@ def inverse_dynamics(
     :param position: (n, dof), radians or metres.
     :param velocity: (n, dof), per second.
     :param acceleration: (n, dof), per second squared.
-    :param gravity: downward acceleration, m/s^2.
     :return: (n, dof).
     :raises ValueError: for mismatched shapes.
     """
@@ -47,14 +60,13 @@ def inverse_dynamics(
     for start in range(0, shape[0], _ROWS):
         part = slice(start, start + _ROWS)
         motion = (one[part] for one in (position, velocity, acceleration))
-        torque[part] = _part(chain, links, gravity, *motion)
+        torque[part] = _part(chain, links, *motion)
     return torque
 
 
 def _part(
     chain: Chain,
     links: Links,
-    gravity: float,
     position: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
@@ -64,7 +76,7 @@ def _part(
     centre = frames.link_position + np.einsum("dnij,dj->dni", frames.link_rotation, links.centre)
     force, moment = np.empty((dof, n, 3)), np.empty((dof, n, 3))
     spin, spin_rate = np.zeros((n, 3)), np.zeros((n, 3))
-    origin, linear = np.zeros((n, 3)), np.tile((0.0, 0.0, gravity), (n, 1))
+    origin, linear = np.zeros((n, 3)), np.tile((0.0, 0.0, GRAVITY), (n, 1))
     for index in range(dof):
         axis, anchor = frames.axis[index], frames.anchor[index]
         linear = _carried(linear, spin, spin_rate, anchor - origin)
@@ -82,24 +94,17 @@ def _part(
         rotation = frames.link_rotation[index]
         momentum = _in_frame(rotation, links.inertia[index], spin)
         moment[index] = _in_frame(rotation, links.inertia[index], spin_rate) + cross(spin, momentum)
-    return _inwards(chain, frames, centre, force, moment)
-
-
-def _inwards(
-    chain: Chain, frames: Frames, centre: FloatArray, force: FloatArray, moment: FloatArray
-) -> FloatArray:
-    """Sum the links' forces and moments from the last to the first; project on the joint axes."""
-    axis, anchor = frames.axis, frames.anchor
-    dof, n, _ = axis.shape
+    # Inwards: sum the links' forces and moments from the last to the first.
     torque = np.empty((n, dof))
     total_force, total_moment = np.zeros((n, 3)), np.zeros((n, 3))
     for index in reversed(range(dof)):
+        anchor = frames.anchor[index]
         if index < dof - 1:
-            total_moment += cross(anchor[index + 1] - anchor[index], total_force)
-        total_moment += moment[index] + cross(centre[index] - anchor[index], force[index])
+            total_moment += cross(frames.anchor[index + 1] - anchor, total_force)
+        total_moment += moment[index] + cross(centre[index] - anchor, force[index])
         total_force += force[index]
         along = total_force if chain.prismatic[index] else total_moment
-        torque[:, index] = np.einsum("ni,ni->n", along, axis[index])
+        torque[:, index] = np.einsum("ni,ni->n", along, frames.axis[index])
     return torque
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import KinematicArm
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.compiled import compiled
 from saver_envs.modelling.solvers import rotation_of
@@ -216,7 +216,6 @@ def _approach(
         worst = _pose_error(target, scratch)
         if step == steps or worst < _EXACT:
             break
-        _jacobian(arm, scratch)
         _step(joints, arm, damping, scratch)
     reached = True
     for row in range(len(error)):
@@ -255,24 +254,6 @@ def _forward(joints: FloatArray, arm: _Joints, scratch: _Scratch) -> None:
 
 
 @compiled
-def _jacobian(arm: _Joints, scratch: _Scratch) -> None:
-    """Complete the Jacobian's columns, linear before angular, from the axes in columns[:, 3:]."""
-    columns, frame, anchor = scratch.columns, scratch.frame, scratch.anchor
-    for joint in range(len(columns)):
-        x, y, z = columns[joint, 3], columns[joint, 4], columns[joint, 5]
-        if arm.slides[joint]:
-            columns[joint, 0], columns[joint, 1], columns[joint, 2] = x, y, z
-            columns[joint, 3:] = 0.0
-            continue
-        u = frame[0, 3] - anchor[joint, 0]
-        v = frame[1, 3] - anchor[joint, 1]
-        w = frame[2, 3] - anchor[joint, 2]
-        columns[joint, 0] = y * w - z * v
-        columns[joint, 1] = z * u - x * w
-        columns[joint, 2] = x * v - y * u
-
-
-@compiled
 def _pose_error(target: FloatArray, scratch: _Scratch) -> float:
     """Write the tool's error as `solvers.pose_error` defines it; return the largest entry."""
     frame, orientation, error = scratch.frame, scratch.orientation, scratch.error
@@ -294,7 +275,21 @@ def _pose_error(target: FloatArray, scratch: _Scratch) -> float:
 @compiled
 def _step(joints: FloatArray, arm: _Joints, damping: float, scratch: _Scratch) -> None:
     """Make a damped least squares step, in place; joints that would leave their limits stay."""
-    columns, step = scratch.columns, scratch.step
+    # Complete the Jacobian's columns, linear before angular, from the axes in columns[:, 3:].
+    columns, frame, anchor = scratch.columns, scratch.frame, scratch.anchor
+    for joint in range(len(columns)):
+        x, y, z = columns[joint, 3], columns[joint, 4], columns[joint, 5]
+        if arm.slides[joint]:
+            columns[joint, 0], columns[joint, 1], columns[joint, 2] = x, y, z
+            columns[joint, 3:] = 0.0
+            continue
+        u = frame[0, 3] - anchor[joint, 0]
+        v = frame[1, 3] - anchor[joint, 1]
+        w = frame[2, 3] - anchor[joint, 2]
+        columns[joint, 0] = y * w - z * v
+        columns[joint, 1] = z * u - x * w
+        columns[joint, 2] = x * v - y * u
+    step = scratch.step
     _least_squares(damping, scratch)
     beyond = False
     for joint in range(len(joints)):

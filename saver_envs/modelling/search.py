@@ -13,17 +13,17 @@ import numpy as np
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.models import LOOPED, Training, new_model
-from saver_envs.modelling.networks import ACTIVATIONS, LAYERS, LEAKS, WIDTHS, MLPArchitecture
+from saver_envs.modelling.networks import ACTIVATIONS, MLPArchitecture
 
 _WARM_UP_EPOCHS: Final = 5
 
 #: Names of settings and the values to search.
 Space = Mapping[str, Sequence[Any]]
 ARCHITECTURES: Final[Space] = {
-    "layers": LAYERS,
-    "width": WIDTHS,
+    "layers": (3, 4, 5, 6, 7, 8),
+    "width": (128, 256, 512, 1024),
     "activation": ACTIVATIONS,
-    "leak": LEAKS,
+    "leak": (0.1, 0.3, 0.4, 0.5, 0.7, 0.9),
 }
 """Table 7.3."""
 
@@ -104,12 +104,11 @@ def search(
         began = time.process_time()
         try:
             if architectures:
-                architecture = MLPArchitecture(**_without_dash(settings))
-                fresh = new_model(model, robot, task, architecture=architecture)
-                fresh.fit(*samples, training, report)
+                shape = MLPArchitecture(**_without_dash(settings))
+                fresh, how = new_model(model, robot, task, architecture=shape), training
             else:
-                fresh = new_model(model, robot, task)
-                fresh.fit(*samples, replace(training, **settings), report)
+                fresh, how = new_model(model, robot, task), replace(training, **settings)
+            fresh.fit(*samples, how, report)
         finally:
             if errors:
                 outcome = {"epochs": len(errors), "validation_rmse": min(errors)}

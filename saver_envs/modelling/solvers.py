@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import bounded, least_squares_step, orientation_error
-from saver_envs.modelling.arms import KinematicArm
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.chain import Chain, FloatArray, Frames
 
 #: A target counts as reached within these residuals (m, rad).
@@ -66,21 +66,13 @@ def pose_error(
     return np.concatenate([error, orientation_error(rotation)], axis=1)
 
 
-def error_at(joints: FloatArray, targets: FloatArray, chain: Chain) -> FloatArray:
-    """Return the displacement from the tools at joints (n, dof) to targets; see `pose_error`."""
-    if targets.shape[1] == 3:
-        return pose_error(chain.position(joints), None, targets)
-    return pose_error(*chain.tool_pose(joints), targets)
-
-
 def rotation_of(vectors: FloatArray) -> FloatArray:
     """Return the rotation matrices (n, 3, 3) of rotation vectors (n, 3), radians (Rodrigues)."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     x, y, z = (vectors / np.maximum(angle[:, 0], 1e-12)).T
     zero = np.zeros_like(x)
     skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
-    rotation: FloatArray = np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * (skew @ skew)
-    return rotation
+    return np.eye(3) + np.sin(angle) * skew + (1 - np.cos(angle)) * (skew @ skew)
 
 
 def newton(
@@ -118,7 +110,10 @@ def _linearised(frames: Frames, targets: FloatArray, chain: Chain) -> tuple[Floa
 
 def evaluate(targets: FloatArray, joints: FloatArray, chain: Chain) -> Solution:
     """Return the errors at joints (n, dof) with respect to targets (n, 3 or 6)."""
-    error = error_at(joints, targets, chain)
+    if targets.shape[1] == 3:
+        error = pose_error(chain.position(joints), None, targets)
+    else:
+        error = pose_error(*chain.tool_pose(joints), targets)
     position, orientation = (np.linalg.norm(one, axis=1) for one in (error[:, :3], error[:, 3:]))
     return Solution(joints, position, orientation)
 
@@ -159,10 +154,7 @@ def nearest(arm: KinematicArm, targets: FloatArray, joints: FloatArray, chain: C
 
 
 def reach(
-    arm: KinematicArm,
-    targets: FloatArray,
-    present: FloatArray | None = None,
-    chain: Chain | None = None,
+    arm: KinematicArm, targets: FloatArray, present: FloatArray | None, chain: Chain
 ) -> Solution:
     """Solve inverse kinematics without a model.
 
@@ -172,9 +164,8 @@ def reach(
     :param arm: the arm.
     :param targets: (n, 3) or (n, 6), metres and radians.
     :param present: (n, dof), or None.
-    :param chain: the arm's chain up to another tool than the paper's.
+    :param chain: the arm's chain up to the tool that the targets refer to.
     """
-    chain = chain or arm.chain
     if present is not None:
         return nearest(arm, targets, present, chain)
     joints = np.tile(np.asarray(arm.robot.home), (len(targets), 1))

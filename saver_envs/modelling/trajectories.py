@@ -14,7 +14,8 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from saver_envs.modelling.arms import KinematicArm, arm_named
+from saver_envs.modelling.arms import arm_named
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 
 #: The hand stays above this height (m, Section 7.3.5), which keeps the arm off its table.
@@ -95,7 +96,7 @@ def _draw(
             path = previous + np.linspace(0, 1, _CHECKED + 1)[1:, None] * (point - previous)
         if arm.chain.position(path)[:, 2].min() > LOWEST_HAND and not _collides(arm, path):
             return point
-    raise RuntimeError(f"{arm.name}: no feasible way-point in {_MOST_DRAWS} draws")
+    raise RuntimeError(f"{arm.robot.name}: no feasible way-point in {_MOST_DRAWS} draws")
 
 
 @cache

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from saver_envs.modelling.arms import TwinParameters, arm_named, arms_with_twins
+from saver_envs.modelling.arms import arm_named, arms_with_twins
+from saver_envs.modelling.arms.description import TwinParameters
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.mujoco_chain import links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
@@ -30,19 +31,15 @@ InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 class Record:
     """Log of a controlled run: k samples of n arms.
 
-    :param time: (k,), seconds.
     :param reference: (n, k, dof) reference of the joints.
     :param position: (n, k, dof) true joints.
     :param measured_position: (n, k, dof) readings of the encoders.
-    :param commanded_torque: (n, k, dof) output of the controller.
     :param measured_torque: (n, k, dof) readings of the drives' torque.
     """
 
-    time: FloatArray
     reference: FloatArray
     position: FloatArray
     measured_position: FloatArray
-    commanded_torque: FloatArray
     measured_torque: FloatArray
 
 
@@ -93,16 +90,6 @@ class Twin:
         model.jnt_actfrcrange[joints] = np.stack([-limit, limit], axis=-1)
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
-    def with_gain(self, gain: float) -> Twin:
-        """Return the same plant with another feedback.
-
-        :param gain: factor of the stiffness; the damping is scaled by its square root.
-        """
-        stiffness = tuple(gain * one for one in self.parameters.stiffness)
-        damping = tuple(gain**0.5 * one for one in self.parameters.controller_damping)
-        changed = replace(self.parameters, stiffness=stiffness, controller_damping=damping)
-        return Twin(self.arm.name, changed)
-
     def track(
         self,
         trajectories: list[Trajectory],
@@ -129,91 +116,64 @@ class Twin:
         if len(durations) != 1:
             raise ValueError("trajectories: must have the same duration")
         steps = durations.pop()
-        run = _Run(self, trajectories, feed_forward, generator)
-        logs = []
-        for first in range(0, steps, _CHUNK):
-            count = min(_CHUNK, steps - first)
-            logs.append([one[-first % log_every :: log_every] for one in run.advance(first, count)])
-            if progress is not None:
-                progress(count)
-        joined = [np.concatenate(one).swapaxes(0, 1) for one in zip(*logs, strict=True)]
-        time: FloatArray = np.arange(joined[0].shape[1], dtype=np.float64) * TIME_STEP * log_every
-        return Record(time, *joined)
-
-
-class _Run:
-    """A closed-loop simulation in progress."""
-
-    def __init__(
-        self,
-        twin: Twin,
-        trajectories: list[Trajectory],
-        feed_forward: InverseDynamics | None,
-        generator: np.random.Generator,
-    ) -> None:
-        self._given, self._generator = twin.parameters, generator
-        self._trajectories, self._feed_forward = trajectories, feed_forward
-        self._batch = Batch(twin.model, nsim=len(trajectories), nthread=1, persistent=True)
-        self._position, self._velocity = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._control = self._batch.bind("ctrl")
-        start = self._reference(0, 1)
-        self._position[:] = start[0][:, 0]
-        self._torque = self._feed(start)[:, 0]
-
-    def _reference(self, first: int, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return positions, velocities and accelerations (n, count, dof) from a step on."""
-        times: FloatArray = np.arange(first, first + count, dtype=np.float64) * TIME_STEP
-        parts = [one.at(times) for one in self._trajectories]
-        position, velocity, acceleration = (np.stack(part) for part in zip(*parts, strict=True))
-        return position, velocity, acceleration
-
-    def _feed(self, reference: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
-        """Return feed-forward torques (n, count, dof), each held for some steps."""
-        n, count, dof = reference[0].shape
-        if self._feed_forward is None:
-            return np.zeros((n, count, dof))
-        sparse = [one[:, ::FEED_FORWARD_STEPS].reshape(-1, dof) for one in reference]
-        torque = self._feed_forward(*sparse).reshape(n, -1, dof)
-        return np.repeat(torque, FEED_FORWARD_STEPS, axis=1)[:, :count]
-
-    def advance(self, first: int, count: int) -> tuple[FloatArray, ...]:
-        """Simulate steps.
-
-        :param first: index of the first step.
-        :param count: number of steps.
-        :return: reference, true and measured position, commanded and measured torque, each
-            (count, n, dof).
-        :raises RuntimeError: if the simulation diverges.
-        """
-        given, generator = self._given, self._generator
-        reference = self._reference(first, count)
-        # One row per step: the loop below then reads contiguous memory.
-        position_wanted, velocity_wanted, feed = (
-            np.ascontiguousarray(one.swapaxes(0, 1))
-            for one in (*reference[:2], self._feed(reference))
-        )
-        noise = generator.standard_normal((3, *feed.shape))
-        encoder = noise[0] * np.asarray(given.encoder_noise)
+        given = self.parameters
         stiffness, damping = np.asarray(given.stiffness), np.asarray(given.controller_damping)
         response = 1 - np.exp(-TIME_STEP / given.lag)
         limit = np.asarray(given.torque_limit)
-        true, commanded, applied = (np.empty_like(feed) for _ in range(3))
-        velocity_wanted -= noise[1] * np.asarray(given.velocity_noise)
-        position_wanted_noisy = position_wanted - encoder
-        torque, position, velocity = self._torque, self._position, self._velocity
-        for row in range(count):
-            true[row] = position
-            command = feed[row] + stiffness * (position_wanted_noisy[row] - position)
-            command += damping * (velocity_wanted[row] - velocity)
-            commanded[row] = command
-            torque += response * (np.minimum(np.maximum(command, -limit), limit) - torque)
-            applied[row] = torque
-            self._control[:] = torque
-            self._batch.step()
-        if not np.isfinite(position).all():
-            raise RuntimeError(f"the twin's simulation diverged before {first * TIME_STEP:.1f} s")
-        measured_torque = applied + noise[2] * np.asarray(given.torque_noise)
-        return position_wanted, true, true + encoder, commanded, measured_torque
+        batch = Batch(self.model, nsim=len(trajectories), nthread=1, persistent=True)
+        position, velocity, control = (batch.bind(name) for name in ("qpos", "qvel", "ctrl"))
+        start = _reference(trajectories, 0, 1)
+        position[:] = start[0][:, 0]
+        torque = _feed(feed_forward, start)[:, 0]
+        logs = []
+        for first in range(0, steps, _CHUNK):
+            count = min(_CHUNK, steps - first)
+            reference = _reference(trajectories, first, count)
+            # One row per step: the loop below then reads contiguous memory.
+            position_wanted, velocity_wanted, feed = (
+                np.ascontiguousarray(one.swapaxes(0, 1))
+                for one in (*reference[:2], _feed(feed_forward, reference))
+            )
+            noise = generator.standard_normal((3, *feed.shape))
+            encoder = noise[0] * np.asarray(given.encoder_noise)
+            velocity_wanted -= noise[1] * np.asarray(given.velocity_noise)
+            position_wanted_noisy = position_wanted - encoder
+            true, applied = np.empty_like(feed), np.empty_like(feed)
+            for row in range(count):
+                true[row] = position
+                command = feed[row] + stiffness * (position_wanted_noisy[row] - position)
+                command += damping * (velocity_wanted[row] - velocity)
+                torque += response * (np.minimum(np.maximum(command, -limit), limit) - torque)
+                applied[row] = torque
+                control[:] = torque
+                batch.step()
+            if not np.isfinite(position).all():
+                raise RuntimeError(
+                    f"the twin's simulation diverged before {first * TIME_STEP:.1f} s"
+                )
+            measured_torque = applied + noise[2] * np.asarray(given.torque_noise)
+            log = position_wanted, true, true + encoder, measured_torque
+            logs.append([one[-first % log_every :: log_every] for one in log])
+            if progress is not None:
+                progress(count)
+        return Record(*(np.concatenate(one).swapaxes(0, 1) for one in zip(*logs, strict=True)))
+
+
+def _reference(trajectories: list[Trajectory], first: int, count: int) -> list[FloatArray]:
+    """Return positions, velocities and accelerations (n, count, dof) from a step on."""
+    times: FloatArray = np.arange(first, first + count, dtype=np.float64) * TIME_STEP
+    parts = [one.at(times) for one in trajectories]
+    return [np.stack(part) for part in zip(*parts, strict=True)]
+
+
+def _feed(feed_forward: InverseDynamics | None, reference: list[FloatArray]) -> FloatArray:
+    """Return feed-forward torques (n, count, dof), each held for some steps."""
+    n, count, dof = reference[0].shape
+    if feed_forward is None:
+        return np.zeros((n, count, dof))
+    sparse = [one[:, ::FEED_FORWARD_STEPS].reshape(-1, dof) for one in reference]
+    torque = feed_forward(*sparse).reshape(n, -1, dof)
+    return np.repeat(torque, FEED_FORWARD_STEPS, axis=1)[:, :count]
 
 
 def nominal_inverse_dynamics(name: str) -> InverseDynamics:

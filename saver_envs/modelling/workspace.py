@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import KinematicArm, arm_named
+from saver_envs.modelling.arms import arm_named
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.solvers import reach
 from saver_envs.modelling.trajectories import Trajectory
@@ -49,7 +50,7 @@ def workspace_samples(name: str, count: int, seed: int) -> WorkspaceSamples:
     missing = count
     while missing > 0:
         drawn = _targets(arm, generator)
-        found = reach(arm, drawn, chain=arm.tool_chain)
+        found = reach(arm, drawn, None, arm.tool_chain)
         kept = found.reachable
         targets.append(drawn[kept])
         joints.append(found.joints[kept])

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from reproduction.ecosystem.ecosystem_command import render, tried
-from reproduction.ecosystem.libraries import EXAMPLES, LIBRARIES, Library
+from reproduction.ecosystem.ecosystem_command import LIBRARIES, PROGRAMS, Library, render, tried
 from saver_advisors.benchmark.peers.suites import default_cache
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,7 +41,7 @@ def test_a_library_that_installs_with_us_works(library: Library) -> None:
 
 def test_every_program_has_a_row() -> None:
     listed = {Path(line).name for one in LIBRARIES for line in one.programs}
-    assert {path.name for path in (ROOT / EXAMPLES).glob("*.py")} <= listed
+    assert {path.name for path in (ROOT / PROGRAMS).glob("*.py")} <= listed
 
 
 def test_a_page_names_versions_results_and_pins() -> None:

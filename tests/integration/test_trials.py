@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from reproduction.program import main as reproduce
-from reproduction.wrist_push.loop_trials import _counted, fault_row, play_row, shares
-from reproduction.wrist_push.wrist_push_page import render
+from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
+from reproduction.wrist_push.wrist_push_command import render
 from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for
 from saver_advisors.integration.health import Event
@@ -56,7 +56,8 @@ def test_outcomes_and_causes(trial: TrialRecord, outcome: str, words: str) -> No
 
 def test_a_table_counts_every_trial_once() -> None:
     trials = [record((0.03, 0.04)), record((0.03, 0.19)), record((0.03, 0.04), force=60.0)]
-    counted = _counted([one.summary() for one in trials])
+    played = {"trials": [one.summary() for one in trials], "wall_s": 1.0, "ages": [0.1]}
+    counted = play_row(lambda *_: [{**played, "stages": {}}], LoopSettings(), len(trials), 0)
     assert {key: counted[key] for key in ("trials", "succeeded", "harmed")} == {
         "trials": 3,
         "succeeded": 1,

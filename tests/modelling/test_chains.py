@@ -14,9 +14,8 @@ from saver_envs.modelling import arms
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table
-from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.mujoco_chain import chain_of_model, links_of_model
-from saver_envs.modelling.newton_euler import inverse_dynamics
+from saver_envs.modelling.newton_euler import Links, inverse_dynamics
 from saver_envs.robots import JACO, MICO, Robot, fetch
 from saver_envs.robots.description import Fingers
 from saver_envs.robots.drives import torque_driven

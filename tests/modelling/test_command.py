@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reproduction.modelling.weight_files import cards_of, origin, trained_before
+from reproduction.modelling.model_arguments import cards_of, origin, trained_before
 from saver_advisors.cli import main
 from saver_advisors.cli.model_figure import draw_recording
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.modelling.arms import Task, arm_named
-from saver_envs.modelling.datasets import save_recordings
+from saver_envs.modelling.datasets import Recording, save_recordings
 from saver_envs.modelling.models import load_model, new_model, read_card
-from saver_envs.modelling.recordings import Recording
 
 PAGE = Path(__file__).parents[2] / "docs" / "modelling.md"
 

@@ -157,7 +157,7 @@ def test_endless_joints_turn_the_shorter_way() -> None:
 def test_a_solver_without_a_model() -> None:
     arm = arm_named("jaco")
     samples = workspace_samples("jaco", 50, 5)
-    assert reach(arm, samples.targets).reachable.all()
+    assert reach(arm, samples.targets, None, arm.chain).reachable.all()
     near = nearest(arm, samples.targets, samples.joints + 0.1, arm.tool_chain)
     assert near.reachable.all()
 

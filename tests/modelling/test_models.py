@@ -10,19 +10,17 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor
 
-from saver_envs.modelling.arms import arm_named
+from saver_envs.modelling.arms import Task, arm_named
 from saver_envs.modelling.models import (
     ADVERSARIAL,
     MODELS,
     InverseModel,
-    Task,
     Training,
     load_model,
     new_model,
     read_card,
 )
-from saver_envs.modelling.models.adversarial import AdversarialModel
-from saver_envs.modelling.models.dualgan import WEIGHT_BOUND
+from saver_envs.modelling.models.adversarial import WEIGHT_BOUND, AdversarialModel
 from saver_envs.modelling.models.flow import ConditionalFlow, Flow
 from saver_envs.modelling.networks import (
     ACTIVATIONS,

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from saver_envs.modelling.arms import ARMS, KinematicArm, arm_named
+from saver_envs.modelling.arms import ARMS, arm_named
+from saver_envs.modelling.arms.description import KinematicArm
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.refinement import ORIENTATION_ENOUGH, POSITION_ENOUGH, Refinement
-from saver_envs.modelling.solvers import error_at, nearest, newton
+from saver_envs.modelling.solvers import nearest, newton, pose_error
 from saver_envs.modelling.workspace import workspace_samples
 from saver_envs.registration import make_episodes
 
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def lack(arm: KinematicArm, joints: Floats, targets: Floats) -> Floats:
     """What the tool lacks (n, rows), by the code for whole data sets."""
-    return np.abs(error_at(joints, targets, arm.tool_chain))
+    return np.abs(pose_error(*arm.tool_chain.tool_pose(joints), targets))
 
 
 def misses(arm: KinematicArm, joints: Floats, targets: Floats) -> NDArray[np.bool_]:

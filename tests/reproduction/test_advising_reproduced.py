@@ -10,7 +10,7 @@ import pytest
 from run_files import EVERY, curve, write_run
 
 from reproduction.advising.advising_command import evaluate_findings, figures, tables
-from reproduction.advising.advising_curves import strategies
+from reproduction.advising.advising_page import strategies
 from reproduction.advising.paper import PaperFigures, table_5_2
 from reproduction.findings import (
     Finding,
@@ -50,9 +50,7 @@ def paper_as_table(figures: Mapping[str, PaperFigures], copies: int = 1, shift: 
 def judged(text: str, table: Table, task: str = "push") -> Finding:
     """The finding whose claim has that text."""
     [claim] = [
-        claim
-        for claim in claims(list(table_5_2().labels))
-        if text in claim.text and claim.task == task
+        claim for claim in claims(table_5_2().rows) if text in claim.text and claim.task == task
     ]
     return evaluate_claim(claim, table)
 
@@ -70,7 +68,7 @@ def test_the_papers_table_obeys_its_own_definition() -> None:
 @pytest.mark.parametrize(("copies", "beyond"), [(1, "too few seeds"), (4, "yes")])
 def test_the_papers_findings_hold_in_its_own_table(copies: int, beyond: str) -> None:
     paper = table_5_2()
-    for claim in claims(list(paper.labels)):
+    for claim in claims(paper.rows):
         found = evaluate_claim(claim, paper_as_table(paper.figures[claim.task], copies))
         assert found.verdict == "holds", claim
         assert found.beyond_seeds == beyond

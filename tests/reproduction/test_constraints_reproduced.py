@@ -10,7 +10,7 @@ import pytest
 from run_files import curve, run_content, write_run
 
 from reproduction.constraints.constraints_command import TASK, table
-from reproduction.constraints.constraints_findings import evaluate_findings
+from reproduction.constraints.constraints_page import evaluated
 from reproduction.program import main as reproduce
 from saver_advisors.experiments.training_runs import read_training_runs
 
@@ -46,7 +46,7 @@ def write(folder: Path, row: str, best: float, seed: int = 0, **changes: Any) ->
 
 def verdicts(folder: Path) -> dict[str, str]:
     """Each finding's verdict, by the first words of its text."""
-    found = evaluate_findings(table(read_training_runs([folder])))
+    found = evaluated(table(read_training_runs([folder])))
     return {one.text.split(" ")[0]: one.verdict for one in found}
 
 

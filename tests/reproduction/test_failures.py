@@ -19,8 +19,7 @@ from reproduction.transfer.failures import (
     RETREAT,
     WORDS,
     Failure,
-    pick_failure,
-    push_failure,
+    find_failure,
 )
 from reproduction.transfer.trajectories import TrialTrajectory
 
@@ -64,8 +63,8 @@ def touching(*steps: int) -> Any:
 
 def test_success_has_no_cause() -> None:
     done = trial(path((0, 0.3, 0, 0), (30, 0.45, 0, 0)), success=True)
-    assert push_failure(done) is None
-    assert pick_failure(done) is None
+    assert find_failure("push", done) is None
+    assert find_failure("pick", done) is None
 
 
 # Pushing ------------------------------------------------------------------------------------------
@@ -73,7 +72,7 @@ def test_success_has_no_cause() -> None:
 
 def test_a_cube_that_came_near_and_went_away_slid_away() -> None:
     passed_by = trial(path((0, 0.30, 0.1, 0), (20, 0.45, 0.08, 0), (30, 0.45, 0.2, 0)))
-    failure = push_failure(passed_by)
+    failure = find_failure("push", passed_by)
     assert failure is not None
     assert failure.cause == "slid_away"
     # It left when it was 1 cm beyond its closest approach of 8 cm.
@@ -81,14 +80,16 @@ def test_a_cube_that_came_near_and_went_away_slid_away() -> None:
 
 
 def test_a_cube_pushed_the_wrong_way_from_the_start_slid_away() -> None:
-    failure = push_failure(trial(path((0, 0.30, 0, 0), (10, 0.30, 0, 0), (30, 0.20, 0, 0))))
+    failure = find_failure("push", trial(path((0, 0.30, 0, 0), (10, 0.30, 0, 0), (30, 0.20, 0, 0))))
     assert failure is not None
     assert (failure.cause, failure.step) == ("slid_away", 13)  # 5 mm a step from step 10 on
 
 
 def test_a_cube_out_of_reach_slid_away_however_near_its_target_is() -> None:
     near_the_rim = {"target": np.array([[0.58, 0.0, SIZE / 2]]), "reach": 0.50}
-    failure = push_failure(trial(path((0, 0.45, 0.1, 0), (30, 0.56, 0.07, 0)), **near_the_rim))
+    failure = find_failure(
+        "push", trial(path((0, 0.45, 0.1, 0), (30, 0.56, 0.07, 0)), **near_the_rim)
+    )
     assert failure is not None
     assert failure.cause == "slid_away"
 
@@ -97,34 +98,34 @@ def test_a_cube_out_of_reach_slid_away_however_near_its_target_is() -> None:
 def test_a_small_retreat_is_none(retreat: float, cause: str) -> None:
     end = 0.45 - 0.04 - retreat * RETREAT
     cube = path((0, 0.30, 0, 0), (20, 0.41, 0, 0), (30, end, 0, 0))
-    failure = push_failure(replace(trial(cube), threshold=0.05))
+    failure = find_failure("push", replace(trial(cube), threshold=0.05))
     assert failure is not None
     assert failure.cause == cause
 
 
 def test_resting_close_by_is_inaccurate_and_moving_there_timed_out() -> None:
     rests = path((0, 0.30, 0, 0), (30, 0.38, 0, 0))
-    assert push_failure(trial(rests)) == Failure("inaccurate", T, 0)
+    assert find_failure("push", trial(rests)) == Failure("inaccurate", T, 0)
     still_moving = path((0, 0.30, 0, 0), (30, 0.30, 0, 0), (T, 0.38, 0, 0))
-    assert push_failure(trial(still_moving)) == Failure("timed_out", T, 0)
+    assert find_failure("push", trial(still_moving)) == Failure("timed_out", T, 0)
 
 
 def test_an_untouched_cube_timed_out() -> None:
-    assert push_failure(trial(path((0, 0.30, 0, 0)))) == Failure("timed_out", T, 0)
+    assert find_failure("push", trial(path((0, 0.30, 0, 0)))) == Failure("timed_out", T, 0)
 
 
 def test_pressing_is_a_collision_and_brushing_is_none() -> None:
     cube = path((0, 0.30, 0, 0))
     pressed = trial(cube, collided=touching(*range(7, 7 + PRESSED)))
-    assert push_failure(pressed) == Failure("collided", 7, 0)
+    assert find_failure("push", pressed) == Failure("collided", 7, 0)
     brushed = trial(cube, collided=touching(7, 8, 10, 11))
-    assert push_failure(brushed) == Failure("timed_out", T, 0)
+    assert find_failure("push", brushed) == Failure("timed_out", T, 0)
 
 
 @pytest.mark.parametrize(("step", "cause"), [(5, "collided"), (30, "slid_away")])
 def test_the_first_event_is_the_cause(step: int, cause: str) -> None:
     cube = path((0, 0.30, 0.1, 0), (15, 0.45, 0.08, 0), (25, 0.45, 0.2, 0))
-    failure = push_failure(trial(cube, collided=touching(*range(step, step + 5))))
+    failure = find_failure("push", trial(cube, collided=touching(*range(step, step + 5))))
     assert failure is not None
     assert failure.cause == cause
 
@@ -142,12 +143,12 @@ def test_only_arms_that_failed_count() -> None:
         },
         target=np.concatenate([one.target, other.target]),
     )
-    assert push_failure(both) == Failure("inaccurate", T, 1)
+    assert find_failure("push", both) == Failure("inaccurate", T, 1)
 
 
 def test_a_simulation_that_broke_down_is_no_policys_fault() -> None:
     broken = trial(path((0, 0.3, 0, 0)), collided=touching(*range(9)), diverged=True)
-    for failure in (push_failure(broken), pick_failure(broken)):
+    for failure in (find_failure("push", broken), find_failure("pick", broken)):
         assert failure is not None
         assert failure.cause == "diverged"
 
@@ -167,7 +168,9 @@ LIFT = ((0, 0.3, 0, 0), (8, 0.3, 0, 0), (18, 0.3, 0, 0.10))
 
 def test_a_cube_that_falls_from_the_hand_is_a_lost_grasp() -> None:
     cube = (*LIFT, (22, 0.3, 0, 0.10), (25, 0.3, 0, 0))
-    failure = pick_failure(carried(*cube, tool=(*LIFT, (22, 0.3, 0, 0.10), (34, 0.4, 0, 0.12))))
+    failure = find_failure(
+        "pick", carried(*cube, tool=(*LIFT, (22, 0.3, 0, 0.10), (34, 0.4, 0, 0.12)))
+    )
     assert failure is not None
     assert failure.cause == "grasp_lost"
     assert 22 < failure.step <= 25
@@ -176,7 +179,7 @@ def test_a_cube_that_falls_from_the_hand_is_a_lost_grasp() -> None:
 def test_a_cube_that_slips_within_the_hand_is_a_lost_grasp() -> None:
     """It hangs on, 4 cm below where it was, but is not where the policy knows it to be."""
     cube = (*LIFT, (20, 0.3, 0, 0.10), (26, 0.3, 0, 0.06), (40, 0.3, 0, 0.015))
-    failure = pick_failure(carried(*cube, tool=(*LIFT, (40, 0.3, 0, 0.11))))
+    failure = find_failure("pick", carried(*cube, tool=(*LIFT, (40, 0.3, 0, 0.11))))
     assert failure is not None
     assert failure.cause == "grasp_lost"
 
@@ -184,7 +187,7 @@ def test_a_cube_that_slips_within_the_hand_is_a_lost_grasp() -> None:
 def test_a_cube_that_is_set_down_is_not_lost() -> None:
     """Lowered to the table 8 cm from its target, left there, and the hand goes up again."""
     down = (*LIFT, (26, 0.37, 0, 0), (32, 0.37, 0, 0))
-    failure = pick_failure(carried(*down, tool=(*down, (T, 0.37, 0, 0.2))))
+    failure = find_failure("pick", carried(*down, tool=(*down, (T, 0.37, 0, 0.2))))
     assert failure == Failure("inaccurate", T, 0)
 
 
@@ -192,13 +195,13 @@ def test_a_cube_that_is_caught_again_is_not_lost() -> None:
     fallen = (*LIFT, (20, 0.3, 0, 0.10), (22, 0.3, 0, 0))
     again = (*fallen, (28, 0.3, 0, 0), (36, 0.38, 0, 0.10))
     hand = (*LIFT, (24, 0.3, 0, 0.10), (28, 0.3, 0, 0), (36, 0.38, 0, 0.10))
-    failure = pick_failure(carried(*again, tool=hand))
+    failure = find_failure("pick", carried(*again, tool=hand))
     assert failure == Failure("timed_out", T, 0)
 
 
 def test_a_hand_that_comes_up_empty_had_a_weak_grasp() -> None:
     hand = ((0, 0.3, 0, 0.1), (5, 0.3, 0, 0), (12, 0.3, 0, 0), (22, 0.3, 0, 2.5 * CAME_UP))
-    failure = pick_failure(carried((0, 0.3, 0, 0), tool=hand, closed_from=6))
+    failure = find_failure("pick", carried((0, 0.3, 0, 0), tool=hand, closed_from=6))
     assert failure is not None
     assert failure.cause == "weak_grasp"
     assert 12 < failure.step <= 17
@@ -206,7 +209,7 @@ def test_a_hand_that_comes_up_empty_had_a_weak_grasp() -> None:
 
 def test_an_open_hand_that_passes_by_has_no_grasp_to_lose() -> None:
     hand = ((0, 0.3, 0, 0.1), (5, 0.3, 0, 0), (12, 0.3, 0, 0), (22, 0.3, 0, 0.1))
-    failure = pick_failure(carried((0, 0.3, 0, 0), tool=hand, closed_from=T))
+    failure = find_failure("pick", carried((0, 0.3, 0, 0), tool=hand, closed_from=T))
     assert failure == Failure("timed_out", T, 0)
 
 
@@ -214,7 +217,7 @@ def test_held_beside_the_target_at_the_end_is_inaccurate() -> None:
     """8 cm beside a target in the air."""
     up = (*LIFT, (30, 0.37, 0, 0.10))
     shown = replace(carried(*up, tool=up), target=TARGET[None] + [0, 0, 0.10])
-    assert pick_failure(shown) == Failure("inaccurate", T, 0)
+    assert find_failure("pick", shown) == Failure("inaccurate", T, 0)
 
 
 @settings(deadline=None, max_examples=60)
@@ -241,7 +244,10 @@ def test_every_failure_has_one_known_cause_within_the_trial(seed: int, arms: int
         reach=0.62,
         success=False,
     )
-    for failure, causes in ((push_failure(made), PUSH_CAUSES), (pick_failure(made), PICK_CAUSES)):
+    for failure, causes in (
+        (find_failure("push", made), PUSH_CAUSES),
+        (find_failure("pick", made), PICK_CAUSES),
+    ):
         assert failure is not None
         assert failure.cause in causes
         assert 0 <= failure.step <= T

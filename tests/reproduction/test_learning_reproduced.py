@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from reproduction.learning.stopwatch import Stopwatch
 from reproduction.learning.training_loops import (
     EIGHT_LAYERS,
     PARTS,
     VARIANTS,
+    Stopwatch,
     Variant,
     our_loop,
     settings_of,

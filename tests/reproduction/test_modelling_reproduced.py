@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import torch
 
-from reproduction.modelling import grid, kinematics_page, tracking, training_time
+from reproduction.modelling import grid, kinematics, tracking, training_time
 from reproduction.modelling.grid import (
+    GridCell,
     as_known,
     cells_of,
     read_result,
     results_of,
     run_grid,
 )
-from reproduction.modelling.grid_cells import GridCell
 from reproduction.modelling.grid_page import render
 from reproduction.modelling.paper_claims import (
     ADVERSARIAL,
@@ -329,7 +329,7 @@ def test_other_pages_come_from_their_figures() -> None:
         "cost": [],
         "success": [],
     }
-    page = kinematics_page.render(figures)
+    page = kinematics.render(figures)
     assert "| mico | shipped | 2 / 2.98 |" in page
     assert "| mico | shipped | 0.042 | 2.5 |" in page
     row = {"robot": "mico", "gain": 1.0, "per_joint": [0.001] * 4}
@@ -344,9 +344,9 @@ def test_other_pages_come_from_their_figures() -> None:
 def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """20 s of the MICO instead of 800: as many samples, nearer to one another."""
     from saver_envs.modelling import datasets
-    from saver_envs.modelling.arms import Campaign, Processing
+    from saver_envs.modelling.arms.description import Campaign
 
-    short = Campaign(6, 3, 8.0, 1, Processing(2.0, 50, 1), 10_000)
+    short = Campaign(6, 3, 8.0, 1, cut=2.0, window=50, keep_every=1)
     monkeypatch.setattr(datasets, "campaign_of", lambda _: short)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 

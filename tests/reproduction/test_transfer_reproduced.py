@@ -13,15 +13,14 @@ from reproduction.program import main as reproduce
 from reproduction.transfer.attempts import (
     ENVIRONMENTS,
     EXPERT,
+    OBJECT_SIZE,
     TITLES,
     Attempt,
-    Entrant,
     by_kind,
+    conditions,
 )
-from reproduction.transfer.conditions import OBJECT_SIZE, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, Failure
-from reproduction.transfer.transfer_command import attempts, entrants
-from reproduction.transfer.transfer_page import paper_rows, render
+from reproduction.transfer.transfer_command import attempts, entrants, paper_rows, render
 from saver_advisors.policies import WEIGHTS_DIR
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import make_episodes
@@ -61,15 +60,15 @@ def test_every_condition_can_be_built_and_differs_in_what_it_says(task: str) -> 
 
 
 def test_who_tries() -> None:
-    labels = [one.label for one in entrants("push", None)]
+    labels = list(entrants("push", None))
     assert labels == ["advised", "teachers side by side", "scripted expert"]
     path = WEIGHTS_DIR / "dual-jaco-push.safetensors"
     words = ["scratch=side-by-side:jaco-push", str(path)]
-    assert entrants("push", words) == [
-        Entrant("scratch", "side-by-side:jaco-push"),
-        Entrant(str(path), str(path)),
-    ]
-    assert entrants("pick", []) == []
+    assert entrants("push", words) == {
+        "scratch": "side-by-side:jaco-push",
+        str(path): str(path),
+    }
+    assert entrants("pick", []) == {}
     with pytest.raises(UsageError, match="different labels"):
         entrants("push", ["a=expert", "a=random"])
 
@@ -78,8 +77,8 @@ def test_the_expert_tries_some_conditions_and_students_all() -> None:
     everything = attempts(argparse.Namespace(push=None, pick=None, conditions=None))
     of_push = [one for one in everything if one.task == "push"]
     names = [one.name for one in conditions("push")]
-    assert [one.condition.name for one in of_push if one.entrant.label == "advised"] == names
-    tried = {one.condition.name for one in of_push if one.entrant.policy == EXPERT}
+    assert [one.condition.name for one in of_push if one.label == "advised"] == names
+    tried = {one.condition.name for one in of_push if one.policy == EXPERT}
     assert {"mico", "all"} <= tried < set(names)
 
 
@@ -87,10 +86,10 @@ def test_each_kind_is_shown_once_and_the_strangest_condition_first() -> None:
     home, _, mico, *_ = conditions("push")
     failures = [None, Failure("slid_away", 3, 0), None, Failure("collided", 5, 0)]
     found: list[Any] = [
-        (Attempt("push", home, Entrant("a", "a")), [], failures),
-        (Attempt("push", mico, Entrant("a", "a")), [], [Failure("slid_away", 9, 0), None]),
-        (Attempt("push", mico, Entrant("b", "b")), [], [Failure("timed_out", 9, 0), None]),
-        (Attempt("push", mico, Entrant("c", EXPERT)), [], [Failure("diverged", 9, 0)]),
+        (Attempt("push", home, "a", "a"), [], failures),
+        (Attempt("push", mico, "a", "a"), [], [Failure("slid_away", 9, 0), None]),
+        (Attempt("push", mico, "b", "b"), [], [Failure("timed_out", 9, 0), None]),
+        (Attempt("push", mico, "c", EXPERT), [], [Failure("diverged", 9, 0)]),
     ]
     assert list(by_kind(found)) == [
         ("slid_away", 1, 0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -33,17 +33,15 @@ class PaperFigures:
 class PaperTable:
     """Table 5.2.
 
-    :param source: where it is printed.
     :param tasks: our environment id for each of its tasks.
-    :param labels: the table's label of each of our rows, in the table's order.
+    :param rows: our names of its rows, in the table's order.
     :param figures: figures by task, then by our name of the row.
     :param from_scratch: epochs to a success rate of 0.9 without advice, by task, then by number of
         arms in words; None if it was not reached.
     """
 
-    source: str
     tasks: Mapping[str, str]
-    labels: Mapping[str, str]
+    rows: Sequence[str]
     figures: Mapping[str, Mapping[str, PaperFigures]]
     from_scratch: Mapping[str, Mapping[str, float | None]]
 
@@ -61,9 +59,8 @@ def table_5_2() -> PaperTable:
     content: dict[str, Any] = yaml.safe_load(text)
     rows = content["rows"]
     return PaperTable(
-        source=content["source"],
         tasks=content["tasks"],
-        labels={name: row["label"] for name, row in rows.items()},
+        rows=list(rows),
         figures={
             task: {
                 name: PaperFigures(*(row[task][key] for key in ("IE", "RT", "MSR", "ELR")))

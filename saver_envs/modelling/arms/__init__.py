@@ -7,7 +7,7 @@ from functools import cache
 from typing import Final, Literal
 
 from saver_envs.modelling.arms import fetch, jaco, mico
-from saver_envs.modelling.arms.description import Campaign, KinematicArm, Processing, TwinParameters
+from saver_envs.modelling.arms.description import KinematicArm
 
 #: Inverse kinematics or inverse dynamics.
 Task = Literal["ik", "id"]
@@ -32,16 +32,3 @@ def arm_named(name: str) -> KinematicArm:
 def arms_with_twins() -> list[str]:
     """Return the names of the arms of which a twin and data sets exist."""
     return [name for name in ARMS if arm_named(name).twin is not None]
-
-
-__all__ = [
-    "ARMS",
-    "TASK_NAMES",
-    "Campaign",
-    "KinematicArm",
-    "Processing",
-    "Task",
-    "TwinParameters",
-    "arm_named",
-    "arms_with_twins",
-]

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.modelling.chain import Chain, FloatArray
-from saver_envs.modelling.inertia import Links
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.robots.description import Robot
 
 
@@ -31,37 +31,25 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Processing:
-    """Settings that turn a log into samples.
-
-    :param cut: duration removed at either end, seconds.
-    :param window: length of the moving average, in logged samples.
-    :param keep_every: one in this many smoothed samples is kept.
-    """
-
-    cut: float
-    window: int
-    keep_every: int
-
-
-@dataclass(frozen=True)
 class Campaign:
-    """Settings of the recording of an arm's data (Section 7.3.5).
+    """Settings that record an arm's data and turn the log into samples (Section 7.3.5).
 
     :param trajectories: number of trajectories; the last is for testing, the others for training.
     :param way_points: cubics of a trajectory.
     :param interval: duration of a cubic, seconds.
     :param log_every: simulation steps between logged samples.
-    :param processing: cuts, smoothing and thinning.
-    :param samples: number of samples of each trajectory.
+    :param cut: duration removed from the log at either end, seconds.
+    :param window: length of the moving average, in logged samples.
+    :param keep_every: one in this many smoothed samples is kept.
     """
 
     trajectories: int
     way_points: int
     interval: float
     log_every: int
-    processing: Processing
-    samples: int
+    cut: float
+    window: int
+    keep_every: int
 
 
 @dataclass(frozen=True)
@@ -131,11 +119,6 @@ class KinematicArm:
     campaign: Campaign | None = None
     collision_model: Callable[[], mujoco.MjModel] | None = None
     idle_joints: tuple[int, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Lower-case name."""
-        return self.robot.name
 
     @property
     def dof(self) -> int:

@@ -11,14 +11,13 @@ import numpy as np
 from saver_envs.modelling.arms.description import (
     Campaign,
     KinematicArm,
-    Processing,
     Region,
     TwinParameters,
     within_one_turn,
 )
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table
-from saver_envs.modelling.inertia import Links, symmetric
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.fetch import BASE_BODY, FETCH
 
@@ -85,7 +84,7 @@ _TWIN = TwinParameters(
 )
 
 #: 2,400 s between the cuts, a way-point every 4 s, logged at 100 Hz; the window spans 0.1 s.
-_CAMPAIGN = Campaign(2, 602, 4.0, 5, Processing(4.0, 10, 4), 60_000)
+_CAMPAIGN = Campaign(2, 602, 4.0, 5, cut=4.0, window=10, keep_every=4)
 
 
 def chain() -> Chain:
@@ -97,7 +96,8 @@ def appendix_links() -> Links:
     """Return the inertia of Appendix A in the frames of :func:`chain`."""
     centre = np.array(_CENTRES)
     centre[7, 2] -= _GRIPPER  # the appendix gives the last link at joint 7
-    return Links(np.array(_MASSES), centre, np.array([symmetric(*row) for row in _INERTIA]))
+    inertia = np.take(_INERTIA, [[0, 1, 2], [1, 3, 4], [2, 4, 5]], axis=1)
+    return Links(np.array(_MASSES), centre, inertia)
 
 
 def _collision_model() -> mujoco.MjModel:

@@ -8,16 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from saver_envs.modelling.arms.description import (
-    Campaign,
-    KinematicArm,
-    Processing,
-    Region,
-    TwinParameters,
-)
+from saver_envs.modelling.arms.description import Campaign, KinematicArm, Region, TwinParameters
 from saver_envs.modelling.chain import Chain
-from saver_envs.modelling.dh import DHRow, chain_of_table, table_limits, translation
-from saver_envs.modelling.inertia import Links, symmetric
+from saver_envs.modelling.dh import DHRow, chain_of_table, translation
+from saver_envs.modelling.newton_euler import Links
 from saver_envs.reachability import GRID_LOWER, GRID_UPPER
 from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.mico import MICO
@@ -62,8 +56,6 @@ _INERTIA = (
     (1497076.78, -847.46, 258952.15, 152097.63, 1467115.33, -144.78),
     (5611391.53, -902.55, 5429904.00, 51034.36, 301540.64, -52563.36),
 )
-#: Distance of the table's frame 4, at the end effector, from joint 4, where our frame 4 lies (m).
-_HAND_FRAME = 0.16
 
 TWIN = TwinParameters(
     # Drawings omit cables, glue and screws; the wired hand is the least known part.
@@ -92,7 +84,7 @@ TWIN = TwinParameters(
 
 #: 800 s, a way-point every 8 s, logged at 500 Hz; two way-points are cut at either end, and one
 #: sample in 32 is kept.
-_CAMPAIGN = Campaign(6, 100, 8.0, 1, Processing(16.0, 50, 32), 12_000)
+_CAMPAIGN = Campaign(6, 100, 8.0, 1, cut=16.0, window=50, keep_every=32)
 
 
 def chain(tool_distance: float = END_EFFECTOR) -> Chain:
@@ -107,14 +99,18 @@ def chain(tool_distance: float = END_EFFECTOR) -> Chain:
 def appendix_links() -> Links:
     """Return the inertia of Appendix A in the frames of :func:`chain`."""
     centre = np.array(_CENTRES) * 1e-3
-    centre[3, 2] += _HAND_FRAME
-    inertia = [symmetric(xx, xy, xz, yy, yz, zz) * 1e-9 for xx, xy, yy, yz, zz, xz in _INERTIA]
-    return Links(np.array(_MASSES), centre, np.array(inertia))
+    centre[3, 2] += END_EFFECTOR  # the table's frame 4 is there, ours at joint 4
+    inertia = np.take(_INERTIA, [[0, 1, 5], [1, 2, 3], [5, 3, 4]], axis=1) * 1e-9
+    return Links(np.array(_MASSES), centre, inertia)
 
 
 def arm() -> KinematicArm:
     """Return the MICO."""
-    lower, upper = table_limits(DH_TABLE, _TABLE_LIMITS)
+    limits = [
+        sorted((end - row.offset) / row.direction for end in pair)
+        for row, pair in zip(DH_TABLE, _TABLE_LIMITS, strict=True)
+    ]
+    lower, upper = np.transpose(limits)
     return KinematicArm(
         MICO,
         chain(),

@@ -1,4 +1,4 @@
-"""Inverse models, one file each, and the table that names them (needs the extra ``modelling``)."""
+"""Inverse models, and the table that names them (needs the extra ``modelling``)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 import torch
 
 from saver_envs.modelling.arms import Task
+from saver_envs.modelling.models.adversarial import Bigan, Cgan, Dualgan, Lsgan
 from saver_envs.modelling.models.analytic import Analytic
-from saver_envs.modelling.models.base import KIND, History, InverseModel, Training
-from saver_envs.modelling.models.bigan import Bigan
-from saver_envs.modelling.models.cgan import Cgan
-from saver_envs.modelling.models.conditional import Conditional
-from saver_envs.modelling.models.dualgan import Dualgan
+from saver_envs.modelling.models.base import KIND, InverseModel, Training
 from saver_envs.modelling.models.flow import Flow
 from saver_envs.modelling.models.identified import Identified
-from saver_envs.modelling.models.lsgan import Lsgan
-from saver_envs.modelling.models.mlp import Mlp
-from saver_envs.modelling.models.network_model import NetworkModel
+from saver_envs.modelling.models.mlp import Conditional, Mlp
+from saver_envs.modelling.models.network_model import NetworkModel, Standardiser
 from saver_envs.modelling.networks import MLPArchitecture
 from saver_envs.weights import Header, Shapes, read_header, read_weights
 
@@ -61,10 +58,10 @@ def load_model(path: Path, robot: str | None = None, task: Task | None = None) -
             raise ValueError(f"{path} is of {name} {header.get(name)!r}, not {wanted!r}")
     header, tensors = read_weights(path, KIND, _shapes)
     try:
-        model = MODELS[header["model"]]
-        settings = json.loads(header["settings"])
         task = cast(Task, header["task"])  # the model checks it
-        return model._from_state(header["robot"], task, tensors, settings)
+        model = MODELS[header["model"]](header["robot"], task)
+        model._restore(tensors, json.loads(header["settings"]))
+        return model
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"{path} contradicts itself: {error}") from error
 
@@ -86,21 +83,19 @@ def _shapes(header: Header) -> Shapes | None:
     with torch.device("meta"):
         made = model(header["robot"], cast(Task, header["task"]), architecture)
         made._device = torch.device("meta")
-        weights = made._predictor().state_dict()
-        shapes = {f"network.{name}": value for name, value in weights.items()}
-        for name, size in (("input", made.network_input_size), ("output", made.output_size)):
-            for part in ("mean", "std"):
-                shapes[f"{name}_{part}"] = torch.empty(size, dtype=torch.float64)
-    return shapes
+        made._weights = made._predictor().state_dict()
+    made._input_scale, made._output_scale = (
+        Standardiser(np.empty(size), np.empty(size))
+        for size in (made.network_input_size, made.output_size)
+    )
+    return made._state()[0]
 
 
 __all__ = [
     "ADVERSARIAL",
     "LOOPED",
     "MODELS",
-    "History",
     "InverseModel",
-    "Task",
     "Training",
     "load_model",
     "new_model",

@@ -46,13 +46,7 @@ class Analytic(InverseModel):
         if self._links is not None:
             position, velocity, acceleration = np.split(inputs, 3, axis=1)
             return inverse_dynamics(self.arm.chain, self._links, position, velocity, acceleration)
-        return reach(self.arm, inputs, present).joints
+        return reach(self.arm, inputs, present, self.arm.chain).joints
 
-    def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        return {}, {}
-
-    @classmethod
-    def _from_state(
-        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
-    ) -> InverseModel:
-        return cls(robot, task)
+    def _restore(self, tensors: dict[str, Tensor], settings: dict[str, Any]) -> None:
+        """Do nothing: there is nothing to learn."""

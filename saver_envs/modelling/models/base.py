@@ -17,6 +17,7 @@ from torch import Tensor
 from saver_envs.modelling.arms import TASK_NAMES, Task, arm_named
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
+from saver_envs.validation import require
 from saver_envs.weights import check_finite, write_weights
 
 T = TypeVar("T")
@@ -79,8 +80,7 @@ class Training:
             "device": (self.device in DEVICES, f"one of {', '.join(DEVICES)}"),
         }
         for name, (holds, valid) in checks.items():
-            if not holds:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be {valid}")
+            require(name, getattr(self, name), holds, valid)
         if self.device == "cuda" and not torch.cuda.is_available():
             raise ValueError(
                 f"device='cuda': torch {torch.__version__} finds no GPU; use device='cpu'"
@@ -136,8 +136,7 @@ class InverseModel(ABC):
 
     def __init__(self, robot: str, task: Task) -> None:
         self.arm = arm_named(robot)
-        if task not in TASKS:
-            raise ValueError(f"task={task!r}: must be one of {', '.join(TASKS)}")
+        require("task", task, task in TASKS, f"one of {', '.join(TASKS)}")
         if task not in self.tasks:
             only = TASK_NAMES[self.tasks[0]]
             raise ValueError(f"task={task!r}: {self.name!r} is only for {only}")
@@ -197,16 +196,13 @@ class InverseModel(ABC):
     def _predict(self, inputs: FloatArray, present: FloatArray | None) -> FloatArray:
         """Return outputs for checked inputs; see :meth:`predict`."""
 
-    @abstractmethod
     def _state(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        """Return the tensors and settings that define the model."""
+        """Return the tensors and settings that define the model; none if nothing is learned."""
+        return {}, {}
 
-    @classmethod
     @abstractmethod
-    def _from_state(
-        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
-    ) -> InverseModel:
-        """Return the model that :meth:`_state` describes."""
+    def _restore(self, tensors: dict[str, Tensor], settings: dict[str, Any]) -> None:
+        """Become the model that :meth:`_state` describes."""
 
     def save(self, path: Path, card: Mapping[str, Any] | None = None) -> None:
         """Write a weight file.

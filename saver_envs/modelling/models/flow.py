@@ -17,8 +17,7 @@ from torch import Tensor, nn
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.models.base import Training
-from saver_envs.modelling.models.network_model import NetworkModel, adam, descend
+from saver_envs.modelling.models.network_model import NetworkModel, descend
 from saver_envs.modelling.networks import Float32, FrozenNetwork, MLPArchitecture, build_network
 
 #: Coupling layers, and the perceptron in each.
@@ -79,13 +78,10 @@ class FrozenFlow:
     def __init__(
         self, weights: Mapping[str, Tensor], architecture: MLPArchitecture, size: int
     ) -> None:
-        self._nets = [
-            FrozenNetwork(
-                {name: one for name, one in weights.items() if name.startswith(f"nets.{layer}.")},
-                architecture,
-            )
-            for layer in range(COUPLINGS)
-        ]
+        parts: list[dict[str, Tensor]] = [{} for _ in range(COUPLINGS)]
+        for name, one in weights.items():  # such as nets.3.0.weight
+            parts[int(name.split(".")[1])][name] = one
+        self._nets = [FrozenNetwork(part, architecture) for part in parts]
         self._size = size
 
     def __call__(self, condition: Float32, normal: Float32 | None = None) -> Float32:
@@ -122,14 +118,9 @@ class Flow(NetworkModel):
         flow = ConditionalFlow(self.input_size, self.output_size, self.architecture)
         return flow.to(self._device)
 
-    def _prepare(self, training: Training) -> nn.Module:
-        self._flow = self._predictor()
-        self._optimisers = [adam(self._flow.parameters(), training)]
-        return self._flow
-
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
         softened = outputs + _SOFTENING * torch.randn_like(outputs)
-        loss = -self._flow.log_likelihood(softened, inputs).mean()
+        loss = -self._network.log_likelihood(softened, inputs).mean()
         descend(self._optimisers[0], loss, _LARGEST_GRADIENT)
 
     def _frozen_of(self, weights: Mapping[str, Tensor]) -> FrozenFlow:

@@ -16,9 +16,8 @@ from torch import Tensor
 
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.chain import FloatArray
-from saver_envs.modelling.inertia import Links
 from saver_envs.modelling.models.base import History, InverseModel, Progress, Training
-from saver_envs.modelling.newton_euler import inverse_dynamics
+from saver_envs.modelling.newton_euler import Links, inverse_dynamics
 
 #: Samples used by the fit, evenly spaced over those that are given.
 SAMPLES = 1000
@@ -126,10 +125,5 @@ class Identified(InverseModel):
         values = self._fitted(self._values)
         return {name: torch.from_numpy(one) for name, one in values.items()}, {}
 
-    @classmethod
-    def _from_state(
-        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
-    ) -> InverseModel:
-        model = cls(robot, task)
-        model._values = {name: one.numpy() for name, one in tensors.items()}
-        return model
+    def _restore(self, tensors: dict[str, Tensor], settings: dict[str, Any]) -> None:
+        self._values = {name: one.numpy() for name, one in tensors.items()}

@@ -77,9 +77,11 @@ class NetworkModel(InverseModel):
 
     # What subclasses add -------------------------------------------------------------------------
 
-    @abstractmethod
     def _prepare(self, training: Training) -> nn.Module:
         """Build networks and ``_optimisers``; return the network that predicts."""
+        self._network: Any = self._predictor()
+        self._optimisers = [adam(self._network.parameters(), training)]
+        return self._network
 
     @abstractmethod
     def _update(self, inputs: Tensor, outputs: Tensor) -> None:
@@ -170,25 +172,21 @@ class NetworkModel(InverseModel):
         tensors |= {f"network.{name}": one for name, one in weights.items()}
         return tensors, {"architecture": asdict(self.architecture)}
 
-    @classmethod
-    def _from_state(
-        cls, robot: str, task: Task, tensors: dict[str, Tensor], settings: dict[str, Any]
-    ) -> InverseModel:
-        model = cls(robot, task, MLPArchitecture(**settings["architecture"]))
-        model._input_scale, model._output_scale = (
+    def _restore(self, tensors: dict[str, Tensor], settings: dict[str, Any]) -> None:
+        self.architecture = MLPArchitecture(**settings["architecture"])
+        self._input_scale, self._output_scale = (
             Standardiser(tensors[f"{side}_mean"].numpy(), tensors[f"{side}_std"].numpy())
             for side in ("input", "output")
         )
-        network = model._predictor()
+        network = self._predictor()
         weights = {
             name.removeprefix("network."): one
             for name, one in tensors.items()
             if name.startswith("network.")
         }
         network.load_state_dict(weights, strict=True)
-        model._weights = dict(network.state_dict())
-        model._frozen = model._frozen_of(model._weights)
-        return model
+        self._weights = dict(network.state_dict())
+        self._frozen = self._frozen_of(self._weights)
 
 
 def adam(
