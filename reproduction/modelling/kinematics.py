@@ -236,7 +236,7 @@ def _success(
     from saver_envs.modelling.kinematics import LearnedInverseKinematics
 
     env_id = ENVS[robot]
-    predict = resolve(policy, env_id, {}).predict
+    predict = resolve(policy, env_id, {})
     if wrapper:
         outcomes = _through_wrapper(env_id, predict, model, steps, episodes)
     else:

@@ -28,13 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the table, draw the figure, write the figures."""
-    from saver_advisors.cli.runs import CURVE_COLUMNS, curve_cells, draw, read_runs
+    from saver_advisors.cli.runs import CURVE_COLUMNS, draw, read_runs
     from saver_advisors.evaluation.metrics import SOLVED
-    from saver_advisors.reporting import tables
+    from saver_advisors.reporting.tables import show_rows
 
     runs = read_runs(args.run_dirs)
     summaries = [one.summary() for one in runs]
-    tables.show(CURVE_COLUMNS, [curve_cells(one) for one in summaries])
+    show_rows(summaries, CURVE_COLUMNS)
     if args.output is not None:
         draw(runs).savefig(args.output)
         print(f"wrote {args.output}")

@@ -15,6 +15,7 @@ from saver_advisors.cli.arguments import add_count, add_json, new_folder, positi
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.tables import row_cells
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         videos=videos,
         scenes=scenes,
         environment_columns=COLUMNS,
-        environment_rows=[entry(name).cells for name in sparse_ids()],
+        environment_rows=row_cells([vars(entry(name)) for name in sparse_ids()], COLUMNS.values()),
     )
     (args.output / "index.html").write_text(page, encoding="utf-8")
     for path in (args.output / "demo.json", args.json):
@@ -139,12 +140,10 @@ def _baselines(shipped: list[Player]) -> list[Player]:
 def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Evaluate every player."""
     from saver_advisors.cli.evaluate import measure, show
-    from saver_advisors.cli.policies import resolve
 
     results = []
     for name, env, kwargs in players():
-        policy = resolve(name, env, kwargs, args.seed)
-        results.append(measure(policy, env, args.episodes, args.seed, kwargs))
+        results.append(measure(name, env, args.episodes, args.seed, kwargs))
         show(results[-1])
     return results
 
@@ -181,7 +180,7 @@ def _record(
     for one in best_shipped(evaluations, left_out=robot_env):
         name, env, kwargs = one["policy"], one["env"], one["env_kwargs"]
         recordings = record(
-            resolve(name, env, kwargs).predict,
+            resolve(name, env, kwargs),
             env,
             env_kwargs=kwargs,
             episodes=args.video_episodes,

@@ -9,6 +9,8 @@ from typing import Any, Final
 
 from saver_advisors.cli.demo_learning import TEACHER
 from saver_advisors.cli.demo_robot import VIDEO
+from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
+from saver_advisors.reporting.tables import row_cells
 from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
@@ -24,12 +26,10 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    from saver_advisors.cli.runs import CURVE_COLUMNS, curve_cells
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
+    from saver_advisors.cli.runs import CURVE_COLUMNS
 
     evaluations, learning = figures["evaluations"], figures["learning"]
-    collisions = [f"{one['cost_means']['cost_collision']:.2f}" for one in evaluations]
-    rows = [[*evaluation_cells(one), n] for one, n in zip(evaluations, collisions, strict=True)]
+    columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
     templates = Environment(
         loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
     )
@@ -40,8 +40,8 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
         episodes=args.episodes,
         seed=args.seed,
         evaluations=evaluations,
-        result_columns=(*EVALUATION_COLUMNS, "collisions per episode"),
-        result_rows=rows,
+        result_columns=columns,
+        result_rows=row_cells(evaluations, columns.values()),
         baselines=_described_baselines(evaluations),
         bars=_figure_uri(_bars(evaluations)) if evaluations else "",
         robot={**figures["robot"], "data": video_uri(args.output / VIDEO)},
@@ -51,7 +51,7 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
             "teacher": TEACHER,
             "figure": _learning_figure(learning["runs"]),
             "columns": CURVE_COLUMNS,
-            "rows": [curve_cells(one) for one in learning["runs"]],
+            "rows": row_cells(learning["runs"], CURVE_COLUMNS.values()),
         },
     )
 

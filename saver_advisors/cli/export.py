@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Choose the policy, measure it, and write weights and card."""
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
-    from saver_advisors.reporting.tables import show
+    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
+    from saver_advisors.reporting.tables import show_rows
     from saver_advisors.training.release import release_run
 
     config = read_run(args.run_dir, "").config
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
             args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=args.episodes
         )
     figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
-    show(EVALUATION_COLUMNS, [evaluation_cells(figures)])
+    show_rows([figures], EVALUATION_COLUMNS)
     print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
     write_json(args.json, {"kind": "export", **released, **figures})
     return 0
