@@ -7,6 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.cli.arguments import add_figure, add_json, add_table, write_json
+from saver_advisors.cli.result_files import read
+from saver_advisors.reporting.errors import UsageError
+from saver_advisors.reporting.figures import link
+from saver_advisors.reporting.tables import join_parts, rows_table, show
+
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
@@ -33,8 +39,6 @@ baseline), and the probability that a run's mean success is higher.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_figure, add_json, add_table
-
     parser.add_argument(
         "results",
         nargs="+",
@@ -62,9 +66,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmark.run_tables import measured
-    from saver_advisors.cli.arguments import write_json
-    from saver_advisors.cli.result_files import read
-    from saver_advisors.reporting.tables import show
 
     entries, baselines = read(args.results), read(args.baselines)
     tasks = compared(entries, baselines)
@@ -106,7 +107,6 @@ def compared(entries: Results, baselines: Results) -> Tasks:
     :raises UsageError: if no entry is finished
     """
     from saver_advisors.experiments.summary import summarize
-    from saver_advisors.reporting.errors import UsageError
 
     tasks: Tasks = {}
     for task in dict.fromkeys(run.task for run in entries.runs):
@@ -145,8 +145,6 @@ def page(
         run_table,
         skipped_list,
     )
-    from saver_advisors.reporting.figures import link
-    from saver_advisors.reporting.tables import join_parts, rows_table
 
     parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
     for task, (own, others) in tasks.items():

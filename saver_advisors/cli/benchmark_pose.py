@@ -9,8 +9,13 @@ import argparse
 import contextlib
 from typing import Any, Final
 
+from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import add_peer_cache
+from saver_advisors.cli.arguments import add_count, add_json, write_json
+from saver_advisors.cli.pose import add_cache, add_weights
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
 examples:
@@ -27,9 +32,6 @@ PARTS: Final = ("accuracy", "speed")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_json
-    from saver_advisors.cli.pose import add_cache, add_weights
-
     add_weights(parser)
     add_count(
         parser, "--frames", FRAMES, "test pictures, rounded down to a multiple of 20", least=20
@@ -64,10 +66,6 @@ def run(args: argparse.Namespace) -> int:
     import pycocotools  # noqa: F401  (needed after the work: say so before it)
     import torch
 
-    from saver_advisors.cli.arguments import write_json
-    from saver_advisors.reporting.errors import UsageError
-    from saver_advisors.training.threads import one_thread_of_algebra
-
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     figures: dict[str, Any] = {"kind": "pose", "title": "Seeing a person"}
@@ -97,7 +95,6 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
         test_set,
     )
     from saver_advisors.benchmark.pose.blazepose import VARIANTS, BlazePose
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.perception.estimator import PoseEstimator
     from saver_envs.perception.weights import SHIPPED, read_info
 
@@ -134,7 +131,6 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _speed(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.benchmark.machine import progress
     from saver_advisors.benchmark.pose.speed import LIMB_SETS, SIZES, parsing_rows, speed_rows
     from saver_advisors.reporting.provenance import load_averages
     from saver_envs.perception.network import ARCHITECTURES

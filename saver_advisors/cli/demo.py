@@ -11,12 +11,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from saver_advisors.cli.arguments import add_count, add_json, new_folder, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_json, add_seconds, new_folder
+from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
 from saver_advisors.cli.demo_learning import learn
 from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
+from saver_advisors.cli.demo_robot import whole_robot
+from saver_advisors.cli.evaluate import measure, show
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.reporting.tables import row_cells
 from saver_advisors.training.threads import one_thread_of_algebra
+from saver_envs.registration import SHOWN_IDS, row_of
 
 EXAMPLES = """\
 examples:
@@ -39,13 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_count(parser, "--episodes", 50, "episodes per evaluation")
     add_count(parser, "--video-episodes", 3, "episodes per video")
-    parser.add_argument(
-        "--train-seconds",
-        type=positive_seconds,
-        default=120.0,
-        metavar="SECONDS",
-        help="training time (default: 120)",
-    )
+    add_seconds(parser, "--train-seconds", "training time", 120.0)
     add_count(parser, "--seed", 0, "seed of all random numbers", least=0, metavar="S")
     add_json(parser)
 
@@ -53,10 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Run every part and write the page; an interruption loses only the page."""
-    from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
-    from saver_advisors.cli.demo_robot import whole_robot
-    from saver_advisors.reporting.provenance import provenance, write_json_atomic
-
     start = time.perf_counter()
     args.output.mkdir(parents=True, exist_ok=True)
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
@@ -121,8 +116,6 @@ def players() -> list[Player]:
 
 def _baselines(shipped: list[Player]) -> list[Player]:
     """Return side-by-side teachers for the multi-arm environments, and random actions."""
-    from saver_envs.registration import row_of
-
     single = {
         (row.task, row.robot): one.policy
         for one in shipped
@@ -139,8 +132,6 @@ def _baselines(shipped: list[Player]) -> list[Player]:
 
 def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Evaluate every player."""
-    from saver_advisors.cli.evaluate import measure, show
-
     results = []
     for name, env, kwargs in players():
         results.append(measure(name, env, args.episodes, args.seed, kwargs))
@@ -207,6 +198,5 @@ def _record(
 def _scenes() -> list[dict[str, str]]:
     """Render a picture of a few environments."""
     from saver_advisors.cli.pictures import start_picture
-    from saver_envs.registration import SHOWN_IDS
 
     return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]

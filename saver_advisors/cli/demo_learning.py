@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import ONE_ARM_ID
 
@@ -45,7 +46,6 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
     :return: a summary of each student's curve; students without an evaluation are left out
     :raises UsageError: if a student's process fails
     """
-    from saver_advisors.cli.runs import read_run
     from saver_advisors.pretrained import shipped_policies
 
     students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
@@ -104,8 +104,6 @@ def _watch(processes: list[subprocess.Popen[bytes]], folders: list[Path], second
 
 
 def _newest_success(folder: Path) -> str:
-    from saver_advisors.cli.runs import read_run
-
     try:
         return f"{read_run(folder, '').points[-1]['success_rate']:.2f}"
     except UsageError:

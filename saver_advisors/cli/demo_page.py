@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import base64
+import io
 from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.demo_learning import TEACHER
 from saver_advisors.cli.demo_robot import VIDEO
+from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, RunCurve, draw
+from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.curve_style import COLOURS
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.tables import row_cells
 from saver_envs.registration import ONE_ARM_ID
@@ -25,8 +29,6 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     :return: HTML
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    from saver_advisors.cli.runs import CURVE_COLUMNS
 
     evaluations, learning = figures["evaluations"], figures["learning"]
     columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
@@ -68,8 +70,6 @@ def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
 
 
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:
-    from saver_advisors.cli.runs import PANELS, RunCurve, draw
-
     if not summaries:
         return ""
     runs = [RunCurve(one["name"], {}, one["points"]) for one in summaries]
@@ -79,9 +79,6 @@ def _learning_figure(summaries: list[dict[str, Any]]) -> str:
 def _bars(evaluations: list[dict[str, Any]]) -> Any:
     """Draw success rates with confidence intervals, one bar per policy."""
     from matplotlib.figure import Figure
-
-    from saver_advisors.evaluation.protocol import environment_text
-    from saver_advisors.reporting.curve_style import COLOURS
 
     figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
     axes = figure.subplots()
@@ -107,8 +104,6 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
 
 
 def _figure_uri(figure: Any) -> str:
-    import io
-
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return _data_uri("image/png", buffer.getvalue())
@@ -120,8 +115,6 @@ def jpeg_uri(picture: Any) -> str:
     :param picture: (height, width, 3), uint8
     :return: a data URI
     """
-    import io
-
     from PIL import Image
 
     image = Image.fromarray(picture)

@@ -13,10 +13,10 @@ from saver_advisors.cli.arguments import (
     add_count,
     add_env_kwargs,
     add_figure,
+    add_file,
     add_json,
     checked_env_kwargs,
     env_id,
-    new_file,
     write_json,
 )
 from saver_advisors.reporting.errors import user_mistakes
@@ -54,12 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
     add_env_kwargs(parser)
     add_json(parser)
-    parser.add_argument(
-        "--video",
-        type=new_file(".mp4"),
-        metavar="FILE.mp4",
-        help="record a video of the first episodes",
-    )
+    text = "record a video of the first episodes"
+    add_file(parser, "--video", text, ".mp4", metavar="FILE.mp4")
     add_figure(
         parser,
         "--paths",

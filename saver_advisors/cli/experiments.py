@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_threads, new_folder, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_seconds, add_threads, new_folder
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -68,12 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="ADDRESS",
             help="run on a Ray cluster: auto, or ray://host:10001",
         )
-        action.add_argument(
-            "--time-limit",
-            type=positive_seconds,
-            metavar="SECONDS",
-            help="stop after this time; active runs write their checkpoints",
-        )
+        text = "stop after this time; active runs write their checkpoints"
+        add_seconds(action, "--time-limit", text)
 
 
 def run(args: argparse.Namespace) -> int:

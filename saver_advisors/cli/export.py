@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
+from saver_advisors.cli.arguments import add_count, add_file, add_json, write_json
 from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -30,12 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--name",
         help="add it to the shipped policies under this name; only in a clone of the repository",
     )
-    where.add_argument(
-        "--path",
-        type=new_file(".safetensors"),
-        metavar="FILE",
-        help="write the weights to this file",
-    )
+    add_file(where, "--path", "write the weights to this file", ".safetensors")
     add_count(parser, "--episodes", 200, "episodes per evaluation")
     parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
     add_json(parser)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 
 def read_measurement(path: Path, kind: str) -> dict[str, Any]:
@@ -17,14 +18,10 @@ def read_measurement(path: Path, kind: str) -> dict[str, Any]:
     :return: its content
     :raises UsageError: for a file that is unreadable, is not JSON, or has another kind
     """
-    from saver_advisors.reporting.errors import UsageError
+    from saver_envs.files import read_json
 
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"argument --from: {error}") from error
-    except ValueError as error:
-        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    with user_mistakes("argument --from"):
+        figures: Any = read_json(path)
     if not isinstance(figures, dict) or figures.get("kind") != kind:
         raise UsageError(f"argument --from: {path} does not hold figures of the kind {kind!r}")
     return figures

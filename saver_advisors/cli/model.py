@@ -7,18 +7,23 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
     add_count,
     add_figure,
+    add_file,
     add_json,
+    add_settings,
     arm,
-    new_file,
     settings,
     write_json,
 )
+from saver_advisors.cli.model_data import prepare_data
+from saver_advisors.reporting import tables
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 EXAMPLES = """\
 examples:
@@ -46,13 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "inverse kinematics only), or a data file (default: twin)",
     )
     add_count(train, "--data-seed", 0, "", least=0)
-    train.add_argument(
-        "--output",
-        type=new_file(".safetensors"),
-        required=True,
-        metavar="FILE",
-        help="file of the weights",
-    )
+    add_file(train, "--output", "file of the weights", ".safetensors", required=True)
     train.set_defaults(work=_train)
 
     search = steps.add_parser(
@@ -70,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "as many seeds as the trials allow",
     )
     add_json(search)
-    search.set_defaults(work=_search)
+    search.set_defaults(work=_search, data="twin", data_seed=0)
     for step in (data, train, search):
         step.add_argument("--robot", type=arm, required=True, help="name of the arm")
 
@@ -85,12 +84,10 @@ def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
         default="ik",
         help="inverse kinematics or inverse dynamics (default: ik)",
     )
-    parser.add_argument(
+    add_settings(
+        parser,
         "--set",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="settings of the training and the architecture: epochs, batch_size, learning_rate, "
+        "settings of the training and the architecture: epochs, batch_size, learning_rate, "
         "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak",
     )
 
@@ -110,12 +107,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_data import prepare_data
     from saver_advisors.cli.model_figure import draw_recording
-    from saver_envs.modelling.datasets import twin_data_set
 
-    prepare_data(args.robot, args.seed)
-    data = twin_data_set(args.robot, args.seed)
+    data = prepare_data(args.robot, args.seed)
     print(f"{args.robot}: {len(data.train):,} training samples, {len(data.test):,} test samples")
     if args.figure is not None:
         draw_recording(data.test, args.robot).savefig(args.figure)
@@ -125,27 +119,20 @@ def _data(args: argparse.Namespace) -> int:
 
 def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the settings of the training and of the architecture."""
-    from dataclasses import fields
-
-    from saver_advisors.reporting.errors import UsageError, unknown
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.networks import MLPArchitecture
 
     values = settings(args.set, "--set")
-    training = {field.name for field in fields(Training)}
-    architecture = {field.name for field in fields(MLPArchitecture)}
+    names = [[field.name for field in fields(kind)] for kind in (Training, MLPArchitecture)]
+    valid = sorted({*names[0], *names[1]})
     for name in values:
-        if name not in training | architecture:
-            valid = sorted(training | architecture)
+        if name not in valid:
             raise UsageError(f"argument --set: {unknown('setting', name, valid)}")
-    return (
-        {name: value for name, value in values.items() if name in training},
-        {name: value for name, value in values.items() if name in architecture},
-    )
+    training, architecture = ({one: values[one] for one in values if one in own} for own in names)
+    return training, architecture
 
 
 def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.models import new_model
     from saver_envs.modelling.models.network_model import PAPER_LAYERS
     from saver_envs.modelling.networks import MLPArchitecture
@@ -160,9 +147,7 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
 
 def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return inputs and outputs of the training samples."""
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_advisors.reporting.errors import UsageError, user_mistakes
-    from saver_envs.modelling.datasets import load_recordings, samples_of, twin_data_set
+    from saver_envs.modelling.datasets import load_recordings, samples_of
     from saver_envs.modelling.recordings import Recording
     from saver_envs.modelling.workspace import workspace_samples
 
@@ -173,19 +158,15 @@ def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
         return found.targets, found.joints
     with user_mistakes("argument --data"):
         if args.data == "twin":
-            prepare_data(args.robot, args.data_seed)
-            recording = twin_data_set(args.robot, args.data_seed).train
+            recording = prepare_data(args.robot, args.data_seed).train
         else:
             recording = Recording.joined(load_recordings(Path(args.data), args.robot))
         return samples_of(recording.first(min(args.samples, len(recording))), args.task)
 
 
 def _train(args: argparse.Namespace) -> int:
-    from dataclasses import asdict
-
     from tqdm import tqdm
 
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_advisors.reporting.provenance import provenance
     from saver_envs.modelling.models import Training
 
@@ -241,8 +222,6 @@ def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
 
 def _write_card(path: Path, card: dict[str, Any]) -> None:
     """Write a weight file's card, as Markdown next to it."""
-    from saver_advisors.reporting.tables import markdown
-
     names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
     rows = [[name.replace("_", " "), str(card[name])] for name in names]
     rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
@@ -256,41 +235,31 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
         rows += [[name, f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"]]
     text = (
         f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
-        f"{markdown(['', ''], rows)}\nTrained by:\n\n"
+        f"{tables.markdown(['', ''], rows)}\nTrained by:\n\n"
         f"```\n{card['provenance']['command']}\n```\n"
     )
     path.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 def _search(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_advisors.reporting import tables
-    from saver_advisors.reporting.errors import user_mistakes
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.search import ARCHITECTURES, loop_space, search
 
     options, _ = _options(args)
     _new_model(args, {})
-    prepare_data(args.robot, 0)
-    recording = twin_data_set(args.robot).train
-    samples = samples_of(recording.first(min(args.samples, len(recording))), args.task)
+    samples = _samples(args)
     with user_mistakes("argument --loop-weights"):
         space = loop_space(args.model, args.loop_weights, args.trials) or ARCHITECTURES
     training = Training(**options)
     trials = search(args.model, args.robot, args.task, samples, training, args.trials, space)
-    columns = [*trials[0]["settings"], "epochs", "validation RMSE", "minutes"]
+    columns: dict[str, tables.Column] = {
+        **{name: f"{{settings[{name}]}}" for name in trials[0]["settings"]},
+        "epochs": "{epochs}",
+        "validation RMSE": "{validation_rmse:.4g}",
+        "minutes": lambda one: f"{one['cpu_seconds'] / 60:.1f}",
+    }
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
-    rows = [
-        [
-            *(str(value) for value in one["settings"].values()),
-            str(one["epochs"]),
-            f"{one['validation_rmse']:.4g}",
-            f"{one['cpu_seconds'] / 60:.1f}",
-        ]
-        for one in best
-    ]
-    tables.show(columns, rows, f"best of {len(trials)}")
+    tables.show_rows(best, columns, f"best of {len(trials)}")
     write_json(
         args.json,
         {

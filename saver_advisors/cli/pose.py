@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.arguments import new_file
+from saver_advisors.cli.arguments import add_file, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -26,13 +26,8 @@ LOW_SCORE: Final = 0.4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("input", type=Path, metavar="FILE", help="a picture or a video")
-    parser.add_argument(
-        "--out",
-        type=new_file(*PICTURES, ".mp4"),
-        metavar="FILE",
-        help="output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
-        "NAME-poses.png or .mp4)",
-    )
+    text = "output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
+    add_file(parser, "--out", f"{text}NAME-poses.png or .mp4)", *PICTURES, ".mp4")
     add_weights(parser)
     parser.add_argument(
         "--limbs", nargs="+", metavar="NAME", help="limbs to detect (default: all 13)"
@@ -44,12 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(4),
         help="quarter turns, anticlockwise, that bring heads to the top (default: 0)",
     )
-    parser.add_argument(
-        "--json",
-        type=new_file(".json"),
-        metavar="FILE",
-        help="write joints (pixels) and confidences of every frame to this file",
-    )
+    text = "write joints (pixels) and confidences of every frame to this file"
+    add_file(parser, "--json", text, ".json")
 
 
 def add_weights(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +101,6 @@ def run(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     if args.json is not None:
-        from saver_advisors.cli.arguments import write_json
         from saver_envs.perception.skeleton import JOINTS
 
         write_json(args.json, {"kind": "poses", "joints": list(JOINTS), "frames": frames})

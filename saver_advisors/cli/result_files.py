@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+
 if TYPE_CHECKING:
     from saver_advisors.experiments.training_runs import Results
 
@@ -17,7 +19,6 @@ def read(paths: Sequence[Path]) -> Results:
     :raises UsageError: for a missing path, or if there is no training run
     """
     from saver_advisors.experiments.training_runs import read_training_runs
-    from saver_advisors.reporting.errors import UsageError, user_mistakes
 
     with user_mistakes("argument --results"):
         results = read_training_runs(paths)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_json, new_file, new_folder, write_json
+from saver_advisors.cli.arguments import add_count, add_file, add_json, new_folder, write_json
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -41,9 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
     parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")
     shown = parser.add_mutually_exclusive_group()
-    shown.add_argument(
-        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record all trials in this file"
-    )
+    text = "record all trials in this file"
+    add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
     shown.add_argument("--view", action="store_true", help="show the scene in a window")
     shown.add_argument(
         "--report",
@@ -87,8 +87,6 @@ def settings_of(args: argparse.Namespace) -> LoopSettings:
     :param args: see :func:`add_loop_arguments`.
     :raises UsageError: for a policy that does not fit, or an invalid speed.
     """
-    from dataclasses import replace
-
     from saver_advisors.integration.assembly import settings_for
     from saver_advisors.integration.safety import SafetyLimits
 
@@ -107,8 +105,6 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    from dataclasses import replace
-
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )
@@ -187,8 +183,6 @@ def _window(bench: WristBench) -> Look:
 
 
 def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
-    from dataclasses import replace
-
     from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench

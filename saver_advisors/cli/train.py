@@ -20,11 +20,12 @@ from typing import Any
 from saver_advisors.cli.arguments import (
     add_env_kwargs,
     add_json,
+    add_seconds,
+    add_settings,
     add_threads,
     at_least,
     env_id,
     new_folder,
-    positive_seconds,
     teacher,
     write_json,
 )
@@ -61,20 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="settings in YAML or JSON that replace the environment's defaults",
     )
-    parser.add_argument(
-        "--set",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config",
-    )
+    text = "any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config"
+    add_settings(parser, "--set", text)
     add_env_kwargs(parser)
-    parser.add_argument(
-        "--time-limit",
-        type=positive_seconds,
-        metavar="SECONDS",
-        help="stop with a checkpoint after this time",
-    )
+    add_seconds(parser, "--time-limit", "stop with a checkpoint after this time")
     add_threads(parser)
     parser.add_argument(
         "--print-config", action="store_true", help="show the settings as YAML and stop"

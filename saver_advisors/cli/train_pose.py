@@ -6,9 +6,12 @@ The same command on the same folder resumes an interrupted run.
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
+from saver_advisors.cli.arguments import add_count, add_seconds, at_least, new_folder
+from saver_advisors.cli.pose import add_cache
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -21,9 +24,6 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, at_least, new_folder, positive_seconds
-    from saver_advisors.cli.pose import add_cache
-
     parser.add_argument(
         "--output", type=new_folder, required=True, metavar="DIR", help="folder of the run"
     )
@@ -57,12 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--images", type=Path, metavar="DIR", help="pictures of the COCO file")
     add_cache(parser)
-    parser.add_argument(
-        "--minutes",
-        type=positive_seconds,
-        metavar="M",
-        help="stop with a checkpoint after M minutes",
-    )
+    add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
     parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
     parser.add_argument(
         "--learning-rate", type=float, metavar="X", help="peak learning rate (default: 0.002)"
@@ -75,8 +70,6 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    import math
-
     import torch
     from tqdm import tqdm
 
