@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
 from saver_advisors.benchmark.run_tables import flat
-from saver_advisors.cli.result_files import read
+from saver_advisors.cli.measured import read_training
 
 if TYPE_CHECKING:
     from reproduction.findings import Finding
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from reproduction.advising.advising_curves import draw_all
     from reproduction.advising.advising_page import page, show
 
-    results = read(args.results)
+    results = read_training(args.results)
     tasks = tables(results)
     findings = evaluate_findings(tasks)
     show(tasks, findings, results)

@@ -244,6 +244,17 @@ def add_file(
     parser.add_argument(name, type=kind, metavar=metavar, help=text, **options)
 
 
+def add_folder(parser: Any, name: str, text: str, **options: Any) -> None:
+    """Add an option for a folder to write to.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--output``
+    :param text: help text
+    :param options: further arguments of argparse
+    """
+    parser.add_argument(name, type=new_folder, metavar="DIR", help=text, **options)
+
+
 def add_figure(parser: Any, name: str, text: str) -> None:
     """Add an option for a figure to write: PNG, SVG or PDF.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.arguments import add_figure, add_json, add_table, write_json
-from saver_advisors.cli.result_files import read
+from saver_advisors.cli.measured import read_training
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.figures import link
 from saver_advisors.reporting.tables import join_parts, rows_table, show
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from saver_advisors.benchmark.run_tables import measured
 
-    entries, baselines = read(args.results), read(args.baselines)
+    entries, baselines = read_training(args.results), read_training(args.baselines)
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
         columns = ("row", "n", "IE", "RT", "MSR", "ELR", "final success", "off protocol")

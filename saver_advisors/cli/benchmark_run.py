@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.arguments import (
     add_count,
     add_env_kwargs,
+    add_folder,
     add_settings,
     at_least,
     checked_env_kwargs,
     env_id,
-    new_folder,
     settings,
 )
 from saver_advisors.cli.evaluate import show
@@ -97,9 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=seed_range, metavar="A-B", help="seeds of several runs: 0-4, or 0,3,7"
     )
     add_count(parser, "--processes", 1, "runs in parallel, with --seeds")
-    parser.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the result file"
-    )
+    add_folder(parser, "--output", "folder of the result file", required=True)
     add_count(parser, "--n-envs", 16, "environments stepped in parallel")
     add_env_kwargs(parser)
     earlier = parser.add_argument_group("earlier steps", "tables add them to the run's own steps")

@@ -8,14 +8,14 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from saver_advisors.cli.arguments import add_count, add_json, add_seconds, new_folder
+from saver_advisors.cli.arguments import add_count, add_folder, add_json, add_seconds
 from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
 from saver_advisors.cli.demo_learning import learn
-from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
-from saver_advisors.cli.demo_robot import whole_robot
+from saver_advisors.cli.demo_page import ROBOT_VIDEO, jpeg_uri, render, video_uri
 from saver_advisors.cli.evaluate import measure, show
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
@@ -35,13 +35,8 @@ VIDEO_SIZE: Final = (480, 360)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--output",
-        type=new_folder,
-        default=Path("demo_output"),
-        metavar="DIR",
-        help="folder of the page (default: demo_output)",
-    )
+    text = "folder of the page (default: demo_output)"
+    add_folder(parser, "--output", text, default=Path("demo_output"))
     add_count(parser, "--episodes", 50, "episodes per evaluation")
     add_count(parser, "--video-episodes", 3, "episodes per video")
     add_seconds(parser, "--train-seconds", "training time", 120.0)
@@ -55,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     start = time.perf_counter()
     args.output.mkdir(parents=True, exist_ok=True)
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
-    robot = whole_robot(args.output, ROBOT_TRIALS, args.seed)
+    robot = _whole_robot(args)
     print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
     evaluations = _evaluate(args)
     print(f"[3/5] recording {args.video_episodes} episodes of the best policy per environment")
@@ -85,6 +80,34 @@ def run(args: argparse.Namespace) -> int:
             write_json_atomic(path, figures)
     print(f"done in {figures['total_s'] / 60:.1f} minutes: open {args.output / 'index.html'}")
     return 0
+
+
+def _whole_robot(args: argparse.Namespace) -> dict[str, Any]:
+    """Run and record trials with all learned components, from the camera to the pushed wrists."""
+    from saver_advisors.integration import POLICY
+    from saver_advisors.integration.assembly import build_loop, settings_for
+    from saver_advisors.integration.casualty import ENV_ID
+    from saver_advisors.integration.recording import VideoRecorder
+    from saver_advisors.integration.trial import SUCCEEDED, run_trial
+    from saver_advisors.integration.wrist_bench import WristBench
+
+    began = time.perf_counter()
+    settings = settings_for(POLICY)
+    records = []
+    with closing(WristBench()) as bench:
+        loop = build_loop(settings, bench)
+        with closing(VideoRecorder(args.output / ROBOT_VIDEO, loop, every=3)) as recorder:
+            for number in range(args.seed, args.seed + ROBOT_TRIALS):
+                records.append(run_trial(loop, number, look=recorder))
+                recorder.end(records[-1])
+    return {
+        "env": ENV_ID,
+        "policy": settings.policy,
+        "trials": ROBOT_TRIALS,
+        "succeeded": sum(one.outcome == SUCCEEDED for one in records),
+        "causes": [str(one.cause or one.outcome) for one in records],
+        "seconds": round(time.perf_counter() - began, 1),
+    }
 
 
 class Player(NamedTuple):

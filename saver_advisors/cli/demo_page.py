@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.demo_learning import TEACHER
-from saver_advisors.cli.demo_robot import VIDEO
 from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, RunCurve, draw
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.reporting.curve_style import COLOURS
@@ -18,6 +17,7 @@ from saver_advisors.reporting.tables import row_cells
 from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
+ROBOT_VIDEO: Final = "whole-robot.mp4"
 
 
 def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> str:
@@ -46,7 +46,7 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
         result_rows=row_cells(evaluations, columns.values()),
         baselines=_described_baselines(evaluations),
         bars=_figure_uri(_bars(evaluations)) if evaluations else "",
-        robot={**figures["robot"], "data": video_uri(args.output / VIDEO)},
+        robot={**figures["robot"], "data": video_uri(args.output / ROBOT_VIDEO)},
         learning={
             **learning,
             "env": ONE_ARM_ID,

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_seconds, add_threads, new_folder
+from saver_advisors.cli.arguments import add_count, add_folder, add_seconds, add_threads
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -38,15 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     run_action = actions.add_parser("run", help="start or continue a grid")
     run_action.add_argument("grid", type=Path, metavar="GRID.yml")
-    run_action.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the runs"
-    )
-    run_action.add_argument(
-        "--results",
-        type=new_folder,
-        metavar="DIR",
-        help=f"folder of the JSON files (default: DIR/{RESULTS})",
-    )
+    add_folder(run_action, "--output", "folder of the runs", required=True)
+    add_folder(run_action, "--results", f"folder of the JSON files (default: DIR/{RESULTS})")
     resume = actions.add_parser("resume", help="continue a grid from its folder")
     status = actions.add_parser("status", help="show the state of every run")
     for action in (resume, status):

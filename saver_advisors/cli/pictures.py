@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from contextlib import closing
+from typing import Final
 
 import numpy as np
 
@@ -24,9 +25,6 @@ def start_picture(env_id: str, seed: int = 0) -> Frame:
     env = gymnasium.make(
         f"saver_envs:{env_id}", render_mode="rgb_array", width=width, height=height
     )
-    try:
+    with closing(env):
         env.reset(seed=seed)
-        picture: Any = env.render()
-        return np.asarray(picture, dtype=np.uint8)
-    finally:
-        env.close()
+        return np.asarray(env.render(), dtype=np.uint8)

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_file, add_json, new_folder, write_json
+from saver_advisors.cli.arguments import add_count, add_file, add_folder, add_json, write_json
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -45,12 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "record all trials in this file"
     add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
     shown.add_argument("--view", action="store_true", help="show the scene in a window")
-    shown.add_argument(
-        "--report",
-        type=new_folder,
-        metavar="DIR",
-        help="write a page about the trials in this folder",
-    )
+    add_folder(shown, "--report", "write a page about the trials in this folder")
     parser.add_argument(
         "--apart", action="store_true", help="run the stages in three processes, in real time"
     )

@@ -14,18 +14,19 @@ import shlex
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
     add_env_kwargs,
+    add_folder,
     add_json,
     add_seconds,
     add_settings,
     add_threads,
     at_least,
     env_id,
-    new_folder,
     teacher,
     write_json,
 )
@@ -51,7 +52,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
-    parser.add_argument("--output", type=new_folder, metavar="DIR", help="the run's folder")
+    add_folder(parser, "--output", "the run's folder")
     parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
     parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
     parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
@@ -129,7 +130,8 @@ def run(args: argparse.Namespace) -> int:
     _check_output(args, config)
     result = _train(args, config)
     _report(args, config, result)
-    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
+    figures = {**asdict(result), "output_dir": str(result.output_dir)}
+    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **figures})
     # A requested time limit is a normal end, Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
 
@@ -234,9 +236,3 @@ def _report(args: argparse.Namespace, config: Any, result: Any) -> None:
 
 def _resume_command(output: Path) -> str:
     return f"saver train --output {shlex.quote(str(output))} --resume"
-
-
-def _figures(result: Any) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return {**asdict(result), "output_dir": str(result.output_dir)}

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_seconds, at_least, new_folder
+from saver_advisors.cli.arguments import add_count, add_folder, add_seconds, at_least
 from saver_advisors.cli.pose import add_cache
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
@@ -24,9 +24,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the run"
-    )
+    add_folder(parser, "--output", "folder of the run", required=True)
     parser.add_argument(
         "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"
     )
@@ -87,16 +85,9 @@ def run(args: argparse.Namespace) -> int:
     if args.front is not None and args.architecture != "vgg19":
         raise UsageError("argument --front: belongs to --architecture vgg19")
     torch.set_num_threads(1)
-    chosen = {
-        "architecture": args.architecture,
-        "limbs": tuple(args.limbs) if args.limbs else None,
-        "seed": args.seed,
-        "frames": args.frames,
-        "learning_rate": args.learning_rate,
-    }
-    options = PoseTrainingOptions(
-        **{k: v for k, v in chosen.items() if v is not None or k == "limbs"}
-    )
+    names = ("architecture", "seed", "frames", "learning_rate")
+    chosen = {name: value for name in names if (value := getattr(args, name)) is not None}
+    options = PoseTrainingOptions(limbs=tuple(args.limbs) if args.limbs else None, **chosen)
     data, validation = _data(args)
     with user_mistakes():
         trainer = PoseTrainer(args.output, data, validation, options)
@@ -152,12 +143,10 @@ def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
     """
     if not curve:
         return
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (above, below) = pyplot.subplots(2, 1, figsize=(7, 5.5), sharex=True)
+    figure = Figure(figsize=(7, 5.5))
+    above, below = figure.subplots(2, 1, sharex=True)
     frames = [one["frames"] for one in curve]
     above.plot(frames, [one["loss"] for one in curve], color="tab:blue")
     above.set_ylabel("loss")
@@ -170,4 +159,3 @@ def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
         axis.grid(alpha=0.3)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
-    pyplot.close(figure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -67,14 +68,10 @@ def record(
 
     from saver_envs.envs.goal_env import SaverGoalEnv
 
-    env = SaverGoalEnv(
-        env_id, render_mode="rgb_array", width=width, height=height, **(env_kwargs or {})
-    )
-    try:
+    options: Any = {"width": width, "height": height, **(env_kwargs or {})}
+    with closing(SaverGoalEnv(env_id, render_mode="rgb_array", **options)) as env:
         numbers = tqdm(range(episodes), unit="video episode", disable=not progress)
         return [_record_episode(predict, env, seed + number, every) for number in numbers]
-    finally:
-        env.close()
 
 
 def _record_episode(predict: Predict, env: Any, seed: int, every: int) -> EpisodeVideo:
