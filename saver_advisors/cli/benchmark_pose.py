@@ -64,10 +64,7 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     """
     import pycocotools  # noqa: F401  (needed after the work: say so before it)
-    import torch
 
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
     figures: dict[str, Any] = {"kind": "pose", "title": "Seeing a person"}
     try:
         with one_thread_of_algebra():
@@ -77,8 +74,6 @@ def run(args: argparse.Namespace) -> int:
                 figures |= _speed(args)
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    finally:
-        torch.set_num_threads(before)
     _show(figures)
     write_json(args.json, figures)
     return 0

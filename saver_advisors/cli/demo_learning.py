@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -60,8 +60,7 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
         _watch(processes, folders, args.train_seconds)
     finally:
         for process in processes:
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
+            process.terminate()
         for process in processes:
             _wait(process)
     failed = [process.returncode for process in processes if process.returncode != 0]
@@ -69,10 +68,8 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"training failed with exit status {failed}; see above")
     runs = []
     for folder in folders:
-        try:
+        with suppress(UsageError):  # stopped before the first evaluation
             runs.append(read_run(folder, folder.name).summary())
-        except UsageError:
-            continue  # stopped before the first evaluation
     return {"seconds": args.train_seconds, "students": students, "runs": runs}
 
 

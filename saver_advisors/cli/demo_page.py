@@ -61,12 +61,11 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
 def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
     """Describe the baselines in words."""
     names = {one["policy"].partition(":")[0] for one in evaluations}
-    words = []
-    if "side-by-side" in names:
-        words.append("the single-arm teacher on every arm, each ignoring the others")
-    if "random" in names:
-        words.append("random actions")
-    return ", and ".join(words)
+    words = {
+        "side-by-side": "the single-arm teacher on every arm, each ignoring the others",
+        "random": "random actions",
+    }
+    return ", and ".join(text for name, text in words.items() if name in names)
 
 
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:

@@ -24,6 +24,7 @@ from saver_advisors.cli.arguments import (
 from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -92,6 +93,7 @@ def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Run the chosen step.
 
@@ -100,10 +102,7 @@ def run(args: argparse.Namespace) -> int:
     """
     import numba  # noqa: F401  (the measurement at the end needs it: say so before the training)
 
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    with one_thread_of_algebra():
-        return int(args.work(args))
+    return int(args.work(args))
 
 
 def _data(args: argparse.Namespace) -> int:

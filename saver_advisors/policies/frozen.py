@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,12 +17,14 @@ from saver_advisors.policies.teacher import Teacher, TeacherGroup
 Observation = Mapping[str, NDArray[Any]]
 
 
-class _Predictor(ABC):
-    """SB3's `predict` for a deterministic policy without an SB3 model or an environment."""
+class Predictor:
+    """SB3's `predict` for a deterministic policy without an SB3 model or an environment.
 
-    @abstractmethod
-    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
-        """Return (n, action size) for entries (n, size)."""
+    :param act: batched entries (n, size) -> actions (n, action size).
+    """
+
+    def __init__(self, act: Callable[[dict[str, NDArray[Any]]], FloatArray]) -> None:
+        self._act = act
 
     def predict(
         self,
@@ -54,7 +55,7 @@ class _Predictor(ABC):
         return (actions[0] if single else actions), None
 
 
-class PretrainedPolicy(_Predictor):
+class PretrainedPolicy(Predictor):
     """A frozen policy.
 
     :param networks: the weights.
@@ -66,10 +67,8 @@ class PretrainedPolicy(_Predictor):
         self.networks = networks
         self.card = card
         self.name = name
-        self._policy = FrozenPolicy(networks, name)
-
-    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
-        return self._policy.action(self._policy.features(batch))
+        policy = FrozenPolicy(networks, name)
+        super().__init__(lambda batch: policy.action(policy.features(batch)))
 
     def teacher(self) -> Teacher:
         """Return a teacher with the same weights."""
@@ -81,33 +80,24 @@ class PretrainedPolicy(_Predictor):
         )
 
 
-class SideBySidePolicy(_Predictor):
-    """n teachers control n arms without observing one another: the baseline for a student.
+def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> Predictor:
+    """Return a policy of n teachers that control n arms without observing one another.
 
-    :param teachers: one for all arms, or one per arm.
-    :param n_arms: number of arms.
-    """
-
-    def __init__(self, teachers: Teacher | Sequence[Teacher], n_arms: int) -> None:
-        self._group = TeacherGroup(teachers, n_arms)
-        first = self._group.teachers[0]
-        self.mapping = ArmMapping(
-            n_arms, first.observation_size, first.goal_size, first.action_size
-        )
-
-    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
-        actions = self._group.act(
-            self.mapping.split_observation(batch["observation"]),
-            self.mapping.split_goal(batch["desired_goal"]),
-            self.mapping.split_goal(batch["achieved_goal"]) if "achieved_goal" in batch else None,
-        )
-        return self.mapping.join_actions(actions)
-
-
-def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> SideBySidePolicy:
-    """Return a policy for n arms from single-arm teachers, without a student.
+    It is the baseline for a student.
 
     :param teacher: one for all arms, or one per arm.
     :param n_arms: number of arms.
     """
-    return SideBySidePolicy(teacher, n_arms)
+    group = TeacherGroup(teacher, n_arms)
+    first = group.teachers[0]
+    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+
+    def act(batch: dict[str, NDArray[Any]]) -> FloatArray:
+        actions = group.act(
+            mapping.split_observation(batch["observation"]),
+            mapping.split_goal(batch["desired_goal"]),
+            mapping.split_goal(batch["achieved_goal"]) if "achieved_goal" in batch else None,
+        )
+        return mapping.join_actions(actions)
+
+    return Predictor(act)
