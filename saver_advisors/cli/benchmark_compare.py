@@ -147,8 +147,10 @@ def page(
     )
 
     parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
+    runs = []
     for task, (own, others) in tasks.items():
         rows = [*own, *others]
+        of_task = [run for row in rows for run in row.runs]
         parts += [f"## {task}", metrics_table(rows), beyond(rows)]
         if marked := [row for row in rows if row.off_protocol]:
             columns = {"row": lambda row: row.name, "off protocol": lambda row: row.off_protocol}
@@ -158,15 +160,11 @@ def page(
         references = [one for one in baselines.references if one["env"] == task]
         if references:
             parts += ["Policies that these runs did not train:\n", reference_table(references)]
-        parts += ["Each run:\n", run_table([run for row in rows for run in row.runs])]
+        parts += ["Each run:\n", run_table(of_task)]
+        runs += of_task
     if figure is not None:
         parts.append(f"![learning curves]({link(figure, folder)})\n")
-    parts.append(skipped_list([*entries.skipped, *baselines.skipped]))
-    parts.append(
-        origin(
-            [run for own, others in tasks.values() for row in (*own, *others) for run in row.runs]
-        )
-    )
+    parts += [skipped_list([*entries.skipped, *baselines.skipped]), origin(runs)]
     return join_parts(parts)
 
 

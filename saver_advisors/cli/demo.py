@@ -52,7 +52,10 @@ def run(args: argparse.Namespace) -> int:
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
     robot = _whole_robot(args)
     print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
-    evaluations = _evaluate(args)
+    evaluations = []
+    for name, env, kwargs in players():
+        evaluations.append(measure(name, env, args.episodes, args.seed, kwargs))
+        show(evaluations[-1])
     print(f"[3/5] recording {args.video_episodes} episodes of the best policy per environment")
     videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
     print(f"[4/5] training two students for {args.train_seconds:.0f} s: with and without advice")
@@ -151,15 +154,6 @@ def _baselines(shipped: list[Player]) -> list[Player]:
         if row.n_arms > 1 and teacher is not None:
             found.append(one._replace(policy=f"side-by-side:{teacher}"))
     return found + [one._replace(policy="random") for one in shipped[:1]]
-
-
-def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Evaluate every player."""
-    results = []
-    for name, env, kwargs in players():
-        results.append(measure(name, env, args.episodes, args.seed, kwargs))
-        show(results[-1])
-    return results
 
 
 def best_shipped(

@@ -170,11 +170,7 @@ def _window(bench: WristBench) -> Look:
     from saver_envs.envs.pictures import Pictures
 
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
-
-    def look(now: float) -> None:
-        pictures.draw()
-
-    return look
+    return lambda now: pictures.draw()
 
 
 def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
