@@ -244,6 +244,18 @@ def add_file(
     parser.add_argument(name, type=kind, metavar=metavar, help=text, **options)
 
 
+def add_path(parser: Any, name: str, text: str, *, metavar: str = "FILE", **options: Any) -> None:
+    """Add an argument for a file or folder to read.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--weights``
+    :param text: help text
+    :param metavar: name of the value in the help text
+    :param options: further arguments of argparse
+    """
+    parser.add_argument(name, type=Path, metavar=metavar, help=text, **options)
+
+
 def add_folder(parser: Any, name: str, text: str, **options: Any) -> None:
     """Add an option for a folder to write to.
 
@@ -286,13 +298,8 @@ def add_table(parser: argparse.ArgumentParser) -> None:
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Add ``--table``, ``--from`` and ``--json``, for commands that measure and render a page."""
     add_table(parser)
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="render the results of an earlier --json instead of measuring",
-    )
+    text = "render the results of an earlier --json instead of measuring"
+    add_path(parser, "--from", text, dest="from_json")
     add_json(parser)
 
 

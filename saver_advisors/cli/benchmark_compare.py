@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.arguments import add_figure, add_json, add_table, write_json
+from saver_advisors.cli.arguments import add_figure, add_json, add_path, add_table, write_json
 from saver_advisors.cli.measured import read_training
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.figures import link
@@ -39,21 +39,10 @@ baseline), and the probability that a run's mean success is higher.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "results",
-        nargs="+",
-        type=Path,
-        metavar="RESULT.json",
-        help="files of `saver benchmark run`, or folders of them",
-    )
-    parser.add_argument(
-        "--baselines",
-        nargs="+",
-        type=Path,
-        required=True,
-        metavar="PATH",
-        help="files of the baselines, or folders of them",
-    )
+    text = "files of `saver benchmark run`, or folders of them"
+    add_path(parser, "results", text, metavar="RESULT.json", nargs="+")
+    text = "files of the baselines, or folders of them"
+    add_path(parser, "--baselines", text, metavar="PATH", nargs="+", required=True)
     add_table(parser)
     add_figure(parser, "--figure", "plot the curves in this file")
     add_json(parser)

@@ -7,9 +7,8 @@ estimate in the states of its evaluation episodes. Wall-clock time excludes eval
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from saver_advisors.cli.arguments import add_figure, add_json, write_json
+from saver_advisors.cli.arguments import add_figure, add_json, add_path, write_json
 
 EXAMPLES = """\
 examples:
@@ -19,9 +18,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "run_dirs", nargs="+", type=Path, metavar="RUN_DIR", help="of `saver train`"
-    )
+    add_path(parser, "run_dirs", "of `saver train`", metavar="RUN_DIR", nargs="+")
     add_figure(parser, "--output", "draw the figure there")
     add_json(parser)
 

