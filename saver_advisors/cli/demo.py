@@ -47,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Run every part and write the page; an interruption loses only the page."""
+    from saver_advisors.reporting.video import start_picture
+
     start = time.perf_counter()
     args.output.mkdir(parents=True, exist_ok=True)
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
@@ -57,7 +59,8 @@ def run(args: argparse.Namespace) -> int:
         evaluations.append(measure(name, env, args.episodes, args.seed, kwargs))
         show(evaluations[-1])
     print(f"[3/5] recording {args.video_episodes} episodes of the best policy per environment")
-    videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
+    videos = _record(args, evaluations, robot["env"])
+    scenes = [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]
     print(f"[4/5] training two students for {args.train_seconds:.0f} s: with and without advice")
     learning = learn(args)
     print("[5/5] writing the page")
@@ -210,10 +213,3 @@ def _record(
             }
         )
     return videos
-
-
-def _scenes() -> list[dict[str, str]]:
-    """Render a picture of a few environments."""
-    from saver_advisors.cli.pictures import start_picture
-
-    return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]

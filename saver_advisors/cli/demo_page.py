@@ -37,11 +37,9 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     )
     return templates.get_template("demo.html.j2").render(
         **parts,
-        total_s=figures["total_s"],
-        provenance=figures["provenance"],
+        **{name: figures[name] for name in ("total_s", "provenance", "evaluations")},
         episodes=args.episodes,
         seed=args.seed,
-        evaluations=evaluations,
         result_columns=columns,
         result_rows=row_cells(evaluations, columns.values()),
         baselines=_described_baselines(evaluations),

@@ -184,10 +184,7 @@ def _train(args: argparse.Namespace) -> int:
         history = model.fit(inputs, outputs, training, progress)
     seconds = time.process_time() - began
     card = {
-        "robot": args.robot,
-        "task": args.task,
-        "model": args.model,
-        "data": args.data,
+        **{name: getattr(args, name) for name in ("robot", "task", "model", "data")},
         "samples": len(inputs),
         "data_seed": args.data_seed,
         "architecture": architecture or "the paper's",
@@ -230,8 +227,8 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
     rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
     rows += [["commit", f"`{card['provenance']['commit']}`"]]
     for kind, error in card.get("unseen_targets_mm", {}).items():
-        name = f"unseen targets, {kind.replace('_', ' ')}"
-        rows += [[name, f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"]]
+        told = f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"
+        rows += [[f"unseen targets, {kind.replace('_', ' ')}", told]]
     text = (
         f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
         f"{tables.markdown(['', ''], rows)}\nTrained by:\n\n"
@@ -263,9 +260,7 @@ def _search(args: argparse.Namespace) -> int:
         args.json,
         {
             "kind": "modelling-search",
-            "robot": args.robot,
-            "task": args.task,
-            "model": args.model,
+            **{name: getattr(args, name) for name in ("robot", "task", "model")},
             "samples": len(samples[0]),
             "trials": trials,
         },

@@ -54,8 +54,7 @@ class EpisodePaths:
         """
         if self.objects.shape[1] < 2:
             raise ValueError(f"{self.title}: an episode of one arm has no distance between objects")
-        gaps: Floats = np.linalg.norm(self.objects[:, 0] - self.objects[:, 1], axis=-1)
-        return gaps
+        return np.linalg.norm(self.objects[:, 0] - self.objects[:, 1], axis=-1)
 
 
 def follow(

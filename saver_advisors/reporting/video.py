@@ -22,6 +22,7 @@ HOLD: Final = 15
 QUALITY: Final = 21
 """Constant rate factor of H.264: lower is larger and better."""
 BAR_HEIGHT: Final = 34
+PICTURE_SIZE: Final = (640, 480)
 GREEN, RED, GREY = (44, 140, 76), (190, 60, 50), (70, 74, 82)
 
 
@@ -37,6 +38,23 @@ class EpisodeVideo:
     seed: int
     frames: list[Frame]
     success: bool
+
+
+def start_picture(env_id: str) -> Frame:
+    """Render an environment at the start of an episode.
+
+    :param env_id: a registered id
+    :return: (height, width, 3), uint8
+    """
+    import gymnasium
+
+    width, height = PICTURE_SIZE
+    env = gymnasium.make(
+        f"saver_envs:{env_id}", render_mode="rgb_array", width=width, height=height
+    )
+    with closing(env):
+        env.reset(seed=0)
+        return np.asarray(env.render(), dtype=np.uint8)
 
 
 def record(
