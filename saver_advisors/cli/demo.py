@@ -135,22 +135,20 @@ class Player(NamedTuple):
 
 
 def players() -> list[Player]:
-    """Return the shipped policies, each in its environment, followed by the baselines."""
+    """Return the shipped policies, each in its environment, followed by the baselines.
+
+    Those are side-by-side teachers for the multi-arm environments, and random actions.
+    """
     from saver_advisors.pretrained import load_policy, shipped_policies
 
     cards = {name: load_policy(name).card for name in shipped_policies()}
     shipped = [Player(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
-    return shipped + _baselines(shipped)
-
-
-def _baselines(shipped: list[Player]) -> list[Player]:
-    """Return side-by-side teachers for the multi-arm environments, and random actions."""
     single = {
         (row.task, row.robot): one.policy
         for one in shipped
         if (row := row_of(one.env_id)).n_arms == 1
     }
-    found = []
+    found = list(shipped)
     for one in {one.environment: one for one in shipped}.values():
         row = row_of(one.env_id)
         teacher = single.get((row.task, row.robot))
