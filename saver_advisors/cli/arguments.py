@@ -240,8 +240,7 @@ def add_file(
     :param metavar: name of the value in the help text
     :param options: further arguments of argparse
     """
-    kind = new_file(*suffixes)
-    parser.add_argument(name, type=kind, metavar=metavar, help=text, **options)
+    parser.add_argument(name, type=new_file(*suffixes), metavar=metavar, help=text, **options)
 
 
 def add_path(parser: Any, name: str, text: str, *, metavar: str = "FILE", **options: Any) -> None:

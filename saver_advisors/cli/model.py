@@ -164,9 +164,11 @@ def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _train(args: argparse.Namespace) -> int:
+    import numpy as np
     from tqdm import tqdm
 
     from saver_advisors.reporting.provenance import provenance
+    from saver_envs.modelling.datasets import samples_of
     from saver_envs.modelling.models import Training
 
     options, architecture = _options(args)
@@ -198,22 +200,14 @@ def _train(args: argparse.Namespace) -> int:
 
         card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
     if args.data == "twin" and args.task == "id":
-        card["unseen_trajectory_rmse"] = _unseen_torque_error(args, model)
+        inputs, torques = samples_of(prepare_data(args.robot, args.data_seed).test, args.task)
+        errors = model.predict(inputs) - torques
+        card["unseen_trajectory_rmse"] = float(np.sqrt(np.square(errors).mean()))
     model.save(args.output, card)
     _write_card(args.output, card)
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")
     return 0
-
-
-def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
-    """Return the RMSE of a model's torques on the twin's held-out trajectory, N m."""
-    import numpy as np
-
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-
-    inputs, outputs = samples_of(twin_data_set(args.robot, args.data_seed).test, args.task)
-    return float(np.sqrt(np.square(model.predict(inputs) - outputs).mean()))
 
 
 def _write_card(path: Path, card: dict[str, Any]) -> None:

@@ -24,8 +24,4 @@ def prepare_data(robot: str, seed: int = 0) -> DataSet:
     with user_mistakes("argument --robot"):
         total = simulated_steps(robot)
     with tqdm(total=total, desc=f"{robot}: data", unit="step", delay=2.0, leave=False) as bar:
-
-        def progress(steps: int) -> None:
-            bar.update(steps)
-
-        return twin_data_set(robot, seed, progress=progress)
+        return twin_data_set(robot, seed, progress=bar.update)

@@ -52,9 +52,8 @@ def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--cache``, the folder of rendered pictures."""
     from saver_advisors.benchmark.peers.suites import default_cache
 
-    usual = default_cache().parent / "pose"
     text = "folder of rendered pictures (default: %(default)s)"
-    add_path(parser, "--cache", text, metavar="DIR", default=usual)
+    add_path(parser, "--cache", text, metavar="DIR", default=default_cache().parent / "pose")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -47,7 +47,11 @@ def _zoo_words(args: argparse.Namespace) -> list[str]:
     from saver_envs.registration import default_options
 
     zoo.algorithm_name(args.zoo, advised=False)  # rejects an unknown name before the file is read
-    zoo.check_arguments(args.zoo_arguments)
+    for word in args.zoo_arguments:
+        name = word.split("=")[0]
+        if name in zoo.OURS:
+            own = zoo.OURS[name]
+            raise UsageError(f"argument {name}: use {own} of `saver train`, before the --")
     config = args.config or zoo.settings_path(args.zoo)
     entry, advice = zoo.read_settings(config, args.env)
     values: dict[str, Any] = {"advice": advice}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,14 +18,12 @@ from saver_advisors.policies.teacher import Teacher, TeacherGroup
 Observation = Mapping[str, NDArray[Any]]
 
 
-class Predictor:
-    """SB3's `predict` for a deterministic policy without an SB3 model or an environment.
+class _Predictor(ABC):
+    """SB3's `predict` for a deterministic policy without an SB3 model or an environment."""
 
-    :param act: batched entries (n, size) -> actions (n, action size).
-    """
-
-    def __init__(self, act: Callable[[dict[str, NDArray[Any]]], FloatArray]) -> None:
-        self._act = act
+    @abstractmethod
+    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
+        """Return (n, action size) for entries (n, size)."""
 
     def predict(
         self,
@@ -55,7 +54,7 @@ class Predictor:
         return (actions[0] if single else actions), None
 
 
-class PretrainedPolicy(Predictor):
+class PretrainedPolicy(_Predictor):
     """A frozen policy.
 
     :param networks: the weights.
@@ -67,8 +66,10 @@ class PretrainedPolicy(Predictor):
         self.networks = networks
         self.card = card
         self.name = name
-        policy = FrozenPolicy(networks, name)
-        super().__init__(lambda batch: policy.action(policy.features(batch)))
+        self._policy = FrozenPolicy(networks, name)
+
+    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
+        return self._policy.action(self._policy.features(batch))
 
     def teacher(self) -> Teacher:
         """Return a teacher with the same weights."""
@@ -80,24 +81,33 @@ class PretrainedPolicy(Predictor):
         )
 
 
-def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> Predictor:
-    """Return a policy of n teachers that control n arms without observing one another.
+class SideBySidePolicy(_Predictor):
+    """n teachers control n arms without observing one another: the baseline for a student.
 
-    It is the baseline for a student.
+    :param teachers: one for all arms, or one per arm.
+    :param n_arms: number of arms.
+    """
+
+    def __init__(self, teachers: Teacher | Sequence[Teacher], n_arms: int) -> None:
+        self._group = TeacherGroup(teachers, n_arms)
+        first = self._group.teachers[0]
+        self.mapping = ArmMapping(
+            n_arms, first.observation_size, first.goal_size, first.action_size
+        )
+
+    def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
+        actions = self._group.act(
+            self.mapping.split_observation(batch["observation"]),
+            self.mapping.split_goal(batch["desired_goal"]),
+            self.mapping.split_goal(batch["achieved_goal"]) if "achieved_goal" in batch else None,
+        )
+        return self.mapping.join_actions(actions)
+
+
+def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> SideBySidePolicy:
+    """Return a policy for n arms from single-arm teachers, without a student.
 
     :param teacher: one for all arms, or one per arm.
     :param n_arms: number of arms.
     """
-    group = TeacherGroup(teacher, n_arms)
-    first = group.teachers[0]
-    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
-
-    def act(batch: dict[str, NDArray[Any]]) -> FloatArray:
-        actions = group.act(
-            mapping.split_observation(batch["observation"]),
-            mapping.split_goal(batch["desired_goal"]),
-            mapping.split_goal(batch["achieved_goal"]) if "achieved_goal" in batch else None,
-        )
-        return mapping.join_actions(actions)
-
-    return Predictor(act)
+    return SideBySidePolicy(teacher, n_arms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -82,18 +82,6 @@ def read_settings(path: Path, env_id: str) -> tuple[dict[str, Any], dict[str, An
         advice = content.pop(ADVICE_KEY, {})
         entry = environment_entry(content, env_id, path)
     return entry, entry.get("advisor", advice.get(env_id))
-
-
-def check_arguments(more: Sequence[str]) -> None:
-    """Reject RL Zoo's arguments that `saver train` sets itself.
-
-    :param more: what follows `--`.
-    :raises UsageError: for one of `OURS`.
-    """
-    for word in more:
-        name = word.split("=")[0]
-        if name in OURS:
-            raise UsageError(f"argument {name}: use {OURS[name]} of `saver train`, before the --")
 
 
 def ready_advice(
