@@ -16,7 +16,7 @@ from reproduction.advising.paper import table_5_2
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
 from reproduction.findings import Finding, claims, evaluate_claim, table_of
 from saver_advisors.benchmark.run_tables import flat
-from saver_advisors.cli.result_files import read
+from saver_advisors.cli.measured import read_training
 from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
 from saver_advisors.experiments.summary import MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if there is no training run.
     """
-    results = read(args.results)
+    results = read_training(args.results)
     tasks = tables(results)
     findings = evaluate_findings(tasks)
     show(tasks, findings, results)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
-from saver_advisors.cli.result_files import read
+from saver_advisors.cli.measured import read_training
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from reproduction.constraints.constraints_page import draw_all, evaluated, flat_row, page, show
     from saver_advisors.reporting.errors import UsageError
 
-    results = read(args.results)
+    results = read_training(args.results)
     rows = table(results)
     if not rows:
         others = ", ".join(sorted({one.task for one in results.runs}))

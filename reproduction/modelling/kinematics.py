@@ -217,7 +217,7 @@ def _success(
     from saver_envs.wrappers.learned_ik import LearnedIKAction
 
     env_id = ENVS[robot]
-    predict = resolve(policy, env_id, {}).predict
+    predict = resolve(policy, env_id, {})
     if wrapper:
         joints: Any = gymnasium.make(f"saver_envs:{env_id}", control="joints")
         with LearnedIKAction(joints, model, steps or 0) as env:

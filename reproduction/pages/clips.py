@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from saver_advisors.cli.policies import NamedPolicy, resolve
+from saver_advisors.cli.policies import resolve
+from saver_advisors.evaluation.episodes import Predict, evaluate_policy
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.video import Frame, record
 
@@ -21,14 +22,11 @@ def clip_frames(env_id: str) -> list[Frame]:
     :param env_id: a registered id
     :return: every second frame
     """
-    from saver_advisors.evaluation.episodes import evaluate_policy
-
-    policy = best_policy(env_id)
-    outcomes = evaluate_policy(policy.predict, env_id, episodes=_SEARCHED)
+    outcomes = evaluate_policy(best_policy(env_id), env_id, episodes=_SEARCHED)
     seed = int(np.argmax(outcomes.success))
     width, height = CLIP_SIZE
     [recording] = record(
-        best_policy(env_id).predict,
+        best_policy(env_id),
         env_id,
         episodes=1,
         seed=seed,
@@ -39,7 +37,7 @@ def clip_frames(env_id: str) -> list[Frame]:
     return recording.frames
 
 
-def best_policy(env_id: str) -> NamedPolicy:
+def best_policy(env_id: str) -> Predict:
     """Return an environment's shipped policy, else its scripted expert, else random actions."""
     from saver_advisors.pretrained import load_policy, shipped_policies
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import markdown, rows_table
 from saver_envs.episodes import ACTION_DURATION, Episodes
 from saver_envs.registration import ControlOptions, default_options, make_episodes
 from saver_envs.tasks.contract import Task
@@ -23,8 +23,8 @@ def environments_table(entries: list[Entry], folder: str) -> str:
     :param folder: folder of the pages, relative to the page that shows the table.
     :return: Markdown.
     """
-    rows = [[f"[`{one.env_id}`]({folder}{one.env_id}.md)", *one.cells[1:]] for one in entries]
-    return markdown(COLUMNS, rows)
+    columns = {**COLUMNS, "id": f"[`{{env_id}}`]({folder}{{env_id}}.md)"}
+    return rows_table(map(vars, entries), columns)
 
 
 def environments_page(entries: list[Entry]) -> str:

@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from saver_advisors.cli import runs
 from saver_advisors.evaluation.protocol import environment_text
-from saver_advisors.reporting import evaluation_table
+from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.provenance import machine_in_words
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import markdown, rows_table
 
 PAGES: Final = {
     "advising": "advising-results.md",
@@ -65,13 +65,7 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
 
 
 def _evaluation_table(found: list[dict[str, Any]]) -> str:
-    columns = (*evaluation_table.EVALUATION_COLUMNS, "collisions per episode")
-    rows = []
-    for one in found:
-        collisions = one.get("cost_means", {}).get("cost_collision")
-        told = "-" if collisions is None else f"{collisions:.2f}"
-        rows.append([*evaluation_table.evaluation_cells(one), told])
-    return markdown(columns, rows)
+    return rows_table(found, {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN})
 
 
 def success_overview(results: list[dict[str, Any]], folder: str) -> str:
@@ -126,9 +120,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
-            lines.append(
-                markdown(runs.CURVE_COLUMNS, [runs.curve_cells(run) for run in one["runs"]])
-            )
+            lines.append(rows_table(one["runs"], runs.CURVE_COLUMNS))
         elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"See [the separate page]({page}).", ""]
         elif one.get("kind") == "modelling-search":

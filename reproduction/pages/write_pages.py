@@ -88,8 +88,7 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from reproduction.pages.clips import CLIP_EVERY, clip_frames
-    from saver_advisors.cli.pictures import start_picture
-    from saver_advisors.reporting.video import write_clip
+    from saver_advisors.reporting.video import start_picture, write_clip
 
     folder = output / "images" / "environments"
     folder.mkdir(parents=True, exist_ok=True)

@@ -131,11 +131,11 @@ class Attempt:
         """
         condition = self.condition
         # A new policy each time, since an expert keeps the plans of past episodes.
-        policy = resolve(self.policy, self.env_id, condition.options, seed)
+        predict = resolve(self.policy, self.env_id, condition.options, seed)
         # The expert works with the hand of any robot.
         known = condition.translated and self.policy != EXPERT
         return run_trials(
-            policy.predict,
+            predict,
             self.env_id,
             trials,
             seed=seed,

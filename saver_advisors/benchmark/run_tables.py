@@ -10,8 +10,8 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
 from saver_advisors.experiments.summary import MINUTE, Censored, MethodRow
 from saver_advisors.experiments.training_runs import Skipped, TrainingRun
-from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
-from saver_advisors.reporting.tables import markdown, records_table
+from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
+from saver_advisors.reporting.tables import markdown, records_table, rows_table
 
 NOTHING: Final = "-"
 
@@ -194,12 +194,9 @@ def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
     :param references: evaluations
     :return: Markdown
     """
-    cells = []
-    for one in references:
-        collisions = (one.get("cost_means") or {}).get("cost_collision")
-        told = NOTHING if collisions is None else f"{collisions:.2f}"
-        cells.append([*evaluation_cells(one)[:5], told])
-    return markdown((*EVALUATION_COLUMNS[:5], "collisions per episode"), cells)
+    columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
+    del columns["final distance (cm)"]
+    return rows_table(references, columns)
 
 
 def under_way_list(rows: Sequence[MethodRow]) -> str:

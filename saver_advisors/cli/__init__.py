@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from importlib import metadata
 from typing import Final
@@ -65,11 +64,6 @@ SAVER: Final = Program(
     version=_version(),
     extras={"pose": "pose", "train-pose": "pose", "model": "modelling"},
 )
-
-
-def build_parser(command: str | None = None) -> argparse.ArgumentParser:
-    """Build the parser of `saver`; see :meth:`Program.parser`."""
-    return SAVER.parser(command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.reporting.errors import UsageError, unknown
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 
 def env_id(text: str) -> str:
@@ -185,6 +185,87 @@ def add_count(
     parser.add_argument(name, type=at_least(least), default=default, metavar=metavar, help=text)
 
 
+def add_seconds(
+    parser: Any, name: str, text: str, default: float | None = None, metavar: str = "SECONDS"
+) -> None:
+    """Add an option for a positive duration.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--time-limit``
+    :param text: help text
+    :param default: its default value, which the help text shows
+    :param metavar: name of the value in the help text
+    """
+    text = text if default is None else f"{text} (default: {default:g})"
+    parser.add_argument(name, type=positive_seconds, default=default, metavar=metavar, help=text)
+
+
+def add_settings(parser: Any, name: str, text: str) -> None:
+    """Add an option for ``NAME=VALUE`` words, for :func:`settings`.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--set``
+    :param text: help text
+    """
+    parser.add_argument(name, nargs="+", action="extend", metavar="NAME=VALUE", help=text)
+
+
+def add_several(
+    parser: Any, name: str, kind: Any, default: Sequence[Any], text: str, metavar: str = "N"
+) -> None:
+    """Add an option for one or more values.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--seeds``
+    :param kind: argparse type of a value
+    :param default: the default values, which the help text shows
+    :param text: help text
+    :param metavar: name of a value in the help text
+    """
+    text = f"{text} (default: {' '.join(map(str, default))})"
+    parser.add_argument(
+        name, nargs="+", type=kind, default=list(default), metavar=metavar, help=text
+    )
+
+
+def add_file(
+    parser: Any, name: str, text: str, *suffixes: str, metavar: str = "FILE", **options: Any
+) -> None:
+    """Add an option for a file to write.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--video``
+    :param text: help text
+    :param suffixes: allowed file name extensions
+    :param metavar: name of the value in the help text
+    :param options: further arguments of argparse
+    """
+    parser.add_argument(name, type=new_file(*suffixes), metavar=metavar, help=text, **options)
+
+
+def add_path(parser: Any, name: str, text: str, *, metavar: str = "FILE", **options: Any) -> None:
+    """Add an argument for a file or folder to read.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--weights``
+    :param text: help text
+    :param metavar: name of the value in the help text
+    :param options: further arguments of argparse
+    """
+    parser.add_argument(name, type=Path, metavar=metavar, help=text, **options)
+
+
+def add_folder(parser: Any, name: str, text: str, **options: Any) -> None:
+    """Add an option for a folder to write to.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--output``
+    :param text: help text
+    :param options: further arguments of argparse
+    """
+    parser.add_argument(name, type=new_folder, metavar="DIR", help=text, **options)
+
+
 def add_figure(parser: Any, name: str, text: str) -> None:
     """Add an option for a figure to write: PNG, SVG or PDF.
 
@@ -192,18 +273,13 @@ def add_figure(parser: Any, name: str, text: str) -> None:
     :param name: such as ``--figure``
     :param text: help text
     """
-    figure = new_file(".png", ".svg", ".pdf")
-    parser.add_argument(name, type=figure, metavar="FIG.png", help=text)
+    add_file(parser, name, text, ".png", ".svg", ".pdf", metavar="FIG.png")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add ``--json FILE``, which every measuring command accepts."""
-    parser.add_argument(
-        "--json",
-        type=new_file(".json"),
-        metavar="FILE",
-        help="also write the results as JSON, with command, commit, seed, versions and machine",
-    )
+    text = "also write the results as JSON, with command, commit, seed, versions and machine"
+    add_file(parser, "--json", text, ".json")
 
 
 def add_threads(parser: argparse.ArgumentParser) -> None:
@@ -214,38 +290,22 @@ def add_threads(parser: argparse.ArgumentParser) -> None:
 def add_table(parser: argparse.ArgumentParser) -> None:
     """Add ``--table [FILE]``, for commands that write a Markdown page."""
     usual = f"{parser.prog.split()[-1]}.md"
-    parser.add_argument(
-        "--table",
-        nargs="?",
-        const=usual,
-        type=new_file(".md"),
-        metavar="FILE",
-        help=f"also write the results as a Markdown page (default name: {usual})",
-    )
+    text = f"also write the results as a Markdown page (default name: {usual})"
+    add_file(parser, "--table", text, ".md", nargs="?", const=usual)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Add ``--table``, ``--from`` and ``--json``, for commands that measure and render a page."""
     add_table(parser)
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        type=Path,
-        metavar="FILE",
-        help="render the results of an earlier --json instead of measuring",
-    )
+    text = "render the results of an earlier --json instead of measuring"
+    add_path(parser, "--from", text, dest="from_json")
     add_json(parser)
 
 
 def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
     """Add ``--env-kwargs name=value ...``."""
-    parser.add_argument(
-        "--env-kwargs",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="keyword arguments of the environment, such as rated=true object_size=0.07",
-    )
+    text = "keyword arguments of the environment, such as rated=true object_size=0.07"
+    add_settings(parser, "--env-kwargs", text)
 
 
 def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
@@ -256,7 +316,6 @@ def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
     :return: the keyword arguments
     :raises UsageError: for an argument that the environment rejects
     """
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.registration import make_episodes
 
     values = settings(pairs, "--env-kwargs")

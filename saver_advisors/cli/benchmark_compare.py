@@ -7,6 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.cli.arguments import add_figure, add_json, add_path, add_table, write_json
+from saver_advisors.cli.measured import read_training
+from saver_advisors.reporting.errors import UsageError
+from saver_advisors.reporting.figures import link
+from saver_advisors.reporting.tables import join_parts, rows_table, show
+
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
@@ -33,23 +39,10 @@ baseline), and the probability that a run's mean success is higher.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_figure, add_json, add_table
-
-    parser.add_argument(
-        "results",
-        nargs="+",
-        type=Path,
-        metavar="RESULT.json",
-        help="files of `saver benchmark run`, or folders of them",
-    )
-    parser.add_argument(
-        "--baselines",
-        nargs="+",
-        type=Path,
-        required=True,
-        metavar="PATH",
-        help="files of the baselines, or folders of them",
-    )
+    text = "files of `saver benchmark run`, or folders of them"
+    add_path(parser, "results", text, metavar="RESULT.json", nargs="+")
+    text = "files of the baselines, or folders of them"
+    add_path(parser, "--baselines", text, metavar="PATH", nargs="+", required=True)
     add_table(parser)
     add_figure(parser, "--figure", "plot the curves in this file")
     add_json(parser)
@@ -62,11 +55,8 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.benchmark.run_tables import measured
-    from saver_advisors.cli.arguments import write_json
-    from saver_advisors.cli.result_files import read
-    from saver_advisors.reporting.tables import show
 
-    entries, baselines = read(args.results), read(args.baselines)
+    entries, baselines = read_training(args.results), read_training(args.baselines)
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
         columns = ("row", "n", "IE", "RT", "MSR", "ELR", "final success", "off protocol")
@@ -106,7 +96,6 @@ def compared(entries: Results, baselines: Results) -> Tasks:
     :raises UsageError: if no entry is finished
     """
     from saver_advisors.experiments.summary import summarize
-    from saver_advisors.reporting.errors import UsageError
 
     tasks: Tasks = {}
     for task in dict.fromkeys(run.task for run in entries.runs):
@@ -145,12 +134,12 @@ def page(
         run_table,
         skipped_list,
     )
-    from saver_advisors.reporting.figures import link
-    from saver_advisors.reporting.tables import join_parts, rows_table
 
     parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
+    runs = []
     for task, (own, others) in tasks.items():
         rows = [*own, *others]
+        of_task = [run for row in rows for run in row.runs]
         parts += [f"## {task}", metrics_table(rows), beyond(rows)]
         if marked := [row for row in rows if row.off_protocol]:
             columns = {"row": lambda row: row.name, "off protocol": lambda row: row.off_protocol}
@@ -160,15 +149,11 @@ def page(
         references = [one for one in baselines.references if one["env"] == task]
         if references:
             parts += ["Policies that these runs did not train:\n", reference_table(references)]
-        parts += ["Each run:\n", run_table([run for row in rows for run in row.runs])]
+        parts += ["Each run:\n", run_table(of_task)]
+        runs += of_task
     if figure is not None:
         parts.append(f"![learning curves]({link(figure, folder)})\n")
-    parts.append(skipped_list([*entries.skipped, *baselines.skipped]))
-    parts.append(
-        origin(
-            [run for own, others in tasks.values() for row in (*own, *others) for run in row.runs]
-        )
-    )
+    parts += [skipped_list([*entries.skipped, *baselines.skipped]), origin(runs)]
     return join_parts(parts)
 
 

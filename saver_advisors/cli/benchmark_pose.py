@@ -9,8 +9,13 @@ import argparse
 import contextlib
 from typing import Any, Final
 
+from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import add_peer_cache
+from saver_advisors.cli.arguments import add_count, add_json, write_json
+from saver_advisors.cli.pose import add_cache, add_weights
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
 examples:
@@ -27,9 +32,6 @@ PARTS: Final = ("accuracy", "speed")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_json
-    from saver_advisors.cli.pose import add_cache, add_weights
-
     add_weights(parser)
     add_count(
         parser, "--frames", FRAMES, "test pictures, rounded down to a multiple of 20", least=20
@@ -62,14 +64,7 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     """
     import pycocotools  # noqa: F401  (needed after the work: say so before it)
-    import torch
 
-    from saver_advisors.cli.arguments import write_json
-    from saver_advisors.reporting.errors import UsageError
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
     figures: dict[str, Any] = {"kind": "pose", "title": "Seeing a person"}
     try:
         with one_thread_of_algebra():
@@ -79,8 +74,6 @@ def run(args: argparse.Namespace) -> int:
                 figures |= _speed(args)
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    finally:
-        torch.set_num_threads(before)
     _show(figures)
     write_json(args.json, figures)
     return 0
@@ -97,7 +90,6 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
         test_set,
     )
     from saver_advisors.benchmark.pose.blazepose import VARIANTS, BlazePose
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.perception.estimator import PoseEstimator
     from saver_envs.perception.weights import SHIPPED, read_info
 
@@ -134,7 +126,6 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _speed(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.benchmark.machine import progress
     from saver_advisors.benchmark.pose.speed import LIMB_SETS, SIZES, parsing_rows, speed_rows
     from saver_advisors.reporting.provenance import load_averages
     from saver_envs.perception.network import ARCHITECTURES

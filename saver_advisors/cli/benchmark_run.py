@@ -15,11 +15,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from saver_advisors.cli.arguments import (
+    add_count,
+    add_env_kwargs,
+    add_folder,
+    add_settings,
+    at_least,
+    checked_env_kwargs,
+    env_id,
+    settings,
+)
+from saver_advisors.cli.evaluate import show
+from saver_advisors.cli.experiments import execute
 from saver_advisors.evaluation.protocol import (
     EVALUATE_EVERY,
     REPORT_EPISODES,
     SELECTION_EPISODES,
+    training_seed,
 )
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -62,19 +76,12 @@ def seed_range(text: str) -> list[int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_env_kwargs, at_least, env_id, new_folder
-
     parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
     parser.add_argument(
         "--algo", required=True, metavar="MODULE:CLASS", help="the algorithm; or FILE.py:CLASS"
     )
-    parser.add_argument(
-        "--algo-kwargs",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="its keyword arguments as YAML; import:MODULE:NAME refers to a class",
-    )
+    text = "its keyword arguments as YAML; import:MODULE:NAME refers to a class"
+    add_settings(parser, "--algo-kwargs", text)
     parser.add_argument("--name", help="its name in tables (default: the class's name)")
     parser.add_argument(
         "--steps",
@@ -90,9 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=seed_range, metavar="A-B", help="seeds of several runs: 0-4, or 0,3,7"
     )
     add_count(parser, "--processes", 1, "runs in parallel, with --seeds")
-    parser.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the result file"
-    )
+    add_folder(parser, "--output", "folder of the result file", required=True)
     add_count(parser, "--n-envs", 16, "environments stepped in parallel")
     add_env_kwargs(parser)
     earlier = parser.add_argument_group("earlier steps", "tables add them to the run's own steps")
@@ -112,7 +117,6 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status
     """
     from saver_advisors.experiments.third_party import load_class, resolved
-    from saver_advisors.reporting.errors import user_mistakes
 
     with user_mistakes("argument --algo"):
         algorithm = load_class(args.algo)
@@ -132,7 +136,6 @@ def _run_seed(args: argparse.Namespace, algorithm: type[Any], plan: BenchmarkPla
 
     from saver_advisors.experiments.recorder import Recorder
     from saver_advisors.experiments.third_party import AlgorithmError, train
-    from saver_advisors.reporting.errors import UsageError
 
     with tqdm(total=plan.total_steps, unit="step", dynamic_ncols=True) as bar:
         recorder = Recorder(
@@ -149,7 +152,6 @@ def _run_seed(args: argparse.Namespace, algorithm: type[Any], plan: BenchmarkPla
 
 def _run_seeds(args: argparse.Namespace, plans: Sequence[BenchmarkPlan]) -> int:
     """Do several runs in processes, like those of a grid."""
-    from saver_advisors.cli.experiments import execute
     from saver_advisors.experiments.grid import ExperimentRun, Grid
     from saver_advisors.experiments.results import is_done, read_result
     from saver_advisors.experiments.scheduler import LocalProcesses, Places
@@ -171,10 +173,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any], seed: int) -> Benchm
     :param algorithm: the class that ``--algo`` names
     :param seed: of the run
     """
-    from saver_advisors.cli.arguments import checked_env_kwargs, settings
-    from saver_advisors.evaluation.protocol import training_seed
     from saver_advisors.experiments.grid import THIRD_PARTY_KEYS, third_party_plan
-    from saver_advisors.reporting.errors import user_mistakes
 
     with user_mistakes("argument --seeds" if args.seeds else "argument --seed"):
         training_seed(seed)
@@ -198,7 +197,6 @@ def _is_finished(path: Path, plan: BenchmarkPlan) -> bool:
     :raises UsageError: if the file holds a finished run with other settings
     """
     from saver_advisors.experiments.results import changed_settings
-    from saver_advisors.reporting.errors import UsageError
 
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
@@ -231,8 +229,6 @@ def _tell(line: dict[str, Any]) -> None:
 
 
 def _report(record: dict[str, Any]) -> None:
-    from saver_advisors.cli.evaluate import show
-
     show({**record["final"], "policy": f"{record['row']}, last policy"})
     if chosen := record["chosen"]:
         show({**chosen, "policy": f"{record['row']}, chosen after {chosen['steps']:,} steps"})

@@ -29,41 +29,21 @@ THREADS: Final = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_page, at_least, env_id, positive_seconds
+    from saver_advisors.cli.arguments import (
+        add_count,
+        add_page,
+        add_seconds,
+        add_several,
+        at_least,
+        env_id,
+    )
 
+    add_several(parser, "--envs", env_id, TIMED_IDS, "environments", metavar="ID")
     count = at_least(1)
-    parser.add_argument(
-        "--envs",
-        nargs="+",
-        type=env_id,
-        default=list(TIMED_IDS),
-        metavar="ID",
-        help=f"environments (default: {' '.join(TIMED_IDS)})",
-    )
-    parser.add_argument(
-        "--n-envs",
-        nargs="+",
-        type=count,
-        default=list(N_ENVS),
-        metavar="N",
-        help="environments stepped in parallel (default: 1 4 16 64 256 1024)",
-    )
-    parser.add_argument(
-        "--threads",
-        nargs="+",
-        type=count,
-        default=list(THREADS),
-        metavar="N",
-        help="native threads, each on its own core (default: 1 2)",
-    )
+    add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
+    add_several(parser, "--threads", count, THREADS, "native threads, each on its own core")
     add_count(parser, "--rounds", 5, "rounds of each median")
-    parser.add_argument(
-        "--seconds",
-        type=positive_seconds,
-        default=0.25,
-        metavar="S",
-        help="shortest measurement (default: 0.25)",
-    )
+    add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
     parser.add_argument(
         "--peers",
         action="store_true",

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
+from saver_advisors.reporting.tables import Column
 from saver_envs.registration import DENSE, ENVIRONMENTS, PIXELS, make_episodes
 
-COLUMNS = (
-    "id",
-    "task",
-    "robot",
-    "arms",
-    "obs.",
-    "act.",
-    "goal",
-    "horizon",
-    "succeeds when, on the last step,",
-    "cost",
-)
+COLUMNS: Final[dict[str, Column]] = {
+    "id": "{env_id}",
+    "task": "{task}",
+    "robot": "{robot}",
+    "arms": "{arms}",
+    "obs.": "{observation_size}",
+    "act.": "{action_size}",
+    "goal": "{goal_size}",
+    "horizon": "{horizon}",
+    "succeeds when, on the last step,": "{succeeds}",
+    "cost": lambda row: ", ".join(row["summed_costs"]),
+}
+"""Headings, and how the fields of an :class:`Entry` fill each column."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +53,6 @@ class Entry:
     succeeds: str
     costs: tuple[str, ...]
     summed_costs: tuple[str, ...]
-
-    @property
-    def cells(self) -> list[str]:
-        """Cells of the row, in the order of ``COLUMNS``."""
-        sizes = (self.observation_size, self.action_size, self.goal_size, self.horizon)
-        return [
-            self.env_id,
-            self.task,
-            self.robot,
-            str(self.arms),
-            *map(str, sizes),
-            self.succeeds,
-            ", ".join(self.summed_costs),
-        ]
 
 
 def entry(env_id: str) -> Entry:

@@ -7,9 +7,8 @@ estimate in the states of its evaluation episodes. Wall-clock time excludes eval
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from saver_advisors.cli.arguments import add_figure, add_json, write_json
+from saver_advisors.cli.arguments import add_figure, add_json, add_path, write_json
 
 EXAMPLES = """\
 examples:
@@ -19,22 +18,20 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "run_dirs", nargs="+", type=Path, metavar="RUN_DIR", help="of `saver train`"
-    )
+    add_path(parser, "run_dirs", "of `saver train`", metavar="RUN_DIR", nargs="+")
     add_figure(parser, "--output", "draw the figure there")
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the table, draw the figure, write the figures."""
-    from saver_advisors.cli.runs import CURVE_COLUMNS, curve_cells, draw, read_runs
+    from saver_advisors.cli.runs import CURVE_COLUMNS, draw, read_runs
     from saver_advisors.evaluation.metrics import SOLVED
-    from saver_advisors.reporting import tables
+    from saver_advisors.reporting.tables import show_rows
 
     runs = read_runs(args.run_dirs)
     summaries = [one.summary() for one in runs]
-    tables.show(CURVE_COLUMNS, [curve_cells(one) for one in summaries])
+    show_rows(summaries, CURVE_COLUMNS)
     if args.output is not None:
         draw(runs).savefig(args.output)
         print(f"wrote {args.output}")

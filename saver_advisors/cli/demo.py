@@ -8,14 +8,20 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from saver_advisors.cli.arguments import add_count, add_json, new_folder, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_folder, add_json, add_seconds
+from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
 from saver_advisors.cli.demo_learning import learn
-from saver_advisors.cli.demo_page import jpeg_uri, render, video_uri
+from saver_advisors.cli.demo_page import ROBOT_VIDEO, jpeg_uri, render, video_uri
+from saver_advisors.cli.evaluate import measure, show
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.provenance import provenance, write_json_atomic
+from saver_advisors.reporting.tables import row_cells
 from saver_advisors.training.threads import one_thread_of_algebra
+from saver_envs.registration import SHOWN_IDS, row_of
 
 EXAMPLES = """\
 examples:
@@ -29,22 +35,11 @@ VIDEO_SIZE: Final = (480, 360)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--output",
-        type=new_folder,
-        default=Path("demo_output"),
-        metavar="DIR",
-        help="folder of the page (default: demo_output)",
-    )
+    text = "folder of the page (default: demo_output)"
+    add_folder(parser, "--output", text, default=Path("demo_output"))
     add_count(parser, "--episodes", 50, "episodes per evaluation")
     add_count(parser, "--video-episodes", 3, "episodes per video")
-    parser.add_argument(
-        "--train-seconds",
-        type=positive_seconds,
-        default=120.0,
-        metavar="SECONDS",
-        help="training time (default: 120)",
-    )
+    add_seconds(parser, "--train-seconds", "training time", 120.0)
     add_count(parser, "--seed", 0, "seed of all random numbers", least=0, metavar="S")
     add_json(parser)
 
@@ -52,18 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Run every part and write the page; an interruption loses only the page."""
-    from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
-    from saver_advisors.cli.demo_robot import whole_robot
-    from saver_advisors.reporting.provenance import provenance, write_json_atomic
+    from saver_advisors.reporting.video import start_picture
 
     start = time.perf_counter()
     args.output.mkdir(parents=True, exist_ok=True)
     print("[1/5] the whole robot: camera, pose network, policy, learned kinematics, servos")
-    robot = whole_robot(args.output, ROBOT_TRIALS, args.seed)
+    robot = _whole_robot(args)
     print(f"[2/5] evaluating the shipped policies, {args.episodes} episodes each")
-    evaluations = _evaluate(args)
+    evaluations = []
+    for name, env, kwargs in players():
+        evaluations.append(measure(name, env, args.episodes, args.seed, kwargs))
+        show(evaluations[-1])
     print(f"[3/5] recording {args.video_episodes} episodes of the best policy per environment")
-    videos, scenes = _record(args, evaluations, robot["env"]), _scenes()
+    videos = _record(args, evaluations, robot["env"])
+    scenes = [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]
     print(f"[4/5] training two students for {args.train_seconds:.0f} s: with and without advice")
     learning = learn(args)
     print("[5/5] writing the page")
@@ -81,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         videos=videos,
         scenes=scenes,
         environment_columns=COLUMNS,
-        environment_rows=[entry(name).cells for name in sparse_ids()],
+        environment_rows=row_cells([vars(entry(name)) for name in sparse_ids()], COLUMNS.values()),
     )
     (args.output / "index.html").write_text(page, encoding="utf-8")
     for path in (args.output / "demo.json", args.json):
@@ -89,6 +86,34 @@ def run(args: argparse.Namespace) -> int:
             write_json_atomic(path, figures)
     print(f"done in {figures['total_s'] / 60:.1f} minutes: open {args.output / 'index.html'}")
     return 0
+
+
+def _whole_robot(args: argparse.Namespace) -> dict[str, Any]:
+    """Run and record trials with all learned components, from the camera to the pushed wrists."""
+    from saver_advisors.integration import POLICY
+    from saver_advisors.integration.assembly import build_loop, settings_for
+    from saver_advisors.integration.casualty import ENV_ID
+    from saver_advisors.integration.recording import VideoRecorder
+    from saver_advisors.integration.trial import SUCCEEDED, run_trial
+    from saver_advisors.integration.wrist_bench import WristBench
+
+    began = time.perf_counter()
+    settings = settings_for(POLICY)
+    records = []
+    with closing(WristBench()) as bench:
+        loop = build_loop(settings, bench)
+        with closing(VideoRecorder(args.output / ROBOT_VIDEO, loop, every=3)) as recorder:
+            for number in range(args.seed, args.seed + ROBOT_TRIALS):
+                records.append(run_trial(loop, number, look=recorder))
+                recorder.end(records[-1])
+    return {
+        "env": ENV_ID,
+        "policy": settings.policy,
+        "trials": ROBOT_TRIALS,
+        "succeeded": sum(one.outcome == SUCCEEDED for one in records),
+        "causes": [str(one.cause or one.outcome) for one in records],
+        "seconds": round(time.perf_counter() - began, 1),
+    }
 
 
 class Player(NamedTuple):
@@ -110,43 +135,26 @@ class Player(NamedTuple):
 
 
 def players() -> list[Player]:
-    """Return the shipped policies, each in its environment, followed by the baselines."""
+    """Return the shipped policies, each in its environment, followed by the baselines.
+
+    Those are side-by-side teachers for the multi-arm environments, and random actions.
+    """
     from saver_advisors.pretrained import load_policy, shipped_policies
 
     cards = {name: load_policy(name).card for name in shipped_policies()}
     shipped = [Player(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
-    return shipped + _baselines(shipped)
-
-
-def _baselines(shipped: list[Player]) -> list[Player]:
-    """Return side-by-side teachers for the multi-arm environments, and random actions."""
-    from saver_envs.registration import row_of
-
     single = {
         (row.task, row.robot): one.policy
         for one in shipped
         if (row := row_of(one.env_id)).n_arms == 1
     }
-    found = []
+    found = list(shipped)
     for one in {one.environment: one for one in shipped}.values():
         row = row_of(one.env_id)
         teacher = single.get((row.task, row.robot))
         if row.n_arms > 1 and teacher is not None:
             found.append(one._replace(policy=f"side-by-side:{teacher}"))
     return found + [one._replace(policy="random") for one in shipped[:1]]
-
-
-def _evaluate(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Evaluate every player."""
-    from saver_advisors.cli.evaluate import measure, show
-    from saver_advisors.cli.policies import resolve
-
-    results = []
-    for name, env, kwargs in players():
-        policy = resolve(name, env, kwargs, args.seed)
-        results.append(measure(policy, env, args.episodes, args.seed, kwargs))
-        show(results[-1])
-    return results
 
 
 def best_shipped(
@@ -181,7 +189,7 @@ def _record(
     for one in best_shipped(evaluations, left_out=robot_env):
         name, env, kwargs = one["policy"], one["env"], one["env_kwargs"]
         recordings = record(
-            resolve(name, env, kwargs).predict,
+            resolve(name, env, kwargs),
             env,
             env_kwargs=kwargs,
             episodes=args.video_episodes,
@@ -203,11 +211,3 @@ def _record(
             }
         )
     return videos
-
-
-def _scenes() -> list[dict[str, str]]:
-    """Render a picture of a few environments."""
-    from saver_advisors.cli.pictures import start_picture
-    from saver_envs.registration import SHOWN_IDS
-
-    return [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import ONE_ARM_ID
 
@@ -45,7 +46,6 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
     :return: a summary of each student's curve; students without an evaluation are left out
     :raises UsageError: if a student's process fails
     """
-    from saver_advisors.cli.runs import read_run
     from saver_advisors.pretrained import shipped_policies
 
     students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
@@ -60,8 +60,7 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
         _watch(processes, folders, args.train_seconds)
     finally:
         for process in processes:
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
+            process.terminate()
         for process in processes:
             _wait(process)
     failed = [process.returncode for process in processes if process.returncode != 0]
@@ -69,10 +68,8 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"training failed with exit status {failed}; see above")
     runs = []
     for folder in folders:
-        try:
+        with suppress(UsageError):  # stopped before the first evaluation
             runs.append(read_run(folder, folder.name).summary())
-        except UsageError:
-            continue  # stopped before the first evaluation
     return {"seconds": args.train_seconds, "students": students, "runs": runs}
 
 
@@ -104,8 +101,6 @@ def _watch(processes: list[subprocess.Popen[bytes]], folders: list[Path], second
 
 
 def _newest_success(folder: Path) -> str:
-    from saver_advisors.cli.runs import read_run
-
     try:
         return f"{read_run(folder, '').points[-1]['success_rate']:.2f}"
     except UsageError:

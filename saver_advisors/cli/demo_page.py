@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import argparse
 import base64
+import io
 from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.demo_learning import TEACHER
-from saver_advisors.cli.demo_robot import VIDEO
+from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, RunCurve, draw
+from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.curve_style import COLOURS
+from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
+from saver_advisors.reporting.tables import row_cells
 from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
+ROBOT_VIDEO: Final = "whole-robot.mp4"
 
 
 def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> str:
@@ -24,34 +30,28 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    from saver_advisors.cli.runs import CURVE_COLUMNS, curve_cells
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
-
     evaluations, learning = figures["evaluations"], figures["learning"]
-    collisions = [f"{one['cost_means']['cost_collision']:.2f}" for one in evaluations]
-    rows = [[*evaluation_cells(one), n] for one, n in zip(evaluations, collisions, strict=True)]
+    columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
     templates = Environment(
         loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
     )
     return templates.get_template("demo.html.j2").render(
         **parts,
-        total_s=figures["total_s"],
-        provenance=figures["provenance"],
+        **{name: figures[name] for name in ("total_s", "provenance", "evaluations")},
         episodes=args.episodes,
         seed=args.seed,
-        evaluations=evaluations,
-        result_columns=(*EVALUATION_COLUMNS, "collisions per episode"),
-        result_rows=rows,
+        result_columns=columns,
+        result_rows=row_cells(evaluations, columns.values()),
         baselines=_described_baselines(evaluations),
         bars=_figure_uri(_bars(evaluations)) if evaluations else "",
-        robot={**figures["robot"], "data": video_uri(args.output / VIDEO)},
+        robot={**figures["robot"], "data": video_uri(args.output / ROBOT_VIDEO)},
         learning={
             **learning,
             "env": ONE_ARM_ID,
             "teacher": TEACHER,
             "figure": _learning_figure(learning["runs"]),
             "columns": CURVE_COLUMNS,
-            "rows": [curve_cells(one) for one in learning["runs"]],
+            "rows": row_cells(learning["runs"], CURVE_COLUMNS.values()),
         },
     )
 
@@ -59,17 +59,14 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
 def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
     """Describe the baselines in words."""
     names = {one["policy"].partition(":")[0] for one in evaluations}
-    words = []
-    if "side-by-side" in names:
-        words.append("the single-arm teacher on every arm, each ignoring the others")
-    if "random" in names:
-        words.append("random actions")
-    return ", and ".join(words)
+    words = {
+        "side-by-side": "the single-arm teacher on every arm, each ignoring the others",
+        "random": "random actions",
+    }
+    return ", and ".join(text for name, text in words.items() if name in names)
 
 
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:
-    from saver_advisors.cli.runs import PANELS, RunCurve, draw
-
     if not summaries:
         return ""
     runs = [RunCurve(one["name"], {}, one["points"]) for one in summaries]
@@ -79,9 +76,6 @@ def _learning_figure(summaries: list[dict[str, Any]]) -> str:
 def _bars(evaluations: list[dict[str, Any]]) -> Any:
     """Draw success rates with confidence intervals, one bar per policy."""
     from matplotlib.figure import Figure
-
-    from saver_advisors.evaluation.protocol import environment_text
-    from saver_advisors.reporting.curve_style import COLOURS
 
     figure = Figure(figsize=(9, 0.9 + 0.45 * len(evaluations)), layout="constrained", dpi=120)
     axes = figure.subplots()
@@ -107,8 +101,6 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
 
 
 def _figure_uri(figure: Any) -> str:
-    import io
-
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return _data_uri("image/png", buffer.getvalue())
@@ -120,8 +112,6 @@ def jpeg_uri(picture: Any) -> str:
     :param picture: (height, width, 3), uint8
     :return: a data URI
     """
-    import io
-
     from PIL import Image
 
     image = Image.fromarray(picture)

@@ -24,22 +24,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the table."""
-    from dataclasses import asdict
-
     from saver_advisors.cli.catalogue import COLUMNS, dense_twin, entry, pixel_ids, sparse_ids
     from saver_advisors.reporting import tables
 
     names = sparse_ids()
-    entries = [entry(name) for name in names + [dense_twin(name) for name in names] * args.all]
-    rows = [one.cells for one in entries]
+    listed = names + [dense_twin(name) for name in names] * args.all
+    entries = [vars(entry(name)) for name in listed]
     if args.markdown:
-        print(tables.markdown(COLUMNS, rows), end="")
+        print(tables.rows_table(entries, COLUMNS), end="")
     else:
-        tables.show(COLUMNS, rows)
+        tables.show_rows(entries, COLUMNS)
         if not args.all:
             print(f"Each id has a twin with a dense reward, such as {dense_twin(names[0])}.")
         for sentence in pixel_ids():
             print(sentence.replace("`", ""))
         print('Make one with gymnasium.make("saver_envs:' + names[0] + '").')
-    write_json(args.json, {"environments": [asdict(one) for one in entries]})
+    write_json(args.json, {"environments": entries})
     return 0

@@ -13,14 +13,15 @@ from saver_advisors.cli.arguments import (
     add_count,
     add_env_kwargs,
     add_figure,
+    add_file,
     add_json,
     checked_env_kwargs,
     env_id,
-    new_file,
     write_json,
 )
 from saver_advisors.reporting.errors import user_mistakes
-from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
+from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
+from saver_advisors.reporting.tables import show_rows
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
@@ -53,12 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
     add_env_kwargs(parser)
     add_json(parser)
-    parser.add_argument(
-        "--video",
-        type=new_file(".mp4"),
-        metavar="FILE.mp4",
-        help="record a video of the first episodes",
-    )
+    text = "record a video of the first episodes"
+    add_file(parser, "--video", text, ".mp4", metavar="FILE.mp4")
     add_figure(
         parser,
         "--paths",
@@ -73,15 +70,14 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.policies import resolve
 
     env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
-    policy = resolve(args.policy, args.env, env_kwargs, args.seed)
-    figures = measure(policy, args.env, args.episodes, args.seed, env_kwargs)
+    figures = measure(args.policy, args.env, args.episodes, args.seed, env_kwargs)
     show(figures)
     write_json(args.json, figures)
     if args.video is not None:
         from saver_advisors.reporting.video import record, write_mp4
 
         recordings = record(
-            resolve(args.policy, args.env, env_kwargs, args.seed).predict,
+            resolve(args.policy, args.env, env_kwargs, args.seed),
             args.env,
             episodes=min(args.video_episodes, args.episodes),
             seed=args.seed,
@@ -93,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     if args.paths is not None:
         from saver_advisors.reporting.episode_paths import draw_paths, follow
 
-        predict = resolve(args.policy, args.env, env_kwargs, args.seed).predict
+        predict = resolve(args.policy, args.env, env_kwargs, args.seed)
         title = f"{args.env}, {args.policy}, seed {args.seed}"
         episode = follow(predict, args.env, title=title, seed=args.seed, env_kwargs=env_kwargs)
         with user_mistakes("argument --paths"):
@@ -103,33 +99,30 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure(
-    policy: Any,
-    env: str,
-    episodes: int,
-    seed: int = 0,
-    env_kwargs: dict[str, Any] | None = None,
-    progress: bool = True,
+    policy: str, env: str, episodes: int, seed: int, env_kwargs: dict[str, Any]
 ) -> dict[str, Any]:
     """Evaluate a policy.
 
-    :param policy: as ``policies.resolve`` returns it
+    :param policy: its name, as ``policies.resolve`` accepts it
     :param env: id of the environment
     :param episodes: number of episodes
     :param seed: of the first episode
     :param env_kwargs: keyword arguments of the environment
-    :param progress: show a progress bar
     :return: JSON-able: ``env``, ``policy``, ``episodes``, ``success_rate``, ``ci95`` and more
+    :raises UsageError: for a policy that is unknown or does not fit
     """
+    from saver_advisors.cli.policies import resolve
     from saver_advisors.evaluation.episodes import evaluate_policy
 
+    predict = resolve(policy, env, env_kwargs, seed)
     start = time.perf_counter()
     outcomes = evaluate_policy(
-        policy.predict, env, episodes=episodes, seed=seed, env_kwargs=env_kwargs, progress=progress
+        predict, env, episodes=episodes, seed=seed, env_kwargs=env_kwargs, progress=True
     )
     return {
         "kind": "evaluation",
-        "policy": policy.name,
-        "env_kwargs": dict(env_kwargs or {}),
+        "policy": policy,
+        "env_kwargs": dict(env_kwargs),
         **outcomes.summary(),
         "wall_clock_s": round(time.perf_counter() - start, 3),
     }
@@ -137,12 +130,7 @@ def measure(
 
 def show(figures: dict[str, Any]) -> None:
     """Print the results as a table."""
-    from saver_advisors.reporting import tables
-
-    costs = figures["cost_means"]
-    columns = [*EVALUATION_COLUMNS, *(f"{name} per episode" for name in costs)]
-    tables.show(
-        columns, [[*evaluation_cells(figures), *(f"{mean:.2f}" for mean in costs.values())]]
-    )
+    costs = {f"{name} per episode": f"{mean:.2f}" for name, mean in figures["cost_means"].items()}
+    show_rows([figures], {**EVALUATION_COLUMNS, **costs})
     if figures["diverged"]:
         print(f"the simulation diverged in {figures['diverged']} episodes")

@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_threads, new_folder, positive_seconds
+from saver_advisors.cli.arguments import add_count, add_folder, add_seconds, add_threads
+from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -38,15 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     run_action = actions.add_parser("run", help="start or continue a grid")
     run_action.add_argument("grid", type=Path, metavar="GRID.yml")
-    run_action.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the runs"
-    )
-    run_action.add_argument(
-        "--results",
-        type=new_folder,
-        metavar="DIR",
-        help=f"folder of the JSON files (default: DIR/{RESULTS})",
-    )
+    add_folder(run_action, "--output", "folder of the runs", required=True)
+    add_folder(run_action, "--results", f"folder of the JSON files (default: DIR/{RESULTS})")
     resume = actions.add_parser("resume", help="continue a grid from its folder")
     status = actions.add_parser("status", help="show the state of every run")
     for action in (resume, status):
@@ -68,20 +62,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="ADDRESS",
             help="run on a Ray cluster: auto, or ray://host:10001",
         )
-        action.add_argument(
-            "--time-limit",
-            type=positive_seconds,
-            metavar="SECONDS",
-            help="stop after this time; active runs write their checkpoints",
-        )
+        text = "stop after this time; active runs write their checkpoints"
+        add_seconds(action, "--time-limit", text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the grid, or show its state."""
-    from saver_advisors.experiments.grid import read_grid
+    from saver_advisors.experiments.grid import check_rows, read_grid
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
+    from saver_advisors.experiments.results import is_done
     from saver_advisors.experiments.scheduler import Places
-    from saver_advisors.reporting import tables
 
     path, results = _starting_point(args)
     with user_mistakes("argument GRID.yml"):
@@ -89,7 +79,13 @@ def run(args: argparse.Namespace) -> int:
     places = Places(args.output, results)
     with user_mistakes("argument --only"):
         grid = grid.only(args.only)
-    status = 0 if args.action == "status" else _work(args, grid, places)
+    status = 0
+    if args.action != "status":
+        with user_mistakes("argument GRID.yml"):
+            check_rows([run for run in grid.runs if not is_done(places.results, run)])
+        if args.action == "run":
+            _remember(args, places.results)
+        status = execute(grid, places, _backend(args, places), args.time_limit)
     tables.show(PROGRESS_COLUMNS, rows(grid, places), grid.title)
     return status
 
@@ -107,26 +103,14 @@ def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
         ) from error
 
 
-def _remember(args: argparse.Namespace, path: Path, results: Path) -> None:
+def _remember(args: argparse.Namespace, results: Path) -> None:
     """Copy the grid into its folder, so that `resume` continues the same grid."""
     from saver_advisors.reporting.provenance import write_json_atomic
 
     with user_mistakes("argument --output"):
         args.output.mkdir(parents=True, exist_ok=True)
-        (args.output / GRID_FILE).write_bytes(path.read_bytes())
+        (args.output / GRID_FILE).write_bytes(args.grid.read_bytes())
         write_json_atomic(args.output / PLACES_FILE, {"results": str(results.resolve())})
-
-
-def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
-    """Check the rows, do the runs, and return the exit status of :func:`execute`."""
-    from saver_advisors.experiments.grid import check_rows
-    from saver_advisors.experiments.results import is_done
-
-    with user_mistakes("argument GRID.yml"):
-        check_rows([run for run in grid.runs if not is_done(places.results, run)])
-    if args.action == "run":
-        _remember(args, args.grid, places.results)
-    return execute(grid, places, _backend(args, places), args.time_limit)
 
 
 def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | None = None) -> int:

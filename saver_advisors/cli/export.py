@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_json, new_file, write_json
+from saver_advisors.cli.arguments import add_count, add_file, add_json, write_json
 from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -30,12 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--name",
         help="add it to the shipped policies under this name; only in a clone of the repository",
     )
-    where.add_argument(
-        "--path",
-        type=new_file(".safetensors"),
-        metavar="FILE",
-        help="write the weights to this file",
-    )
+    add_file(where, "--path", "write the weights to this file", ".safetensors")
     add_count(parser, "--episodes", 200, "episodes per evaluation")
     parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
     add_json(parser)
@@ -44,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Choose the policy, measure it, and write weights and card."""
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, evaluation_cells
-    from saver_advisors.reporting.tables import show
+    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
+    from saver_advisors.reporting.tables import show_rows
     from saver_advisors.training.release import release_run
 
     config = read_run(args.run_dir, "").config
@@ -57,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
             args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=args.episodes
         )
     figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
-    show(EVALUATION_COLUMNS, [evaluation_cells(figures)])
+    show_rows([figures], EVALUATION_COLUMNS)
     print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
     write_json(args.json, {"kind": "export", **released, **figures})
     return 0

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from saver_advisors.reporting.errors import UsageError, user_mistakes
+
+if TYPE_CHECKING:
+    from saver_advisors.experiments.training_runs import Results
 
 
 def read_measurement(path: Path, kind: str) -> dict[str, Any]:
@@ -17,14 +21,10 @@ def read_measurement(path: Path, kind: str) -> dict[str, Any]:
     :return: its content
     :raises UsageError: for a file that is unreadable, is not JSON, or has another kind
     """
-    from saver_advisors.reporting.errors import UsageError
+    from saver_envs.files import read_json
 
-    try:
-        figures = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"argument --from: {error}") from error
-    except ValueError as error:
-        raise UsageError(f"argument --from: {path} is not JSON: {error}") from error
+    with user_mistakes("argument --from"):
+        figures: Any = read_json(path)
     if not isinstance(figures, dict) or figures.get("kind") != kind:
         raise UsageError(f"argument --from: {path} does not hold figures of the kind {kind!r}")
     return figures
@@ -49,6 +49,25 @@ def measured_or_read(
         return read_measurement(args.from_json, kind)
     origin = provenance()  # first: a measurement may write files into the checkout
     return {**measure(), "provenance": origin}
+
+
+def read_training(paths: Sequence[Path]) -> Results:
+    """Read training runs and evaluations.
+
+    :param paths: files and folders, as given to ``--results``
+    :raises UsageError: for a missing path, or if there is no training run
+    """
+    from saver_advisors.experiments.training_runs import read_training_runs
+
+    with user_mistakes("argument --results"):
+        results = read_training_runs(paths)
+    if not results.runs:
+        left_out = "; ".join(f"{one.file} {one.reason}" for one in results.skipped)
+        raise UsageError(
+            f"argument --results: no training run in {', '.join(map(str, paths))}"
+            + (f" ({left_out})" if left_out else "")
+        )
+    return results
 
 
 def hand_over(

@@ -7,18 +7,24 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
     add_count,
     add_figure,
+    add_file,
     add_json,
+    add_settings,
     arm,
-    new_file,
     settings,
     write_json,
 )
+from saver_advisors.cli.model_data import prepare_data
+from saver_advisors.reporting import tables
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
+from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES = """\
 examples:
@@ -46,13 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "inverse kinematics only), or a data file (default: twin)",
     )
     add_count(train, "--data-seed", 0, "", least=0)
-    train.add_argument(
-        "--output",
-        type=new_file(".safetensors"),
-        required=True,
-        metavar="FILE",
-        help="file of the weights",
-    )
+    add_file(train, "--output", "file of the weights", ".safetensors", required=True)
     train.set_defaults(work=_train)
 
     search = steps.add_parser(
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "as many seeds as the trials allow",
     )
     add_json(search)
-    search.set_defaults(work=_search)
+    search.set_defaults(work=_search, data="twin", data_seed=0)
     for step in (data, train, search):
         step.add_argument("--robot", type=arm, required=True, help="name of the arm")
 
@@ -85,16 +85,15 @@ def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
         default="ik",
         help="inverse kinematics or inverse dynamics (default: ik)",
     )
-    parser.add_argument(
+    add_settings(
+        parser,
         "--set",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="settings of the training and the architecture: epochs, batch_size, learning_rate, "
+        "settings of the training and the architecture: epochs, batch_size, learning_rate, "
         "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak",
     )
 
 
+@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Run the chosen step.
 
@@ -103,19 +102,13 @@ def run(args: argparse.Namespace) -> int:
     """
     import numba  # noqa: F401  (the measurement at the end needs it: say so before the training)
 
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    with one_thread_of_algebra():
-        return int(args.work(args))
+    return int(args.work(args))
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_data import prepare_data
     from saver_advisors.cli.model_figure import draw_recording
-    from saver_envs.modelling.datasets import twin_data_set
 
-    prepare_data(args.robot, args.seed)
-    data = twin_data_set(args.robot, args.seed)
+    data = prepare_data(args.robot, args.seed)
     print(f"{args.robot}: {len(data.train):,} training samples, {len(data.test):,} test samples")
     if args.figure is not None:
         draw_recording(data.test, args.robot).savefig(args.figure)
@@ -125,27 +118,20 @@ def _data(args: argparse.Namespace) -> int:
 
 def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the settings of the training and of the architecture."""
-    from dataclasses import fields
-
-    from saver_advisors.reporting.errors import UsageError, unknown
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.networks import MLPArchitecture
 
     values = settings(args.set, "--set")
-    training = {field.name for field in fields(Training)}
-    architecture = {field.name for field in fields(MLPArchitecture)}
+    names = [[field.name for field in fields(kind)] for kind in (Training, MLPArchitecture)]
+    valid = sorted({*names[0], *names[1]})
     for name in values:
-        if name not in training | architecture:
-            valid = sorted(training | architecture)
+        if name not in valid:
             raise UsageError(f"argument --set: {unknown('setting', name, valid)}")
-    return (
-        {name: value for name, value in values.items() if name in training},
-        {name: value for name, value in values.items() if name in architecture},
-    )
+    training, architecture = ({one: values[one] for one in values if one in own} for own in names)
+    return training, architecture
 
 
 def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.models import new_model
     from saver_envs.modelling.models.network_model import PAPER_LAYERS
     from saver_envs.modelling.networks import MLPArchitecture
@@ -160,9 +146,7 @@ def _new_model(args: argparse.Namespace, architecture: dict[str, Any]) -> Any:
 
 def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return inputs and outputs of the training samples."""
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_advisors.reporting.errors import UsageError, user_mistakes
-    from saver_envs.modelling.datasets import Recording, load_recordings, samples_of, twin_data_set
+    from saver_envs.modelling.datasets import Recording, load_recordings, samples_of
     from saver_envs.modelling.workspace import workspace_samples
 
     if args.data == "workspace":
@@ -172,20 +156,18 @@ def _samples(args: argparse.Namespace) -> tuple[Any, Any]:
         return found.targets, found.joints
     with user_mistakes("argument --data"):
         if args.data == "twin":
-            prepare_data(args.robot, args.data_seed)
-            recording = twin_data_set(args.robot, args.data_seed).train
+            recording = prepare_data(args.robot, args.data_seed).train
         else:
             recording = Recording.joined(load_recordings(Path(args.data), args.robot))
         return samples_of(recording.first(min(args.samples, len(recording))), args.task)
 
 
 def _train(args: argparse.Namespace) -> int:
-    from dataclasses import asdict
-
+    import numpy as np
     from tqdm import tqdm
 
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_advisors.reporting.provenance import provenance
+    from saver_envs.modelling.datasets import samples_of
     from saver_envs.modelling.models import Training
 
     options, architecture = _options(args)
@@ -203,10 +185,7 @@ def _train(args: argparse.Namespace) -> int:
         history = model.fit(inputs, outputs, training, progress)
     seconds = time.process_time() - began
     card = {
-        "robot": args.robot,
-        "task": args.task,
-        "model": args.model,
-        "data": args.data,
+        **{name: getattr(args, name) for name in ("robot", "task", "model", "data")},
         "samples": len(inputs),
         "data_seed": args.data_seed,
         "architecture": architecture or "the paper's",
@@ -220,7 +199,9 @@ def _train(args: argparse.Namespace) -> int:
 
         card["unseen_targets_mm"] = accuracy(args.robot, args.model, model)["millimetres"]
     if args.data == "twin" and args.task == "id":
-        card["unseen_trajectory_rmse"] = _unseen_torque_error(args, model)
+        inputs, torques = samples_of(prepare_data(args.robot, args.data_seed).test, args.task)
+        errors = model.predict(inputs) - torques
+        card["unseen_trajectory_rmse"] = float(np.sqrt(np.square(errors).mean()))
     model.save(args.output, card)
     _write_card(args.output, card)
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
@@ -228,20 +209,8 @@ def _train(args: argparse.Namespace) -> int:
     return 0
 
 
-def _unseen_torque_error(args: argparse.Namespace, model: Any) -> float:
-    """Return the RMSE of a model's torques on the twin's held-out trajectory, N m."""
-    import numpy as np
-
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-
-    inputs, outputs = samples_of(twin_data_set(args.robot, args.data_seed).test, args.task)
-    return float(np.sqrt(np.square(model.predict(inputs) - outputs).mean()))
-
-
 def _write_card(path: Path, card: dict[str, Any]) -> None:
     """Write a weight file's card, as Markdown next to it."""
-    from saver_advisors.reporting.tables import markdown
-
     names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
     rows = [[name.replace("_", " "), str(card[name])] for name in names]
     rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
@@ -251,52 +220,40 @@ def _write_card(path: Path, card: dict[str, Any]) -> None:
     rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
     rows += [["commit", f"`{card['provenance']['commit']}`"]]
     for kind, error in card.get("unseen_targets_mm", {}).items():
-        name = f"unseen targets, {kind.replace('_', ' ')}"
-        rows += [[name, f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"]]
+        told = f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"
+        rows += [[f"unseen targets, {kind.replace('_', ' ')}", told]]
     text = (
         f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
-        f"{markdown(['', ''], rows)}\nTrained by:\n\n"
+        f"{tables.markdown(['', ''], rows)}\nTrained by:\n\n"
         f"```\n{card['provenance']['command']}\n```\n"
     )
     path.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 def _search(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_advisors.reporting import tables
-    from saver_advisors.reporting.errors import user_mistakes
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.search import ARCHITECTURES, loop_space, search
 
     options, _ = _options(args)
     _new_model(args, {})
-    prepare_data(args.robot, 0)
-    recording = twin_data_set(args.robot).train
-    samples = samples_of(recording.first(min(args.samples, len(recording))), args.task)
+    samples = _samples(args)
     with user_mistakes("argument --loop-weights"):
         space = loop_space(args.model, args.loop_weights, args.trials) or ARCHITECTURES
     training = Training(**options)
     trials = search(args.model, args.robot, args.task, samples, training, args.trials, space)
-    columns = [*trials[0]["settings"], "epochs", "validation RMSE", "minutes"]
+    columns: dict[str, tables.Column] = {
+        **{name: f"{{settings[{name}]}}" for name in trials[0]["settings"]},
+        "epochs": "{epochs}",
+        "validation RMSE": "{validation_rmse:.4g}",
+        "minutes": lambda one: f"{one['cpu_seconds'] / 60:.1f}",
+    }
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
-    rows = [
-        [
-            *(str(value) for value in one["settings"].values()),
-            str(one["epochs"]),
-            f"{one['validation_rmse']:.4g}",
-            f"{one['cpu_seconds'] / 60:.1f}",
-        ]
-        for one in best
-    ]
-    tables.show(columns, rows, f"best of {len(trials)}")
+    tables.show_rows(best, columns, f"best of {len(trials)}")
     write_json(
         args.json,
         {
             "kind": "modelling-search",
-            "robot": args.robot,
-            "task": args.task,
-            "model": args.model,
+            **{name: getattr(args, name) for name in ("robot", "task", "model")},
             "samples": len(samples[0]),
             "trials": trials,
         },

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
 
-def prepare_data(robot: str, seed: int = 0) -> None:
-    """Record an arm's data set if it is missing, with a progress bar.
+from saver_advisors.reporting.errors import user_mistakes
+
+if TYPE_CHECKING:
+    from saver_envs.modelling.datasets import DataSet
+
+
+def prepare_data(robot: str, seed: int = 0) -> DataSet:
+    """Return an arm's data set; record it with a progress bar if it is missing.
 
     :param robot: the arm's name
     :param seed: seed of the data set
@@ -12,14 +19,9 @@ def prepare_data(robot: str, seed: int = 0) -> None:
     """
     from tqdm import tqdm
 
-    from saver_advisors.reporting.errors import user_mistakes
     from saver_envs.modelling.datasets import simulated_steps, twin_data_set
 
     with user_mistakes("argument --robot"):
         total = simulated_steps(robot)
     with tqdm(total=total, desc=f"{robot}: data", unit="step", delay=2.0, leave=False) as bar:
-
-        def progress(steps: int) -> None:
-            bar.update(steps)
-
-        twin_data_set(robot, seed, progress=progress)
+        return twin_data_set(robot, seed, progress=bar.update)

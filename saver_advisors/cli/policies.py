@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,27 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.evaluation.episodes import Observation, Predict
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
-
-Observation = dict[str, NDArray[Any]]
-Predict = Callable[[Observation], NDArray[Any]]
+from saver_advisors.training.run_folder import RECORD_FILE
+from saver_envs.registration import make_episodes
 
 SIDE_BY_SIDE = "side-by-side"
 FROZEN = "frozen-arm"
 BLIND = "expert-uncoordinated"
 KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
-
-
-@dataclass(frozen=True)
-class NamedPolicy:
-    """A policy for one environment.
-
-    :param name: in tables and results
-    :param predict: batched observation (n, size) -> actions (n, action_size)
-    """
-
-    name: str
-    predict: Predict
 
 
 @dataclass(frozen=True)
@@ -49,26 +37,7 @@ class Sizes:
     arms: int
 
 
-def sizes_of(env_id: str, env_kwargs: Mapping[str, Any]) -> Sizes:
-    """Read the sizes of an environment.
-
-    :param env_id: a registered id
-    :param env_kwargs: its keyword arguments
-    :return: the sizes
-    """
-    from saver_envs.registration import make_episodes
-
-    episodes = make_episodes(env_id, **env_kwargs)
-    goal = episodes.goal_size
-    entries = {
-        "observation": episodes.observation_size,
-        "achieved_goal": goal,
-        "desired_goal": goal,
-    }
-    return Sizes(env_id, entries, episodes.action_size, episodes.task.n_arms)
-
-
-def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> NamedPolicy:
+def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0) -> Predict:
     """Resolve a policy's name, and check that the policy fits the environment.
 
     :param word: a shipped policy's name, a weight file, a run's folder (of ours or of RL Zoo),
@@ -76,25 +45,32 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
     :param env_id: id of the environment
     :param env_kwargs: keyword arguments of that environment
     :param seed: of a random policy
-    :return: the policy
+    :return: the policy: batched observation (n, size) -> actions (n, action_size)
     :raises UsageError: for an unknown policy, or one of other sizes
     """
-    sizes = sizes_of(env_id, env_kwargs)
+    episodes = make_episodes(env_id, **env_kwargs)
+    goals = dict.fromkeys(("achieved_goal", "desired_goal"), episodes.goal_size)
+    entries = {"observation": episodes.observation_size, **goals}
+    sizes = Sizes(env_id, entries, episodes.action_size, episodes.task.n_arms)
     kind, _, rest = word.partition(":")
     if word == "random":
-        return NamedPolicy(word, _random(sizes.action, seed))
+        return _random(sizes.action, seed)
     if word in ("expert", BLIND):
-        return NamedPolicy(word, _expert(sizes, env_kwargs, coordinated=word == "expert"))
-    if kind == SIDE_BY_SIDE:
-        return NamedPolicy(word, _side_by_side(rest, sizes))
+        return _expert(sizes, env_kwargs, coordinated=word == "expert")
     if kind == FROZEN:
-        return NamedPolicy(word, _one_free_arm(rest, sizes, env_kwargs))
+        return _one_free_arm(rest, sizes, env_kwargs)
+    path = Path(word)
     with user_mistakes("argument --policy"):  # a name may be too long for a path
-        if (folder := _run_folder(Path(word))) is not None:
-            return NamedPolicy(word, _trained(*folder, sizes))
-        if Path(word).suffix == ".zip" or Path(word).is_dir():
-            return NamedPolicy(word, _trained_by_zoo(word, sizes))
-        return NamedPolicy(word, _weights(word, sizes))
+        if kind == SIDE_BY_SIDE:
+            return _side_by_side(rest, sizes)
+        for folder, which in ((path, "best"), (path.parent, path.name)):
+            if which in ("best", "latest") and (folder / RECORD_FILE).is_file():
+                return _trained(folder, which, sizes)
+        if path.suffix == ".zip" or path.is_dir():
+            from saver_advisors.zoo.runs import load_run
+
+            return _of_sb3(load_run(path), word, sizes)
+        return _weights(word, sizes)
 
 
 def _random(size: int, seed: int) -> Predict:
@@ -135,29 +111,19 @@ def _side_by_side(teacher: str, sizes: Sizes) -> Predict:
     if not teacher:
         names = ", ".join(f"{SIDE_BY_SIDE}:{name}" for name in shipped_policies())
         raise UsageError(f"argument --policy: say which teacher drives each arm: {names}")
-    with user_mistakes("argument --policy"):
-        loaded = load_teacher(teacher)
-    per_arm = {
-        "observation": loaded.observation_size,
-        "desired_goal": loaded.goal_size,
+    loaded = load_teacher(teacher)
+    arms = sizes.arms
+    needed = {
+        "observation": arms * loaded.observation_size,
+        "desired_goal": arms * loaded.goal_size,
     }
-    needed = {name: size * sizes.arms for name, size in per_arm.items()}
     # A goal may end in entries that belong to no arm, such as a required distance. Single-arm
     # teachers ignore them.
     appended = sizes.entries["desired_goal"] - needed["desired_goal"]
     if 0 < appended < loaded.goal_size:
         needed["desired_goal"] += appended
-    _require_fit(f"{SIDE_BY_SIDE}:{teacher}", needed, loaded.action_size * sizes.arms, sizes)
-    return _deterministic(side_by_side(loaded, sizes.arms))
-
-
-def _run_folder(path: Path) -> tuple[Path, str] | None:
-    """Return a run's folder and the selected policy; None where the path is no run."""
-    if (path / "run.json").is_file():
-        return path, "best"
-    if path.name in ("best", "latest") and (path.parent / "run.json").is_file():
-        return path.parent, path.name
-    return None
+    name, policy = f"{SIDE_BY_SIDE}:{teacher}", side_by_side(loaded, arms)
+    return _fitting(policy, name, needed, arms * loaded.action_size, sizes)
 
 
 def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
@@ -167,29 +133,13 @@ def _trained(folder: Path, which: str, sizes: Sizes) -> Predict:
         latest = folder / "latest"
         hint = f"; its newest policy is {latest}" if latest.is_dir() else ""
         raise UsageError(f"argument --policy: {str(folder)!r} has no evaluation yet{hint}")
-    with user_mistakes("argument --policy"):
-        model = load_trained(folder, which)
-    return _of_sb3(model, str(folder), sizes)
-
-
-def _trained_by_zoo(word: str, sizes: Sizes) -> Predict:
-    """Load the policy of an RL Zoo run: its folder, or a zip file in it."""
-    from saver_advisors.zoo.runs import find_run, load_run
-
-    files = find_run(Path(word))
-    if files is None:
-        raise UsageError(
-            f"argument --policy: {word!r} is neither a run's folder of `saver train` nor of RL Zoo"
-        )
-    with user_mistakes("argument --policy"):
-        return _of_sb3(load_run(files), word, sizes)
+    return _of_sb3(load_trained(folder, which), str(folder), sizes)
 
 
 def _of_sb3(model: Any, name: str, sizes: Sizes) -> Predict:
     """Wrap an SB3 model or policy that fits the environment."""
     needed = {key: space.shape[0] for key, space in model.observation_space.spaces.items()}
-    _require_fit(name, needed, int(np.prod(model.action_space.shape or ())), sizes)
-    return _deterministic(model)
+    return _fitting(model, name, needed, int(np.prod(model.action_space.shape or ())), sizes)
 
 
 def _weights(word: str, sizes: Sizes) -> Predict:
@@ -201,18 +151,18 @@ def _weights(word: str, sizes: Sizes) -> Predict:
             f"argument --policy: {message}; or {KINDS}; or the path of a .safetensors file or of "
             "a run's folder"
         )
-    with user_mistakes("argument --policy"):
-        policy = load_policy(word)
+    policy = load_policy(word)
     spec = policy.networks.spec
-    _require_fit(word, spec.sizes, spec.action_size, sizes)
-    return _deterministic(policy)
+    return _fitting(policy, word, spec.sizes, spec.action_size, sizes)
 
 
-def _require_fit(name: str, entries: Mapping[str, int], action: int, sizes: Sizes) -> None:
-    """Reject a policy with other sizes than the environment."""
+def _fitting(
+    model: Any, name: str, entries: Mapping[str, int], action: int, sizes: Sizes
+) -> Predict:
+    """Wrap a policy, and reject one with other sizes than the environment."""
     wanted = {key: sizes.entries.get(key, 0) for key in entries}
     if dict(entries) == wanted and action == sizes.action:
-        return
+        return _deterministic(model)
 
     def words(entries: Mapping[str, int], action: int) -> str:
         return ", ".join(f"{key} {size}" for key, size in entries.items()) + f", action {action}"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.arguments import new_file
+from saver_advisors.cli.arguments import add_file, add_path, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -25,14 +24,9 @@ LOW_SCORE: Final = 0.4
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("input", type=Path, metavar="FILE", help="a picture or a video")
-    parser.add_argument(
-        "--out",
-        type=new_file(*PICTURES, ".mp4"),
-        metavar="FILE",
-        help="output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
-        "NAME-poses.png or .mp4)",
-    )
+    add_path(parser, "input", "a picture or a video")
+    text = "output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
+    add_file(parser, "--out", f"{text}NAME-poses.png or .mp4)", *PICTURES, ".mp4")
     add_weights(parser)
     parser.add_argument(
         "--limbs", nargs="+", metavar="NAME", help="limbs to detect (default: all 13)"
@@ -44,35 +38,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=range(4),
         help="quarter turns, anticlockwise, that bring heads to the top (default: 0)",
     )
-    parser.add_argument(
-        "--json",
-        type=new_file(".json"),
-        metavar="FILE",
-        help="write joints (pixels) and confidences of every frame to this file",
-    )
+    text = "write joints (pixels) and confidences of every frame to this file"
+    add_file(parser, "--json", text, ".json")
 
 
 def add_weights(parser: argparse.ArgumentParser) -> None:
     """Declare ``--weights``, the file of a pose network."""
-    parser.add_argument(
-        "--weights",
-        type=Path,
-        metavar="FILE",
-        help="weights of a network, .safetensors (default: the shipped weights)",
-    )
+    text = "weights of a network, .safetensors (default: the shipped weights)"
+    add_path(parser, "--weights", text)
 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--cache``, the folder of rendered pictures."""
     from saver_advisors.benchmark.peers.suites import default_cache
 
-    parser.add_argument(
-        "--cache",
-        type=Path,
-        default=default_cache().parent / "pose",
-        metavar="DIR",
-        help="folder of rendered pictures (default: %(default)s)",
-    )
+    text = "folder of rendered pictures (default: %(default)s)"
+    add_path(parser, "--cache", text, metavar="DIR", default=default_cache().parent / "pose")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -110,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     if args.json is not None:
-        from saver_advisors.cli.arguments import write_json
         from saver_envs.perception.skeleton import JOINTS
 
         write_json(args.json, {"kind": "poses", "joints": list(JOINTS), "frames": frames})

@@ -91,30 +91,23 @@ class Program:
                 print(f"{self.name}: error: '{self.name} {old}' is now '{new}'", file=sys.stderr)
                 return 2
         command = words[0] if words else ""
+        prefix = f"{self.name} {command}"
         parser = self.parser(command)
         try:
             args = parser.parse_args(arguments)
             if args.command is not None:
-                return self._run(args)
+                return int(args.run(args))
+        except UsageError as error:
+            if "--traceback" in arguments:
+                raise
+            print(f"{prefix}: error: {error}", file=sys.stderr)
+            return 2
         except ImportError as error:
             extra = missing_extra(error.name, self.extras.get(command, self.usual_extra))
             if extra is None or "--traceback" in arguments:
                 raise
             install = f"pip install '{DISTRIBUTION}[{extra}]'"
-            message = f"needs the package {error.name}: {install}"
-            print(f"{self.name} {command}: error: {message}", file=sys.stderr)
-            return 2
-        parser.print_help()
-        return 0
-
-    def _run(self, args: argparse.Namespace) -> int:
-        prefix = f"{self.name} {args.command}"
-        try:
-            status: int = args.run(args)
-        except UsageError as error:
-            if args.traceback:
-                raise
-            print(f"{prefix}: error: {error}", file=sys.stderr)
+            print(f"{prefix}: error: needs the package {error.name}: {install}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             print(f"{prefix}: interrupted", file=sys.stderr)
@@ -123,7 +116,8 @@ class Program:
             # The reader closed the pipe, as `head` does.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
-        return status
+        parser.print_help()
+        return 0
 
 
 def add_commands(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_json, new_file, new_folder, write_json
+from saver_advisors.cli.arguments import add_count, add_file, add_folder, add_json, write_json
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -41,16 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
     parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")
     shown = parser.add_mutually_exclusive_group()
-    shown.add_argument(
-        "--video", type=new_file(".mp4"), metavar="FILE.mp4", help="record all trials in this file"
-    )
+    text = "record all trials in this file"
+    add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
     shown.add_argument("--view", action="store_true", help="show the scene in a window")
-    shown.add_argument(
-        "--report",
-        type=new_folder,
-        metavar="DIR",
-        help="write a page about the trials in this folder",
-    )
+    add_folder(shown, "--report", "write a page about the trials in this folder")
     parser.add_argument(
         "--apart", action="store_true", help="run the stages in three processes, in real time"
     )
@@ -87,8 +82,6 @@ def settings_of(args: argparse.Namespace) -> LoopSettings:
     :param args: see :func:`add_loop_arguments`.
     :raises UsageError: for a policy that does not fit, or an invalid speed.
     """
-    from dataclasses import replace
-
     from saver_advisors.integration.assembly import settings_for
     from saver_advisors.integration.safety import SafetyLimits
 
@@ -107,8 +100,6 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    from dataclasses import replace
-
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )
@@ -179,16 +170,10 @@ def _window(bench: WristBench) -> Look:
     from saver_envs.envs.pictures import Pictures
 
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
-
-    def look(now: float) -> None:
-        pictures.draw()
-
-    return look
+    return lambda now: pictures.draw()
 
 
 def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
-    from dataclasses import replace
-
     from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
 from saver_advisors.reporting.curve_style import PENS, dress, line_style
 from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.reporting.tables import Column
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.run_folder import RECORD_FILE, read_record
 
@@ -64,39 +65,29 @@ class RunCurve:
         }
 
 
-CURVE_COLUMNS: Final = (
-    "run",
-    "environment",
-    "advice",
-    "steps",
-    f"steps to {SOLVED:g}",
-    f"minutes to {SOLVED:g}",
-    "best success",
-    "last success",
-    "collisions per episode",
-    "last of them",
-)
+def _steps_to_solved(summary: dict[str, Any]) -> str:
+    steps = summary["steps_to_solved"]
+    return "-" if steps is None else f"{steps:,}"
 
 
-def curve_cells(summary: dict[str, Any]) -> list[str]:
-    """Format a run as a table row, in the order of ``CURVE_COLUMNS``.
+def _minutes_to_solved(summary: dict[str, Any]) -> str:
+    seconds = summary["wall_clock_to_solved_s"]
+    return "-" if seconds is None else f"{seconds / 60:.1f}"
 
-    :param summary: from :meth:`RunCurve.summary`
-    :return: the cells
-    """
-    steps, seconds = summary["steps_to_solved"], summary["wall_clock_to_solved_s"]
-    return [
-        summary["name"],
-        summary["env"] or "-",
-        summary["advice"] or "none",
-        f"{summary['steps']:,}",
-        "-" if steps is None else f"{steps:,}",
-        "-" if seconds is None else f"{seconds / 60:.1f}",
-        f"{summary['best_success_rate']:.2f}",
-        f"{summary['last_success_rate']:.2f}",
-        f"{summary['cost_collision_mean']:.2f}",
-        f"{summary['cost_collision_last']:.2f}",
-    ]
+
+CURVE_COLUMNS: Final[dict[str, Column]] = {
+    "run": "{name}",
+    "environment": lambda one: one["env"] or "-",
+    "advice": lambda one: one["advice"] or "none",
+    "steps": "{steps:,}",
+    f"steps to {SOLVED:g}": _steps_to_solved,
+    f"minutes to {SOLVED:g}": _minutes_to_solved,
+    "best success": "{best_success_rate:.2f}",
+    "last success": "{last_success_rate:.2f}",
+    "collisions per episode": "{cost_collision_mean:.2f}",
+    "last of them": "{cost_collision_last:.2f}",
+}
+"""Headings, and how a :meth:`RunCurve.summary` fills each column."""
 
 
 def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
@@ -118,28 +109,17 @@ def read_run(folder: Path, name: str) -> RunCurve:
 
     :param folder: folder of the run
     :param name: label of the run
-    :raises UsageError: for a folder that is not a run or has no evaluation yet
-    """
-    config = read_config(folder)
-    with user_mistakes("argument RUN_DIR"):
-        points = read_curve(folder)
-    if not points:
-        raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
-    return RunCurve(name, config, points)
-
-
-def read_config(folder: Path) -> dict[str, Any]:
-    """Read the settings of a run.
-
-    :param folder: folder of the run
-    :raises UsageError: for a folder that is not a run, or a damaged record
+    :raises UsageError: for a folder that is not a run, is damaged, or has no evaluation yet
     """
     if not (folder / RECORD_FILE).is_file():
         message = f"argument RUN_DIR: {str(folder)!r} is not a run of `saver train`: no run.json"
         raise UsageError(message)
     with user_mistakes("argument RUN_DIR"):
-        config: dict[str, Any] = read_record(folder)["config"]
-    return config
+        config = read_record(folder)["config"]
+        points = read_curve(folder)
+    if not points:
+        raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
+    return RunCurve(name, config, points)
 
 
 def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:

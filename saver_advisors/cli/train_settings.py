@@ -57,7 +57,7 @@ def _starting_point(args: argparse.Namespace) -> dict[str, Any]:
             return read_settings(args.config, args.env)
     if args.resume and args.output is not None and (args.output / RECORD_FILE).is_file():
         with user_mistakes("argument --output"):
-            saved: dict[str, Any] = read_record(args.output)["config"]
+            saved = read_record(args.output)["config"]
         return {**saved, **({} if args.env is None else {"env_id": args.env})}
     if args.env is None:
         raise UsageError("argument --env: say what to train in; `saver envs` lists the ids")

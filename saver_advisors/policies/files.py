@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from saver_advisors.policies.cards import PolicyCard, card_markdown
-from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.policies.frozen import PretrainedPolicy
 from saver_advisors.policies.networks import PolicyNetworks
 from saver_advisors.policies.stored_models import networks_of_run, networks_of_zip
@@ -61,21 +59,6 @@ def save_policy(
     write_weights(path, KIND, tensors, header)
     write_card(path)
     return path
-
-
-def export_policy(
-    model: OffPolicyAlgorithm, path: str | Path, card: PolicyCard | Mapping[str, Any]
-) -> Path:
-    """Write the deterministic policy and the critics of a trained SB3 model.
-
-    :param model: DDPG, TD3, SAC or TQC on a goal environment, of SB3 or of
-        `saver_advisors.learner`.
-    :param path: of the file; must end in `.safetensors`.
-    :param card: the origin of the policy.
-    :return: the path.
-    :raises TypeError: for models that cannot be represented.
-    """
-    return save_policy(path, networks_from_sb3(model), card)
 
 
 def load_policy(name_or_path: str | PathLike[str]) -> PretrainedPolicy:

@@ -216,16 +216,13 @@ def _wrapper_statistics(
     wrapper: VecNormalize | None, inputs: tuple[tuple[str, int], ...]
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Return VecNormalize's statistics, so that the frozen policy takes raw observations."""
-    mean, std, clip = [], [], []
+    parts = []
     for key, size in inputs:
         if wrapper is not None and key in (wrapper.norm_obs_keys or ()):
             statistics = wrapper.obs_rms[key]
-            mean.append(statistics.mean)
-            std.append(np.sqrt(statistics.var + wrapper.epsilon))
-            clip.append(np.full(size, wrapper.clip_obs))
+            std = np.sqrt(statistics.var + wrapper.epsilon)
+            parts.append((statistics.mean, std, np.full(size, wrapper.clip_obs)))
         else:
-            mean.append(np.zeros(size))
-            std.append(np.ones(size))
-            clip.append(np.full(size, math.inf))
-    values = [torch.as_tensor(np.concatenate(parts)).float() for parts in (mean, std, clip)]
+            parts.append((np.zeros(size), np.ones(size), np.full(size, math.inf)))
+    values = [torch.as_tensor(np.concatenate(each)).float() for each in zip(*parts, strict=True)]
     return values[0], values[1], values[2]

@@ -78,8 +78,7 @@ class FrozenPolicy:
         joined = np.concatenate((features, scaled), axis=1)
         if not twin_minimum:
             return _mean(_forward(self._first_critic, joined))
-        least: FloatArray = _mean(_forward(self._critics, joined)).min(axis=0)
-        return least
+        return _mean(_forward(self._critics, joined)).min(axis=0)
 
 
 @dataclass(frozen=True)
@@ -157,8 +156,7 @@ def _together(layers: list[_Layer]) -> _Layer:
 
 def _mean(values: FloatArray) -> FloatArray:
     """Average a critic's outputs, (..., n) -> (...)."""
-    mean: FloatArray = values[..., 0] if values.shape[-1] == 1 else values.mean(axis=-1)
-    return mean
+    return values[..., 0] if values.shape[-1] == 1 else values.mean(axis=-1)
 
 
 def _forward(layers: list[_Layer], values: FloatArray) -> FloatArray:
@@ -203,7 +201,6 @@ def _activation(module: nn.Module) -> Activation:
 
     def of_torch(values: FloatArray) -> FloatArray:
         with torch.inference_mode():
-            result: FloatArray = module(torch.from_numpy(values)).numpy()
-        return result
+            return module(torch.from_numpy(values)).numpy()
 
     return of_torch

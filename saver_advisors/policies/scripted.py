@@ -16,18 +16,10 @@ PREFIX: Final = "scripted:"
 """Prefix of ``scripted:ID``, which names the teachers of all arms of an environment."""
 
 
-def scripted_teacher(env_id: str, arm: int) -> FunctionTeacher:
-    """Return one arm of a scripted expert, which acts on that arm's current observation alone.
-
-    :param env_id: a registered id with an expert.
-    :param arm: index of the arm, from 0.
-    :raises ValueError: for an unknown id, an arm that does not exist, or an expert that coordinates
-        arms or keeps plans.
-    """
+def _teacher(env_id: str, arm: int) -> FunctionTeacher:
+    """Return one arm of a scripted expert, which acts on that arm's current observation alone."""
     expert = make_expert(env_id, coordinated=False)
     arms, task = expert.n_arms, expert.task
-    if not 0 <= arm < arms:
-        raise ValueError(f"arm={arm}: {env_id} has {arms} arms, from 0")
     size = 3 + (task.fingers is Fingers.ACTUATED)
 
     def act(observation: NDArray[Any], goal: NDArray[Any]) -> NDArray[Any]:
@@ -47,8 +39,8 @@ def scripted_teachers(name: str) -> Sequence[Teacher]:
     """Return the teachers of all arms of an environment, in order.
 
     :param name: ``scripted:ID``.
-    :raises ValueError: as for ``scripted_teacher``.
+    :raises ValueError: for an unknown id, or an expert that coordinates arms or keeps plans.
     """
     env_id = name.removeprefix(PREFIX)
     n_arms = make_expert(env_id, coordinated=False).n_arms
-    return [scripted_teacher(env_id, arm) for arm in range(n_arms)]
+    return [_teacher(env_id, arm) for arm in range(n_arms)]

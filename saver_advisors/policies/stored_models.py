@@ -142,34 +142,28 @@ def _networks(
 ) -> PolicyNetworks:
     """Build frozen networks from the tensors of a policy of SB3 or of a goal learner."""
     try:
-        networks = _frozen(state, sizes, bounds, activation)
+        actor = _layers(state, "actor.mu")
+        if not actor:  # SAC and TQC keep the last layer apart
+            last = state["actor.mu.weight"], state["actor.mu.bias"]
+            actor = [*_layers(state, "actor.latent_pi"), last]
+        names = {name.split(".")[1] for name in state if name.startswith("critic.qf")}
+        critics = [_layers(state, f"critic.{name}") for name in sorted(names)]
+        read = actor[0][0].shape[-1]
+        # SB3 reads the entries in sorted order, the goal learners in their own.
+        keys: tuple[str, ...] = tuple(sorted(sizes))
+        mean, std, clip = torch.zeros(read), torch.ones(read), torch.full((read,), torch.inf)
+        if f"{EXTRACTOR}shift" in state:
+            keys = ("observation", "desired_goal", "achieved_goal")
+            keys = keys[:2] if sum(sizes.get(key, 0) for key in keys[:2]) == read else keys
+            mean, std = state[f"{EXTRACTOR}shift"], 1.0 / state[f"{EXTRACTOR}scale"]
+            clip = torch.full((read,), NORMALISER_CLIP)
+        inputs = tuple((key, sizes[key]) for key in keys)
+        low, high = (torch.as_tensor(end) for end in bounds)
+        networks = build_frozen(actor, critics, inputs, (mean, std, clip), (low, high), activation)
     except (LookupError, RuntimeError, ValueError) as error:
         raise ValueError(f"{path} has networks that cannot be frozen: {error}") from error
     check_finite(path, networks.state_dict(), {"clip"})
     return networks
-
-
-def _frozen(
-    state: Mapping[str, Tensor], sizes: Mapping[str, int], bounds: tuple[Any, Any], activation: str
-) -> PolicyNetworks:
-    actor = _layers(state, "actor.mu")
-    if not actor:  # SAC and TQC keep the last layer apart
-        last = state["actor.mu.weight"], state["actor.mu.bias"]
-        actor = [*_layers(state, "actor.latent_pi"), last]
-    names = {name.split(".")[1] for name in state if name.startswith("critic.qf")}
-    critics = [_layers(state, f"critic.{name}") for name in sorted(names)]
-    read = actor[0][0].shape[-1]
-    # SB3 reads the entries in sorted order, the goal learners in their own.
-    keys: tuple[str, ...] = tuple(sorted(sizes))
-    mean, std, clip = torch.zeros(read), torch.ones(read), torch.full((read,), torch.inf)
-    if f"{EXTRACTOR}shift" in state:
-        keys = ("observation", "desired_goal", "achieved_goal")
-        keys = keys[:2] if sum(sizes.get(key, 0) for key in keys[:2]) == read else keys
-        mean, std = state[f"{EXTRACTOR}shift"], 1.0 / state[f"{EXTRACTOR}scale"]
-        clip = torch.full((read,), NORMALISER_CLIP)
-    inputs = tuple((key, sizes[key]) for key in keys)
-    low, high = (torch.as_tensor(end) for end in bounds)
-    return build_frozen(actor, critics, inputs, (mean, std, clip), (low, high), activation)
 
 
 def _layers(state: Mapping[str, Tensor], prefix: str) -> list[tuple[Tensor, Tensor]]:

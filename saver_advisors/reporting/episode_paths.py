@@ -7,6 +7,7 @@ allows; the right panel shows the paths of hands and objects.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -53,8 +54,7 @@ class EpisodePaths:
         """
         if self.objects.shape[1] < 2:
             raise ValueError(f"{self.title}: an episode of one arm has no distance between objects")
-        gaps: Floats = np.linalg.norm(self.objects[:, 0] - self.objects[:, 1], axis=-1)
-        return gaps
+        return np.linalg.norm(self.objects[:, 0] - self.objects[:, 1], axis=-1)
 
 
 def follow(
@@ -75,11 +75,9 @@ def follow(
     :return: its paths
     """
     from saver_envs.envs.goal_env import SaverGoalEnv
-    from saver_envs.simulation import SUBSTEPS
-    from saver_envs.world import TIMESTEP
+    from saver_envs.episodes import ACTION_DURATION
 
-    env = SaverGoalEnv(env_id, **(env_kwargs or {}))
-    try:
+    with closing(SaverGoalEnv(env_id, **(env_kwargs or {}))) as env:
         episodes = env.episodes
         task, simulation, to_world = episodes.task, episodes.simulation, episodes.scene.to_world
         hands, objects = [], []
@@ -96,15 +94,13 @@ def follow(
             band = (required - tolerance, required + tolerance)
         return EpisodePaths(
             title=title,
-            seconds=TIMESTEP * SUBSTEPS * np.arange(len(hands), dtype=np.float64),
+            seconds=ACTION_DURATION * np.arange(len(hands), dtype=np.float64),
             hands=np.stack(hands),
             objects=np.stack(objects),
             targets=episodes.targets()[0],
             success=bool(info["is_success"]),
             band=band,
         )
-    finally:
-        env.close()
 
 
 def draw_paths(episodes: Sequence[EpisodePaths]) -> Figure:

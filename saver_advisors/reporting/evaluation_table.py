@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from saver_advisors.evaluation.protocol import environment_text
-
-EVALUATION_COLUMNS = (
-    "environment",
-    "policy",
-    "episodes",
-    "success",
-    "95% interval",
-    "final distance (cm)",
-)
+from saver_advisors.reporting.tables import Column
 
 
-def evaluation_cells(figures: Mapping[str, Any]) -> list[str]:
-    """Format an evaluation as cells in the order of ``EVALUATION_COLUMNS``.
+def _collisions(evaluation: Mapping[str, Any]) -> str:
+    collisions = (evaluation.get("cost_means") or {}).get("cost_collision")
+    return "-" if collisions is None else f"{collisions:.2f}"
 
-    :param figures: as ``saver evaluate`` writes them
-    :return: the cells
-    """
-    low, high = figures["ci95"]
-    return [
-        environment_text(figures["env"], figures.get("env_kwargs") or {}),
-        figures["policy"],
-        str(figures["episodes"]),
-        f"{figures['success_rate']:.3f}",
-        f"{low:.3f} to {high:.3f}",
-        ", ".join(f"{100 * distance:.1f}" for distance in figures.get("final_distance_mean", ())),
-    ]
+
+EVALUATION_COLUMNS: Final[dict[str, Column]] = {
+    "environment": lambda one: environment_text(one["env"], one.get("env_kwargs") or {}),
+    "policy": "{policy}",
+    "episodes": "{episodes}",
+    "success": "{success_rate:.3f}",
+    "95% interval": "{ci95[0]:.3f} to {ci95[1]:.3f}",
+    "final distance (cm)": lambda one: ", ".join(
+        f"{100 * distance:.1f}" for distance in one.get("final_distance_mean", ())
+    ),
+}
+"""Headings, and how an evaluation, as ``saver evaluate`` writes it, fills each column."""
+
+COLLISIONS_COLUMN: Final[dict[str, Column]] = {"collisions per episode": _collisions}

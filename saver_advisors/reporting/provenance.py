@@ -138,16 +138,15 @@ def _commit() -> str | None:
 def _git(*arguments: str) -> str | None:
     """Return the output of a git command in the repository, None if it fails."""
     try:
-        completed = subprocess.run(
+        return subprocess.run(
             ["git", "-C", str(REPOSITORY), *arguments],
             capture_output=True,
             text=True,
             timeout=10,
             check=True,
-        )
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None
-    return completed.stdout.strip()
 
 
 def _gpu() -> dict[str, str]:

@@ -52,6 +52,16 @@ def show(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | Non
     console.print(table(columns, rows, title))
 
 
+def show_rows(rows: Iterable[Any], columns: Mapping[str, Column], title: str | None = None) -> None:
+    """Print rows as a table.
+
+    :param rows: see :func:`rows_table`.
+    :param columns: headings and how a row fills each.
+    :param title: above the table
+    """
+    show(list(columns), row_cells(rows, columns.values()), title)
+
+
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in Markdown.
 

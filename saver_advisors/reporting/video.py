@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +22,7 @@ HOLD: Final = 15
 QUALITY: Final = 21
 """Constant rate factor of H.264: lower is larger and better."""
 BAR_HEIGHT: Final = 34
+PICTURE_SIZE: Final = (640, 480)
 GREEN, RED, GREY = (44, 140, 76), (190, 60, 50), (70, 74, 82)
 
 
@@ -36,6 +38,23 @@ class EpisodeVideo:
     seed: int
     frames: list[Frame]
     success: bool
+
+
+def start_picture(env_id: str) -> Frame:
+    """Render an environment at the start of an episode.
+
+    :param env_id: a registered id
+    :return: (height, width, 3), uint8
+    """
+    import gymnasium
+
+    width, height = PICTURE_SIZE
+    env = gymnasium.make(
+        f"saver_envs:{env_id}", render_mode="rgb_array", width=width, height=height
+    )
+    with closing(env):
+        env.reset(seed=0)
+        return np.asarray(env.render(), dtype=np.uint8)
 
 
 def record(
@@ -67,14 +86,10 @@ def record(
 
     from saver_envs.envs.goal_env import SaverGoalEnv
 
-    env = SaverGoalEnv(
-        env_id, render_mode="rgb_array", width=width, height=height, **(env_kwargs or {})
-    )
-    try:
+    options: Any = {"width": width, "height": height, **(env_kwargs or {})}
+    with closing(SaverGoalEnv(env_id, render_mode="rgb_array", **options)) as env:
         numbers = tqdm(range(episodes), unit="video episode", disable=not progress)
         return [_record_episode(predict, env, seed + number, every) for number in numbers]
-    finally:
-        env.close()
 
 
 def _record_episode(predict: Predict, env: Any, seed: int, every: int) -> EpisodeVideo:

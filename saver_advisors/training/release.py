@@ -7,7 +7,8 @@ from typing import Any
 
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
-from saver_advisors.policies.files import export_policy
+from saver_advisors.policies.files import save_policy
+from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.reporting.provenance import portable_command
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained
@@ -79,5 +80,5 @@ def release_run(
         "env_kwargs": config.env_kwargs,
         "notes": {"config": config.to_mapping(), "selection": selection},
     }
-    export_policy(load_trained(run_dir, chosen), path, card)
+    save_policy(path, networks_from_sb3(load_trained(run_dir, chosen)), card)
     return {"selection": selection, "chosen": chosen, "summary": summary}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,56 +34,6 @@ OURS: Final = {
     "--eval-env-kwargs": "--env-kwargs",
 }
 """RL Zoo's arguments that `saver train` sets itself; a second value would override it silently."""
-
-
-def zoo_arguments(
-    algorithm: str,
-    env_id: str,
-    config: Path,
-    output: Path,
-    *,
-    hyperparameters: Mapping[str, Any],
-    env_kwargs: Mapping[str, Any],
-    seed: int = 0,
-    steps: int | None = None,
-    trained: Path | None = None,
-) -> list[str]:
-    """Build RL Zoo's command line.
-
-    RL Zoo 2.9 does not pass the file's `env_kwargs`, which make starts easier, to its evaluations.
-    The command line does not rely on that: it resets each of them to its default there.
-
-    :param algorithm: a key of `ALGORITHMS` or `STOCK`, or a safe one.
-    :param env_id: a registered id.
-    :param config: the settings file, in RL Zoo's format.
-    :param output: RL Zoo's log folder.
-    :param hyperparameters: values that replace those of the file.
-    :param env_kwargs: keyword arguments of the environment, in training and in evaluation.
-    :param seed: seed of all random numbers.
-    :param steps: environment steps; the file's if None.
-    :param trained: a model to continue from.
-    :return: the words.
-    """
-    from saver_envs.registration import default_options
-
-    easier = dict(read_settings(config, env_id)[0].get("env_kwargs") or {})
-    defaults = default_options(env_id)
-    usual = {name: defaults[name] for name in easier}
-    words = ["--algo", algorithm, "--env", env_id, "--conf-file", str(config)]
-    words += ["--log-folder", str(output), "--seed", str(seed), "--num-threads", "1", *EVALUATION]
-    if steps is not None:
-        words += ["--n-timesteps", str(steps)]
-    if trained is not None:
-        words += ["--trained-agent", str(trained)]
-    for name, values in (
-        ("--hyperparams", hyperparameters),
-        ("--env-kwargs", {**easier, **env_kwargs}),
-        ("--eval-env-kwargs", {**usual, **env_kwargs}),
-    ):
-        if values:
-            # RL Zoo evaluates what follows the colon as Python.
-            words += [name, *(f"{key}:{value!r}" for key, value in values.items())]
-    return words
 
 
 def settings_path(algorithm: str) -> Path:
@@ -132,18 +82,6 @@ def read_settings(path: Path, env_id: str) -> tuple[dict[str, Any], dict[str, An
         advice = content.pop(ADVICE_KEY, {})
         entry = environment_entry(content, env_id, path)
     return entry, entry.get("advisor", advice.get(env_id))
-
-
-def check_arguments(more: Sequence[str]) -> None:
-    """Reject RL Zoo's arguments that `saver train` sets itself.
-
-    :param more: what follows `--`.
-    :raises UsageError: for one of `OURS`.
-    """
-    for word in more:
-        name = word.split("=")[0]
-        if name in OURS:
-            raise UsageError(f"argument {name}: use {OURS[name]} of `saver train`, before the --")
 
 
 def ready_advice(

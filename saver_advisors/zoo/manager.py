@@ -76,7 +76,7 @@ class SaverExperimentManager(ExperimentManager):
         :param eval_env: whether they are for evaluations.
         :param no_log: whether not to write RL Zoo's monitor file.
         """
-        venv: VecEnv = super().create_envs(n_envs, eval_env, no_log)
+        venv = super().create_envs(n_envs, eval_env, no_log)
         return ProtocolVecEnv(venv, self.seed, selection=eval_env)
 
     def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> Any:

@@ -6,7 +6,6 @@ none of those: its settings are YAML, and torch reads its weights as plain tenso
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +13,6 @@ import yaml
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.utils import ConstantSchedule
-
-
-@dataclass(frozen=True)
-class ZooFolder:
-    """The files of a run.
-
-    :param model: the zip file with the weights.
-    :param settings: the folder of ``config.yml`` and ``args.yml``.
-    """
-
-    model: Path
-    settings: Path
 
 
 class _Loader(yaml.SafeLoader):
@@ -42,29 +29,14 @@ _Loader.add_constructor(
 )
 
 
-def find_run(path: Path) -> ZooFolder | None:
-    """Find the files of a run.
+def load_run(path: Path) -> BasePolicy:
+    """Load the policy of a run, for prediction.
 
     :param path: RL Zoo's folder of the run, for its best model, or its last if there is no best;
         or one of the zip files in it.
-    :return: None if it is neither.
-    """
-    folder = path.parent if path.suffix == ".zip" else path
-    settings = [one.parent for one in folder.glob("*/config.yml")]
-    if len(settings) != 1:
-        return None
-    best, last = folder / "best_model.zip", folder / f"{settings[0].name}.zip"
-    model = path if path.suffix == ".zip" else best if best.is_file() else last
-    return ZooFolder(model, settings[0]) if model.is_file() else None
-
-
-def load_run(files: ZooFolder) -> BasePolicy:
-    """Load the policy of a run, for prediction.
-
-    :param files: from `find_run`.
     :return: the policy, in evaluation mode.
-    :raises ValueError: for damaged files, an unknown algorithm, settings that are code, or a run
-        whose observations were normalised outside the policy.
+    :raises ValueError: for another path, damaged files, an unknown algorithm, settings that are
+        code, or a run whose observations were normalised outside the policy.
     """
     from rl_zoo3 import ALGOS
 
@@ -72,30 +44,31 @@ def load_run(files: ZooFolder) -> BasePolicy:
     from saver_envs.envs.spaces import action_space, observation_space
     from saver_envs.registration import make_episodes
 
+    model, settings = _files(path)
     register_algorithms()
-    arguments, config = _read(files.settings / "args.yml"), _read(files.settings / "config.yml")
+    arguments, config = _read(settings / "args.yml"), _read(settings / "config.yml")
     algorithm = arguments.get("algo")
     if algorithm not in ALGOS:
-        raise ValueError(f"{files.settings / 'args.yml'}: algo={algorithm!r} is unknown")
+        raise ValueError(f"{settings / 'args.yml'}: algo={algorithm!r} is unknown")
     if config.get("normalize"):
         raise ValueError(
-            f"{files.settings}: normalize is on, and RL Zoo pickles its normaliser: play this "
+            f"{settings}: normalize is on, and RL Zoo pickles its normaliser: play this "
             "model with `python -m saver_advisors.zoo enjoy`"
         )
     policy_arguments = config.get("policy_kwargs", {})
     if not isinstance(policy_arguments, dict):
         raise ValueError(
-            f"{files.settings / 'config.yml'}: policy_kwargs={policy_arguments!r} is code: write "
+            f"{settings / 'config.yml'}: policy_kwargs={policy_arguments!r} is code: write "
             "it as names and values"
         )
     policies = ALGOS[algorithm].policy_aliases
     if config.get("policy") not in policies:
         raise ValueError(
-            f"{files.settings / 'config.yml'}: policy={config.get('policy')!r} must be one of "
+            f"{settings / 'config.yml'}: policy={config.get('policy')!r} must be one of "
             f"{', '.join(policies)}"
         )
     env_kwargs = arguments.get("env_kwargs") or config.get("env_kwargs") or {}
-    episodes = make_episodes(files.settings.name, **env_kwargs)
+    episodes = make_episodes(settings.name, **env_kwargs)
     build: Any = policies[config["policy"]]
     policy: BasePolicy = build(
         observation_space(episodes),
@@ -103,13 +76,25 @@ def load_run(files: ZooFolder) -> BasePolicy:
         ConstantSchedule(0.0),
         **policy_arguments,
     )
-    parameters: Any = load_from_zip_file(files.model, load_data=False, device="cpu")[1]
+    parameters: Any = load_from_zip_file(model, load_data=False, device="cpu")[1]
     try:
         policy.load_state_dict(parameters["policy"])
     except (KeyError, RuntimeError) as error:
-        raise ValueError(f"{files.model} does not hold this policy's weights: {error}") from error
+        raise ValueError(f"{model} does not hold this policy's weights: {error}") from error
     policy.set_training_mode(False)
     return policy
+
+
+def _files(path: Path) -> tuple[Path, Path]:
+    """Return the zip file of a run's model, and the folder of ``config.yml`` and ``args.yml``."""
+    folder = path.parent if path.suffix == ".zip" else path
+    settings = [one.parent for one in folder.glob("*/config.yml")]
+    if len(settings) == 1:
+        best, last = folder / "best_model.zip", folder / f"{settings[0].name}.zip"
+        model = path if path.suffix == ".zip" else best if best.is_file() else last
+        if model.is_file():
+            return model, settings[0]
+    raise ValueError(f"{str(path)!r} is neither a run's folder of `saver train` nor of RL Zoo")
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import pytest
 from gymnasium import make_vec
 from run_files import curve, write_run
 
-from saver_advisors.cli import build_parser, main
+from saver_advisors.cli import SAVER, main
 from saver_advisors.cli.benchmark_run import plan_of as plan_from
 from saver_advisors.cli.benchmark_run import seed_range
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
@@ -478,11 +478,11 @@ def test_the_pages_commands_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None
     for command in commands:
         program, *rest = shlex.split(command)
         assert program == "saver"
-        build_parser("benchmark").parse_args(rest)
+        SAVER.parser("benchmark").parse_args(rest)
 
 
 def test_the_budget_is_the_environments_own(tmp_path: Path) -> None:
     given = ["benchmark", "run", "--env", "JacoPush-v0", "--algo", f"{HERE}:Drifter"]
-    args = build_parser("benchmark").parse_args([*given, "--seed", "0", "--output", str(tmp_path)])
+    args = SAVER.parser("benchmark").parse_args([*given, "--seed", "0", "--output", str(tmp_path)])
     own = default_settings("JacoPush-v0")["total_steps"]
     assert plan_from(args, load_object(f"{HERE}:Drifter"), 0).total_steps == own

@@ -13,7 +13,7 @@ def test_every_shipped_policy_is_played_in_the_environment_that_it_fits() -> Non
     assert set(names) >= {*shipped_policies(), "random"}
     for one in found:
         # A policy of other sizes than the environment's would be refused.
-        assert resolve(one.policy, one.env_id, one.env_kwargs).predict is not None
+        resolve(one.policy, one.env_id, one.env_kwargs)
 
 
 def test_each_environment_of_several_arms_has_its_teachers_side_by_side_once() -> None:

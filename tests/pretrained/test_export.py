@@ -9,7 +9,8 @@ from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from saver_advisors.learner import GoalDDPG, GoalSAC, GoalTD3, GoalTQC
-from saver_advisors.policies.files import export_policy
+from saver_advisors.policies.files import save_policy
+from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.pretrained import load_policy
 
 
@@ -56,7 +57,7 @@ def test_an_exported_model_predicts_as_before(algorithm, card, tmp_path):
         policy_kwargs={"net_arch": {"pi": [16, 12], "qf": [14]}},
         seed=0,
     ).learn(40)
-    path = export_policy(model, tmp_path / "exported.safetensors", card)
+    path = save_policy(tmp_path / "exported.safetensors", networks_from_sb3(model), card)
     policy = load_policy(path)
     observation = {
         key: np.stack([space.sample() for _ in range(5)])

@@ -22,7 +22,7 @@ from reproduction.findings import (
     table_of,
 )
 from reproduction.program import main as reproduce
-from saver_advisors.cli.result_files import read
+from saver_advisors.cli.measured import read_training
 from saver_advisors.experiments.plots import Panel, draw_panels, mean_curve
 from saver_advisors.experiments.summary import summarize
 from saver_advisors.experiments.training_runs import read_training_runs
@@ -311,7 +311,7 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     }
     assert set(verdicts.values()) == {"cannot be told", "holds so far"}
     # A table of the same files is the same.
-    results = read([folder])
+    results = read_training([folder])
     assert json.loads(
         json.dumps(figures(tables(results), evaluate_findings(tables(results)), results))
     ) == {key: value for key, value in content.items() if key != "provenance"}
@@ -320,9 +320,9 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_nothing_to_show_is_an_error_that_says_why(tmp_path: Path) -> None:
     (tmp_path / "cut.json").write_text("{")
     with pytest.raises(UsageError, match=r"no training run in .*cut\.json is not JSON"):
-        read([tmp_path])
+        read_training([tmp_path])
     with pytest.raises(UsageError, match="does not exist"):
-        read([tmp_path / "nowhere"])
+        read_training([tmp_path / "nowhere"])
 
 
 def test_mean_curves_lie_between_their_seeds(tmp_path: Path) -> None:

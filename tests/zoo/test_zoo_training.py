@@ -148,13 +148,11 @@ def test_what_is_saved_is_readable_and_loads_everywhere(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("algorithm", ["sac", "goal_td3"])
 def test_our_loader_and_theirs_agree(algorithm: str, models: list[Any], tmp_path: Path) -> None:
-    from saver_advisors.zoo.runs import find_run, load_run
+    from saver_advisors.zoo.runs import load_run
 
     assert main(tiny(algorithm, DUAL, tmp_path, settings=STARTING)) == 0
     name = f"advised_{algorithm}" if algorithm == "sac" else algorithm
-    files = find_run(run_folder(tmp_path, name))
-    assert files is not None
-    policy = load_run(files)
+    policy = load_run(run_folder(tmp_path, name))
     env = SaverVecEnv(DUAL, 3, seed=1)
     observation = env.reset()
     expected, _ = models[0].predict(observation, deterministic=True)
