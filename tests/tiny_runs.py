@@ -1,7 +1,13 @@
-"""The settings of a training run that takes about a second."""
+"""The settings of a training run that takes about a second, and files of settings."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
+import yaml
+
+from saver_advisors.training.defaults import read_settings
 from saver_advisors.training.settings import RunConfig
 
 #: Tests replace the settings that they are about.
@@ -17,3 +23,14 @@ TINY_RUN = RunConfig(
     eval_every=20,
     eval_episodes=2,
 )
+
+
+def write_settings(config: RunConfig, path: Path) -> None:
+    """Write settings as a user does, in JSON or YAML by the file's name."""
+    values = config.to_mapping()
+    path.write_text(json.dumps(values) if path.suffix == ".json" else yaml.safe_dump(values))
+
+
+def read_config(path: Path) -> RunConfig:
+    """Read settings as `saver train --config` does."""
+    return RunConfig.from_mapping(read_settings(path, None))

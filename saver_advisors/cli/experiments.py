@@ -140,7 +140,8 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
         Ctrl-C
     """
     from saver_advisors.experiments.progress import ProgressTable
-    from saver_advisors.experiments.scheduler import Stop, work_off
+    from saver_advisors.experiments.scheduler import work_off
+    from saver_advisors.training.stopping import Stop
 
     stop = Stop(time_limit)
     with stop.on_signals(), ProgressTable(grid, places) as shown:

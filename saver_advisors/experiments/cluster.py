@@ -14,8 +14,9 @@ from typing import Any
 
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun
-from saver_advisors.experiments.scheduler import LOOK_EVERY, Look, Places, Progress, Stop
+from saver_advisors.experiments.scheduler import LOOK_EVERY, Look, Places, Progress
 from saver_advisors.reporting.provenance import command_line, write_json_atomic
+from saver_advisors.training.stopping import Stop
 
 
 class RayCluster:

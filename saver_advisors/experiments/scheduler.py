@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Protocol
@@ -15,6 +12,7 @@ from typing import Final, Protocol
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun, Grid
 from saver_advisors.experiments.results import is_done, result_path
+from saver_advisors.training.stopping import Stop
 
 #: Seconds between two polls of the running processes.
 LOOK_EVERY: Final = 0.5
@@ -80,42 +78,6 @@ class Backend(Protocol):
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Execute runs until all are done or ``stop`` is set; wait for the running ones to end."""
-
-
-class Stop:
-    """A request to stop, by Ctrl-C, SIGTERM or a time limit; true once it is made.
-
-    :param seconds: the time limit, or None
-    """
-
-    def __init__(self, seconds: float | None = None) -> None:
-        self._event = threading.Event()
-        self._deadline = None if seconds is None else time.monotonic() + seconds
-
-    def __bool__(self) -> bool:
-        late = self._deadline is not None and time.monotonic() >= self._deadline
-        return late or self._event.is_set()
-
-    def ask(self) -> None:
-        """Request to stop."""
-        self._event.set()
-
-    @contextmanager
-    def on_signals(self) -> Iterator[None]:
-        """Treat Ctrl-C and SIGTERM as requests; a second Ctrl-C ends the program at once."""
-
-        def request(number: int, frame: object) -> None:
-            if self._event.is_set() and number == signal.SIGINT:
-                raise KeyboardInterrupt
-            self._event.set()
-
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        handlers = {number: signal.signal(number, request) for number in numbers}
-        try:
-            yield
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
 
 
 def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Look) -> Progress:

@@ -8,13 +8,8 @@ run equals an uninterrupted one.
 
 from __future__ import annotations
 
-import signal
-import sys
-import threading
 import time
-import types
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -46,6 +41,7 @@ from saver_advisors.training.checkpoint import (
 from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.training.run_folder import RECORD_FILE, locked, read_record
 from saver_advisors.training.settings import RunConfig, naming
+from saver_advisors.training.stopping import Stop
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
@@ -141,11 +137,14 @@ class Run:
         """
         total = self.config.total_steps
         limit = total if stop_after_steps is None else min(total, stop_after_steps)
-        with locked(self.output_dir), _stop_requests() as stop:
+        stop = Stop()
+        # Blocks are never interrupted.
+        words = "stopping after this block; Ctrl-C again to stop at once"
+        with locked(self.output_dir), stop.on_signals(words):
             self._begin(resume)
             saved_at = self.steps
             with tqdm(total=total, initial=saved_at, unit="step", disable=not progress) as bar:
-                while self.steps < limit and not stop.is_set():
+                while self.steps < limit and not stop:
                     before = self.steps
                     if self.steps < self.demonstration_steps:
                         self._demonstrate_block()
@@ -376,30 +375,6 @@ def _without_code(config: RunConfig) -> RunConfig | None:
         "settings": {},
     }
     return replace(config, advice=replace(advice, **plain))
-
-
-@contextmanager
-def _stop_requests() -> Iterator[threading.Event]:
-    """Turn Ctrl-C and SIGTERM into an event, so that blocks are never interrupted."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        # Python delivers signals to the main thread only, which then decides.
-        yield stop
-        return
-
-    def request(number: int, frame: types.FrameType | None) -> None:
-        if stop.is_set() and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        stop.set()
-        print("stopping after this block; Ctrl-C again to stop at once", file=sys.stderr)
-
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    handlers = {number: signal.signal(number, request) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def _mean(parts: list[npt.NDArray[Any]]) -> float | None:

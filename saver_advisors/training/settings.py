@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeVar
 
 from saver_advisors.evaluation.protocol import check_selection, training_seed
-from saver_advisors.reporting.provenance import write_json_atomic
 from saver_advisors.variable_reward.replay import RELABELLINGS
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
@@ -243,19 +242,6 @@ class RunConfig:
             ]
         return _build(cls, values)
 
-    @classmethod
-    def from_file(cls, path: str | Path) -> RunConfig:
-        """Read a configuration from a YAML or JSON file.
-
-        :param path: the file.
-        :return: the configuration.
-        :raises ValueError: as ``from_mapping``, or for a file that is neither; it names the file.
-        :raises TypeError: for values of the wrong type; it names the file.
-        """
-        values = read_mapping(Path(path))
-        with naming(str(path)):
-            return cls.from_mapping(values)
-
     def learning_rate_at(self, steps: int) -> float:
         """Compute the learning rate at a point of the run.
 
@@ -270,19 +256,6 @@ class RunConfig:
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for ``from_mapping``, JSON and YAML."""
         return dict(json.loads(json.dumps(asdict(self))))
-
-    def to_file(self, path: str | Path) -> None:
-        """Write the configuration for ``from_file``.
-
-        :param path: the file; JSON if it ends in ``.json``, YAML otherwise.
-        """
-        import yaml
-
-        path = Path(path)
-        if path.suffix == ".json":
-            write_json_atomic(path, self.to_mapping())
-        else:
-            path.write_text(yaml.safe_dump(self.to_mapping(), sort_keys=False), encoding="utf-8")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

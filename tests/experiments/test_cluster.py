@@ -10,7 +10,8 @@ from tiny_grids import GridFile, tiny_grid
 
 from saver_advisors.experiments import read_grid
 from saver_advisors.experiments.results import read_result
-from saver_advisors.experiments.scheduler import LocalProcesses, Places, Stop, work_off
+from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
+from saver_advisors.training.stopping import Stop
 
 
 @pytest.mark.long

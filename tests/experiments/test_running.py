@@ -24,11 +24,11 @@ from saver_advisors.experiments.scheduler import (
     LocalProcesses,
     Places,
     Progress,
-    Stop,
     work_off,
 )
 from saver_advisors.training.curve_file import OF_THE_MACHINE
 from saver_advisors.training.release import evaluate_trained
+from saver_advisors.training.stopping import Stop
 
 
 @pytest.fixture

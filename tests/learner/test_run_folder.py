@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_runs import TINY_RUN
+from tiny_runs import TINY_RUN, write_settings
 
 from saver_advisors.cli import main
 from saver_advisors.training.checkpoint import read_state
@@ -344,7 +344,7 @@ def test_a_run_on_a_disk_that_fills_up_says_so(tmp_path: Path) -> None:
         "sys.exit(main(sys.argv[1:]))"
     )
     path = tmp_path / "run.yml"
-    CONFIG.to_file(path)
+    write_settings(CONFIG, path)
     words = ["train", "--config", str(path), "--output", str(tmp_path / "run"), "--no-progress"]
     done = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
