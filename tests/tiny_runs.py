@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
+from saver_advisors.evaluation.episodes import EpisodeOutcomes
 from saver_advisors.training.defaults import read_settings
 from saver_advisors.training.settings import RunConfig
 
@@ -23,6 +27,22 @@ TINY_RUN = RunConfig(
     eval_every=20,
     eval_episodes=2,
 )
+
+
+def outcomes(success: NDArray[np.bool_], cost_sums: dict[str, Any]) -> EpisodeOutcomes:
+    """The outcomes of an evaluation in an environment of a test."""
+    none = np.zeros(len(success))
+    return EpisodeOutcomes(
+        env_id="test",
+        seed=0,
+        success=success,
+        returns=none,
+        cost_sums=cost_sums,
+        cost_maxima={},
+        final_distances=none[:, None],
+        lengths=none.astype(int),
+        diverged=none.astype(bool),
+    )
 
 
 def write_settings(config: RunConfig, path: Path) -> None:

@@ -23,7 +23,8 @@ Predict = Callable[[Observation], NDArray[Any]]
 """From a batched Dict observation (n, size) to actions (n, action_size)."""
 
 GOALS: Final = ("achieved_goal", "desired_goal")
-DEFAULT_N_ENVS: Final = 16
+N_ENVS: Final = 16
+"""Most environments that are stepped together; their number has no effect on the outcomes."""
 CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
 """Entries of a summary that only tasks with a constraint have."""
 
@@ -214,7 +215,6 @@ def evaluate_policy(
     episodes: int = 100,
     seed: int = 0,
     env_kwargs: Mapping[str, Any] | None = None,
-    n_envs: int | None = None,
     threads: int = 1,
     progress: bool = False,
 ) -> EpisodeOutcomes:
@@ -225,17 +225,17 @@ def evaluate_policy(
     :param episodes: number of episodes
     :param seed: of episode 0; episode i starts from ``seed + i``
     :param env_kwargs: keyword arguments of the environment
-    :param n_envs: parallel environments, by default at most 16; has no effect on the outcomes
     :param threads: native threads of the simulation; has no effect on the outcomes
     :param progress: show a progress bar
     :return: the outcomes
-    :raises ValueError: for fewer than 1 episode, environment or thread
+    :raises ValueError: for fewer than 1 episode or thread
     """
-    _check_counts(episodes=episodes, n_envs=n_envs)
+    if episodes < 1:
+        raise ValueError(f"episodes={episodes} must be at least 1")
     # Imported here: only this function needs a simulator.
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-    n_envs = min(episodes, DEFAULT_N_ENVS if n_envs is None else n_envs)
+    n_envs = min(episodes, N_ENVS)
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
     try:
         return run_episodes(
@@ -267,15 +267,13 @@ def run_episodes(
     :param vec_env: the environments
     :param task: of the environments
     :param env_id: name of the environment in the outcomes
-    :param episodes: number of episodes
+    :param episodes: number of episodes, at least 1
     :param seed: of episode 0
     :param progress: show a progress bar
     :return: the outcomes
-    :raises ValueError: for fewer than 1 episode
     """
     from tqdm import tqdm
 
-    _check_counts(episodes=episodes)
     records: list[_EpisodeRecord] = []
     with tqdm(total=episodes, unit="episode", disable=not progress) as bar:
         while len(records) < episodes:
@@ -348,9 +346,3 @@ def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeO
         deviations=np.array(deviations) if records[0].task.constraint is not None else None,
         goal_reached=None if reached is None else np.array([bool(info[reached]) for info in infos]),
     )
-
-
-def _check_counts(**counts: int | None) -> None:
-    for name, value in counts.items():
-        if value is not None and value < 1:
-            raise ValueError(f"{name}={value} must be at least 1")

@@ -25,7 +25,7 @@ order of the file: the first seed of every row, then the second seed of every ro
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -73,10 +73,9 @@ class ExperimentRun:
         """
         try:
             config = values["config"]
-            third_party = ":" in config["algorithm"]
-            build: Callable[[Any], RunConfig | BenchmarkPlan]
-            build = BenchmarkPlan.from_mapping if third_party else RunConfig.from_mapping
-            return cls(**{**values, "config": build(config)})
+            if ":" in config["algorithm"]:
+                return cls(**{**values, "config": BenchmarkPlan(**config)})
+            return cls(**{**values, "config": RunConfig.from_mapping(config)})
         except (KeyError, TypeError) as error:
             raise ValueError(f"not a run of a grid: {error}") from error
 

@@ -74,17 +74,8 @@ class BenchmarkPlan:
     group: str | None = None
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain values, for ``from_mapping``."""
+        """Return plain values, the arguments of the class."""
         return asdict(self)
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> BenchmarkPlan:
-        """Restore a plan.
-
-        :param values: what ``to_mapping`` returned
-        :raises TypeError: for a missing or unknown entry
-        """
-        return cls(**values)
 
     def config(self) -> dict[str, Any]:
         """Return the settings that determine the outcome, as the result file contains them."""

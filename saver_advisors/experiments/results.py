@@ -90,7 +90,7 @@ def is_done(results: str | Path, run: ExperimentRun) -> bool:
         else:
             # Through the class: a setting that is newer than the file gets its default.
             config = RunConfig.from_mapping(values["config"])
-            same = _as_json(config) == _as_json(run.config)
+            same = config.to_mapping() == run.config.to_mapping()
     except (OSError, TypeError, ValueError):
         return False
     return bool(values["finished"]) and same
@@ -125,7 +125,8 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
         steps = max(steps, int(read_json(folder / STEPS_FILE)))
     state = "done" if done else "started" if steps else "waiting"
     if not done and curve and curve[-1]["steps"] >= run.config.total_steps:
-        played = sum(int(part.stem.split("-")[1]) for part in _parts(folder))
+        parts = (folder / FINAL_FOLDER).glob("*-*.json")
+        played = sum(int(part.stem.split("-")[1]) for part in parts)
         state = f"final episodes {played} of {run.final_episodes}"
     if not curve:
         return RunState(state, steps)
@@ -173,10 +174,6 @@ def _joined(values: list[Any]) -> Any:
     return None if values[0] is None else np.concatenate([np.array(one) for one in values])
 
 
-def _parts(folder: Path) -> list[Path]:
-    return list((folder / FINAL_FOLDER).glob("*-*.json"))
-
-
 def write_result(
     run: ExperimentRun, folder: str | Path, path: str | Path, threads: int = 1
 ) -> dict[str, Any]:
@@ -208,7 +205,7 @@ def write_result(
         "final": final,
         "off_protocol": off_protocol(run.config.to_mapping(), final) if finished else None,
         "teacher_steps": teacher_steps(run),
-        "config": _as_json(run.config),
+        "config": run.config.to_mapping(),
         "curve": curve,
         "sessions": record["sessions"],
         "provenance": provenance(),
@@ -235,8 +232,3 @@ def teacher_steps(run: ExperimentRun) -> int | None:
         return sum(load_policy(name).card.steps for name in sorted(set(names)))
     except ValueError:
         return None
-
-
-def _as_json(config: RunConfig) -> Any:
-    """Return the settings as JSON restores them: tuples become lists."""
-    return json.loads(json.dumps(config.to_mapping()))

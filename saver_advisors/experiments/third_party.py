@@ -23,7 +23,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from saver_advisors.evaluation.protocol import training_seed
-from saver_advisors.experiments.recorder import Predict, Recorder, Weights
+from saver_advisors.experiments.recorder import Recorder, Weights
 
 IMPORTED: Final = "import:"
 """Prefix of keyword arguments that name a class or a function."""
@@ -221,7 +221,6 @@ def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
 
 
 def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder) -> dict[str, Any]:
-    from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.noise import NormalActionNoise
 
     from saver_advisors.evaluation.protocol_env import ProtocolVecEnv
@@ -229,16 +228,13 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
 
     plan = recorder.plan
 
-    class Count(BaseCallback):
+    def count(*_: object) -> bool:
         """Report every step to the recorder, and stop at the end of the budget."""
-
-        def _on_step(self) -> bool:
-            recorder.advance(self.num_timesteps - recorder.steps)
-            return not recorder.spent
+        recorder.advance(model.num_timesteps - recorder.steps)
+        return not recorder.spent
 
     batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
-    env = ProtocolVecEnv(batch, plan.seed)
-    try:
+    with contextlib.closing(ProtocolVecEnv(batch, plan.seed)) as env:
         policy = kwargs.pop("policy", "MultiInputPolicy")
         if (deviation := kwargs.pop(NOISE, None)) is not None:
             size = int(np.prod(env.action_space.shape or ()))
@@ -248,10 +244,8 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
             lambda observation: model.predict(observation, deterministic=True)[0],
             _weights_of(model.policy),
         )
-        model.learn(plan.total_steps, callback=Count())
+        model.learn(plan.total_steps, callback=count)
         return recorder.finish()
-    finally:
-        env.close()
 
 
 def _train_plain(
@@ -266,17 +260,13 @@ def _train_plain(
         vectorization_mode="vector_entry_point",
         **plan.env_kwargs,
     )
-    try:
-        counted = CountedVectorEnv(env, recorder)
+    with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
         learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
-        predict: Predict = learner.predict
-        recorder.begin(predict, _weights_of(learner))
+        recorder.begin(learner.predict, _weights_of(learner))
         # The budget is a regular end of the training.
         with contextlib.suppress(BudgetSpent):
             learner.learn(plan.total_steps)
         return recorder.finish()
-    finally:
-        env.close()
 
 
 def _build(build: Callable[[], Any], recorder: Recorder) -> Any:

@@ -9,7 +9,6 @@ run equals an uninterrupted one.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor, names_code
-from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
@@ -49,9 +48,6 @@ MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
 RATES = ("goal_success_rate", "constraint_met_rate")
 
 Observation = dict[str, npt.NDArray[Any]]
-
-
-Evaluate = Callable[..., EpisodeOutcomes]
 
 
 @dataclass(frozen=True)
@@ -82,17 +78,15 @@ class Run:
     :param config: settings of the run.
     :param output_dir: the run's folder.
     :param env: the vector env to train in.
-    :param evaluate: called as ``evaluate_policy``.
+    :param threads: of the simulation in evaluations.
     :raises ValueError: for settings that do not fit together.
     """
 
-    def __init__(
-        self, config: RunConfig, output_dir: Path, env: VecEnv, evaluate: Evaluate
-    ) -> None:
+    def __init__(self, config: RunConfig, output_dir: Path, env: VecEnv, threads: int = 1) -> None:
         self.config = config
         self.output_dir = output_dir
         self.env = env
-        self.evaluate = evaluate
+        self.threads = threads
         if (plain := _without_code(config)) is not None:
             # Everything else must fit before the code that the settings name is imported.
             build_model(plain, env)
@@ -247,15 +241,16 @@ class Run:
             values.append(self.model.student_value(observation, action))
             return action
 
-        result = self.evaluate(
+        result = evaluate_policy(
             predict,
             self.config.env_id,
             episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
             env_kwargs=self.config.env_kwargs,
+            threads=self.threads,
         )
         best_before = self.best_success_rate
-        success_rate = float(np.mean(result.success))
+        success_rate = result.success_rate
         logged = self.model.logger.name_to_value
         averages = load_averages()
         point: dict[str, Any] = {
@@ -273,9 +268,9 @@ class Run:
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
         }
-        if getattr(result, "constraint_met_rate", None) is not None:
-            rates = {name: getattr(result, name, None) for name in RATES}
-            point |= {name: float(rate) for name, rate in rates.items() if rate is not None}
+        if result.constraint_met_rate is not None:
+            rates = {name: getattr(result, name) for name in RATES}
+            point |= {name: rate for name, rate in rates.items() if rate is not None}
         if self.stages is not None:
             point["stage"] = self.stages.stage.name
         append_point(self.output_dir, point)

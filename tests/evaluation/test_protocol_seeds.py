@@ -21,7 +21,8 @@ from saver_advisors.evaluation.protocol import (
     TRAINING_SEED,
     training_seed,
 )
-from saver_advisors.experiments import ExperimentRun, worker
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.training.launch import train
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.episodes import Episodes

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.experiments import read_grid
+from saver_advisors.experiments.grid import read_grid
 from saver_advisors.experiments.results import read_result
 from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
 from saver_advisors.training.stopping import Stop

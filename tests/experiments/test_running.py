@@ -17,9 +17,10 @@ import pytest
 from filelock import FileLock
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.experiments import ExperimentRun, Grid, read_grid, state_of, worker
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun, Grid, read_grid
 from saver_advisors.experiments.progress import rows
-from saver_advisors.experiments.results import is_done, read_result, write_result
+from saver_advisors.experiments.results import is_done, read_result, state_of, write_result
 from saver_advisors.experiments.scheduler import (
     LocalProcesses,
     Places,

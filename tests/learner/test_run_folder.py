@@ -118,13 +118,16 @@ def test_without_its_checkpoint_a_run_is_not_begun_afresh(
     assert content_of(run) == before
 
 
-def test_a_run_has_a_checkpoint_from_its_first_step(tmp_path: Path) -> None:
+def test_a_run_has_a_checkpoint_from_its_first_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def crash(*_: Any, **__: Any) -> Any:
         assert (tmp_path / "curve.jsonl").read_text() == ""
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        train(CONFIG, tmp_path, progress=False, evaluate=crash)
+    with monkeypatch.context() as changed, pytest.raises(KeyboardInterrupt):
+        changed.setattr("saver_advisors.training.run.evaluate_policy", crash)
+        train(CONFIG, tmp_path, progress=False)
     assert read_state(tmp_path / "latest")["steps"] == 0
     assert resume(tmp_path, CONFIG).finished
     assert [one["from_steps"] for one in read_record(tmp_path)["sessions"]] == [0, 0]
