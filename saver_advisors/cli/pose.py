@@ -64,12 +64,12 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--cache``, the folder of rendered pictures."""
-    from saver_advisors.benchmark.peers.suites import default_cache
+    from saver_envs.files import cache_folder
 
     parser.add_argument(
         "--cache",
         type=Path,
-        default=default_cache().parent / "pose",
+        default=cache_folder("pose"),
         metavar="DIR",
         help="folder of rendered pictures (default: %(default)s)",
     )

@@ -78,15 +78,15 @@ class LearningCurve:
         :return: the curve; without wall-clock time unless every evaluation has it
         :raises ValueError: as the class, and for a point without steps or success rate
         """
-        for name in ("steps", "success_rate"):
-            for number, point in enumerate(points):
-                if point.get(name) is None:
-                    raise ValueError(f"evaluation {number} has no {name}")
-        steps, success, seconds = (
-            np.array([point.get(name) for point in points], np.float64)
+        columns: dict[str, list[Any]] = {
+            name: [point.get(name) for point in points]
             for name in ("steps", "success_rate", "wall_clock_s")
-        )
-        return cls(steps, success, None if np.isnan(seconds).any() else seconds)
+        }
+        for name in ("steps", "success_rate"):
+            if None in columns[name]:
+                raise ValueError(f"evaluation {columns[name].index(None)} has no {name}")
+        known = (column for column in columns.values() if None not in column)
+        return cls(*(np.asarray(column, np.float64) for column in known))
 
 
 @dataclass(frozen=True)

@@ -42,15 +42,12 @@ def _word(name: str, state: RunState, progress: Progress | None) -> str:
 
 
 def _figures(state: RunState, total: str) -> list[str]:
-    if state.success_rate is None or state.best_success_rate is None:
-        return [f"{state.steps:,}", total, "-", "-", "-"]
-    return [
-        f"{state.steps:,}",
-        total,
-        f"{state.success_rate:.2f}",
-        f"{state.best_success_rate:.2f}",
-        f"{state.wall_clock_s / 60:.1f}",
-    ]
+    steps = f"{state.steps:,}"
+    if not state.curve:
+        return [steps, total, "-", "-", "-"]
+    rates = [point["success_rate"] for point in state.curve]
+    minutes = state.curve[-1]["wall_clock_s"] / 60
+    return [steps, total, f"{rates[-1]:.2f}", f"{max(rates):.2f}", f"{minutes:.1f}"]
 
 
 class ProgressTable:

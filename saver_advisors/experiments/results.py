@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.episodes import EpisodeOutcomes, joined
 from saver_advisors.evaluation.protocol import REPORT_SEED, off_protocol
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.experiments.recorder import BenchmarkPlan
@@ -36,16 +36,12 @@ class RunState:
 
     :param state: ``waiting``, ``started`` (partly done), ``final episodes 64 of 500`` or ``done``
     :param steps: environment steps so far
-    :param success_rate: of the last evaluation, None before the first
-    :param best_success_rate: of the best evaluation
-    :param wall_clock_s: seconds of training so far
+    :param curve: its evaluations so far
     """
 
     state: str
-    steps: int = 0
-    success_rate: float | None = None
-    best_success_rate: float | None = None
-    wall_clock_s: float = 0.0
+    steps: int
+    curve: Sequence[Mapping[str, Any]]
 
 
 def result_path(results: str | Path, run: ExperimentRun) -> Path:
@@ -128,15 +124,7 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
         parts = (folder / FINAL_FOLDER).glob("*-*.json")
         played = sum(int(part.stem.split("-")[1]) for part in parts)
         state = f"final episodes {played} of {run.final_episodes}"
-    if not curve:
-        return RunState(state, steps)
-    return RunState(
-        state,
-        steps,
-        float(curve[-1]["success_rate"]),
-        max(float(line["success_rate"]) for line in curve),
-        float(curve[-1]["wall_clock_s"]),
-    )
+    return RunState(state, steps, curve)
 
 
 def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> EpisodeOutcomes:
@@ -163,15 +151,8 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
         parts.append(read_json(path))
-    joined = {name: _joined([part[name] for part in parts]) for name in parts[0]}
-    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **joined)
-
-
-def _joined(values: list[Any]) -> Any:
-    """Join the entries of several outcomes: arrays, mappings of arrays, or None."""
-    if isinstance(values[0], dict):
-        return {name: _joined([one[name] for one in values]) for name in values[0]}
-    return None if values[0] is None else np.concatenate([np.array(one) for one in values])
+    arrays = joined(parts, np.concatenate)
+    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **arrays)
 
 
 def write_result(

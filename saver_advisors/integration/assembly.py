@@ -150,7 +150,7 @@ def settings_for(policy: str) -> LoopSettings:
     row = row_of(card.env_id)
     if row.n_arms != 2 or row.task.fingers is not Fingers.LOCKED:
         raise ValueError(f"policy={policy!r} is of {card.env_id}: must push with two arms")
-    height = None if casualty.trained_on_people(card.env_id) else casualty.CUBE_HEIGHT
+    height = None if issubclass(row.task, casualty.TASK) else casualty.CUBE_HEIGHT
     return LoopSettings(policy=policy, trained_on=row.robot, wrist_height=height)
 
 

@@ -27,10 +27,9 @@ from saver_advisors.integration.safety import (
     SafetyLimits,
     TargetLimits,
     kept_clear,
-    limited_set_point,
 )
 from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
-from saver_envs.control import InverseKinematics, bounded
+from saver_envs.control import InverseKinematics, SetPointRule, bounded
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ObjectState
@@ -162,6 +161,7 @@ class SetPointStage(LoopStage):
         super().__init__("set-points", "set_points", ("action", "arms", "person"), None, latency)
         self._geometry = geometry
         self._limits = limits
+        self._rule = SetPointRule(geometry.workspace, limits.longest, geometry.held_height)
         self._health = health
         self.reset()
 
@@ -176,15 +176,12 @@ class SetPointStage(LoopStage):
         arms = inputs.latest("arms", ArmReading)
         person = inputs.find("person", Person)
         limits, geometry = self._limits, self._geometry
-        position, by = limited_set_point(
-            arms.tool_position if self._previous is None else self._previous,
-            self._checked(action.motion),
-            arms.tool_position,
-            limits,
-            geometry.workspace,
-            geometry.held_height,
-            limits.freedom(arms.hand_force, arms.torso_force),
-        )
+        tool, free = arms.tool_position, limits.freedom(arms.hand_force, arms.torso_force)
+        previous = tool if self._previous is None else self._previous
+        # Without contact forces this equals the environments' rule.
+        moved = self._rule.unclipped(previous, self._checked(action.motion), tool, free[:, None])
+        position = geometry.workspace.clip(moved)
+        by = {"force"} if (free < 1).any() else set()
         if limits.clearance and person is not None:
             clear, changed = kept_clear(
                 position, person.hips, geometry.base_position, limits.clearance
@@ -194,7 +191,7 @@ class SetPointStage(LoopStage):
                 position = geometry.workspace.clip(clear)
                 by.add("clearance")
         # Every policy reaches the workspace's walls now and then, so that is not logged.
-        for name in sorted(by - self._by - {"workspace"}):
+        for name in sorted(by - self._by):
             self._health.note(now, "limited", self.name, name)
         self._by = by
         self._previous = position

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Final, Protocol
+from typing import Final
 
 from saver_advisors.integration.health import Health
 from saver_advisors.integration.messages import Message
@@ -19,13 +19,6 @@ RESTART_AFTER: Final = 0.2
 _TOLERANCE: Final = 1e-9
 #: Called with topic, message and time when a message becomes visible, such as a recorder.
 Observer = Callable[[str, Message, float], None]
-
-
-class Plant(Protocol):
-    """What the graph's clock advances."""
-
-    def advance_to(self, time: float) -> None:
-        """Simulate up to a time, seconds of the trial."""
 
 
 @dataclass
@@ -87,21 +80,21 @@ class Graph:
         """Make a message visible at a time, seconds of the trial."""
         heapq.heappush(self._waiting, (visible, next(self._numbers), topic, message))
 
-    def run_until(self, end: float, plant: Plant) -> None:
-        """Run the plant and the stages up to a time.
+    def run_until(self, end: float, advance_to: Callable[[float], object]) -> None:
+        """Run the bench and the stages up to a time.
 
         :param end: seconds of the trial; stages that are due at this time run in the next call.
-        :param plant: advanced to each moment before the stages of that moment run.
+        :param advance_to: advances the bench to each moment before the stages of that moment run.
         """
         while (moment := self._next_moment()) < end - _TOLERANCE:
             self.now = max(self.now, moment)
-            plant.advance_to(self.now)
+            advance_to(self.now)
             self._deliver()
             for stage in self.stages:
                 if self._ready(stage) <= self.now + _TOLERANCE:
                     self._run(stage)
         self.now = end
-        plant.advance_to(end)
+        advance_to(end)
 
     def _next_moment(self) -> float:
         moment = self._waiting[0][0] if self._waiting else math.inf

@@ -76,9 +76,9 @@ def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> 
 
     loop.reset(seed)
     loop.graph.observers.append(watch)
-    loop.graph.run_until(begin, bench)
+    loop.graph.run_until(begin, bench.advance_to)
     bench.taken_peaks()
-    loop.graph.run_until(end + AFTERWARDS, bench)
+    loop.graph.run_until(end + AFTERWARDS, bench.advance_to)
     force, displacement = bench.taken_peaks()
     times, held, speeds = (np.array(column) for column in zip(*rows, strict=True))
     during, after = (times >= begin) & (times < end), times >= end

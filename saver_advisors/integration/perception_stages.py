@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,15 +117,12 @@ class BenchFrameStage(LoopStage):
         return SpacePose(self.stamp(seen.stamp), positions, seen.scores)
 
 
-def shipped_estimator(**options: Any) -> Estimator:
+def shipped_estimator() -> Estimator:
     """Load the shipped pose network for the camera over the bench; imports torch.
 
     It returns joints of high confidence only: for arms that touch a person, a missing joint is
     better than a wrong one.
-
-    :param options: of `saver_envs.perception.estimator.PoseEstimator`.
     """
     from saver_envs.perception.estimator import PoseEstimator
 
-    options = {"options": CAUTIOUS_PARSING, **options}
-    return PoseEstimator.shipped(limbs=list(LIMBS), turn=2, **options)
+    return PoseEstimator.shipped(limbs=list(LIMBS), turn=2, options=CAUTIOUS_PARSING)

@@ -10,7 +10,7 @@ import numpy as np
 from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats
-from saver_envs.control import LEAD_LIMIT, SetPointRule, Workspace, bounded
+from saver_envs.control import LEAD_LIMIT, bounded
 from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
 from saver_envs.robots.description import Robot
 
@@ -87,38 +87,6 @@ class SafetyLimits:
         used = np.maximum(hand_force / self.hand_force, torso_force / self.torso_force)
         free: Floats = np.clip((1 - used) / (1 - YIELDING), 0.0, 1.0)
         return free
-
-
-def limited_set_point(
-    previous: Floats,
-    motion: Floats,
-    tool: Floats,
-    limits: SafetyLimits,
-    workspace: Workspace,
-    held_height: float | None,
-    freedom: Floats,
-) -> tuple[Floats, set[str]]:
-    """Move set-points by an action, within the limits.
-
-    Without contact forces this equals the environments' rule.
-
-    :param previous: (arms, 3) last set-points, metres, base frames.
-    :param motion: (arms, 3) displacement as a fraction of the longest.
-    :param tool: (arms, 3) positions of the tools, metres.
-    :param limits: gives the longest displacement.
-    :param workspace: region of the set-points.
-    :param held_height: constant height of the set-points (m), or None.
-    :param freedom: (arms,) factor of the set-point lead limit.
-    :return: (arms, 3) new set-points, and the names of the limits that changed them.
-    """
-    rule = SetPointRule(workspace, limits.longest, held_height)
-    moved = rule.unclipped(previous, motion, tool, freedom[:, None])
-    inside = workspace.clip(moved)
-    applied = {
-        "force": bool((freedom < 1).any()),
-        "workspace": bool((np.abs(inside - moved) > 1e-9).any()),
-    }
-    return inside, {name for name, changed in applied.items() if changed}
 
 
 def kept_clear(

@@ -179,13 +179,10 @@ class FilterStage(LoopStage):
     def reset(self) -> None:
         """Forget all joints."""
         settings = self._settings
-
-        def tracks(gain: float, speed_gain: float) -> list[Track]:
-            return [Track(gain, speed_gain, settings) for _ in SIDES]
-
-        self._wrists = tracks(settings.wrist_gain, settings.wrist_speed_gain)
-        self._elbows = tracks(settings.wrist_gain, settings.wrist_speed_gain)
-        self._hips = tracks(settings.hip_gain, 0.0)
+        gains = settings.wrist_gain, settings.wrist_speed_gain
+        self._wrists = [Track(*gains, settings) for _ in SIDES]
+        self._elbows = [Track(*gains, settings) for _ in SIDES]
+        self._hips = [Track(settings.hip_gain, 0.0, settings) for _ in SIDES]
 
     def process(self, inputs: Inputs, now: float) -> Person:
         """Process the joints of one picture."""

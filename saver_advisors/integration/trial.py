@@ -133,6 +133,7 @@ def run_trial(
     :raises TypeError: for a loop with another bench.
     """
     bench = wrist_bench(loop.bench)
+    advance = advance or (lambda end: loop.graph.run_until(end, bench.advance_to))
     samples: list[dict[str, Any]] = []
     held = False
 
@@ -147,10 +148,8 @@ def run_trial(
     try:
         for action in range(actions + 1):
             now = action * ACTION_DURATION
-            if action and advance is not None:
+            if action:
                 advance(now)
-            elif action:
-                loop.graph.run_until(now, bench)
             samples.append({**_sample(bench), "holding": held})
             if look is not None:
                 look(now)

@@ -30,13 +30,6 @@ ORPHANED: Final = 60.0
 _NOTHING_LATER: Final = 1e-6
 
 
-class _NoPlant:
-    """A plant without anything to simulate."""
-
-    def advance_to(self, time: float) -> None:
-        """Do nothing."""
-
-
 class Worker:
     """Run stages on the clock of the incoming messages.
 
@@ -88,7 +81,7 @@ class Worker:
                 now = 0.0
             now = max(now, sent)
             self._graph.publish(topic, message, now)
-        self._graph.run_until(now + _NOTHING_LATER, _NoPlant())
+        self._graph.run_until(now + _NOTHING_LATER, lambda time: None)
 
     def _send(self, topic: str, message: Message, now: float) -> None:
         if topic not in self._own:

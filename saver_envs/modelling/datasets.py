@@ -7,7 +7,6 @@ shape (trajectories, samples, size); :func:`load_recordings` also reads such fil
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from saver_envs.files import written_whole
+from saver_envs.files import cache_folder, written_whole
 from saver_envs.modelling.arms import Campaign, Task, arm_named, arms_with_twins
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.recordings import COLUMNS, Recording, process
@@ -52,12 +51,6 @@ def samples_of(recording: Recording, task: Task) -> tuple[FloatArray, FloatArray
     return np.concatenate(motion, axis=1), recording.torque
 
 
-def default_cache() -> Path:
-    """Return the folder of the data sets, in the user's cache folder."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "modelling"
-
-
 def twin_data_set(
     name: str,
     seed: int = 0,
@@ -73,7 +66,7 @@ def twin_data_set(
     :raises ValueError: for an arm without a twin.
     """
     campaign = campaign_of(name)
-    path = (cache or default_cache()) / f"{name}-seed{seed}-v{VERSION}.npz"
+    path = (cache or cache_folder("modelling")) / f"{name}-seed{seed}-v{VERSION}.npz"
     if not path.exists():
         save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)

@@ -11,7 +11,7 @@ import pytest
 
 from reproduction.ecosystem.ecosystem_command import render, tried
 from reproduction.ecosystem.libraries import EXAMPLES, LIBRARIES, Library
-from saver_advisors.benchmark.peers.suites import default_cache
+from saver_envs.files import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = [one for one in LIBRARIES if not one.requirements and not one.unresolved]
@@ -36,7 +36,7 @@ def test_a_library_that_comes_with_us_works(library: Library, tmp_path: Path) ->
 @pytest.mark.long
 @pytest.mark.parametrize("library", BESIDE, ids=name)
 def test_a_library_that_installs_with_us_works(library: Library) -> None:
-    row = tried(library, default_cache())
+    row = tried(library, cache_folder("peers"))
     assert [run["result"] for run in row["programs"]] == ["ok"] * len(library.programs)
 
 

@@ -180,10 +180,10 @@ def test_areas_by_hand_and_over_a_common_budget():
             area_under_curve(curve, wrong)
 
 
-@pytest.mark.parametrize("spent", [-1, math.nan, math.inf])
+@pytest.mark.parametrize("spent", [-EPOCH_STEPS - 1, math.nan, math.inf])
 def test_steps_before_the_run_must_be_a_number(spent):
     with pytest.raises(ValueError, match="steps"):
-        curve_of([0.5]).after(spent)
+        learning_metrics(curve_of([0.5]), spent_before=spent)
 
 
 @pytest.mark.parametrize("level", [0, -0.1, 1.1, math.nan])

@@ -342,7 +342,7 @@ def attacked(
     loop.reset(seed)
     wrists.taken_peaks()
     loop.graph.observers.append(watch)
-    loop.graph.run_until(2.0, wrists)
+    loop.graph.run_until(2.0, wrists.advance_to)
     return commands, readings
 
 
@@ -395,16 +395,16 @@ def test_9_targets_that_are_each_allowed_stay_within_the_limits(
 
 def test_10_old_targets_do_not_free_the_arms(make_loop: Callable[..., SmallLoop]) -> None:
     loop = make_loop(Push((1.0, 0.0, 0.0)))
-    loop.graph.run_until(0.3, loop.bench)
+    loop.graph.run_until(0.3, loop.bench.advance_to)
     old = loop.graph.boxes["joint_targets"].latest
     assert isinstance(old, JointTargets)
     loop.stop.press("a test")
-    loop.graph.run_until(0.5, loop.bench)
+    loop.graph.run_until(0.5, loop.bench.advance_to)
     loop.stop.release()
     held = loop.bench.joint_position()
     for _ in range(3):
         loop.graph.publish("joint_targets", old, loop.graph.now)
-        loop.graph.run_until(loop.graph.now + 0.001, loop.bench)
+        loop.graph.run_until(loop.graph.now + 0.001, loop.bench.advance_to)
         np.testing.assert_allclose(loop.bench.joint_position(), held, atol=2e-3)
 
 

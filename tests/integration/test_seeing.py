@@ -83,7 +83,7 @@ def test_what_is_seen_is_what_is_true(bench: WristBench) -> None:
     loop.graph.observers.append(keep)
     bench.reset(1)
     loop.graph.reset()
-    loop.graph.run_until(0.4, bench)
+    loop.graph.run_until(0.4, bench.advance_to)
     truth = bench.truth()
     assert len(seen) >= 9
     assert [one.stamp.sequence for one in seen] == list(range(1, len(seen) + 1))
@@ -114,7 +114,7 @@ def test_without_a_fault_the_arms_are_free(bench: WristBench) -> None:
     loop = build_loop(settings(), bench, never)
     bench.reset(2)
     loop.graph.reset()
-    loop.graph.run_until(0.3 + DURATION, bench)
+    loop.graph.run_until(0.3 + DURATION, bench.advance_to)
     assert [event for event in loop.health.log if event.kind == "stopped"] == []
 
 
