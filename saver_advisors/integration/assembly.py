@@ -22,6 +22,7 @@ from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.control import DampedLeastSquares, InverseKinematics
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Fingers
+from saver_envs.validation import require
 
 SEEING: Final = ("camera", "picture check", "pose", "lift", "bench frame", "filter")
 ACTING: Final = ("policy", "set-points", "kinematics")
@@ -85,10 +86,9 @@ class LoopSettings:
         for name in self.latencies:
             if name not in known:
                 raise ValueError(f"latencies: {name!r} is no stage; there are {', '.join(known)}")
-        if self.trained_on is not None and self.trained_on not in ROBOTS:
-            raise ValueError(f"trained_on={self.trained_on!r}: must be one of {', '.join(ROBOTS)}")
-        if not 1 < self.silent_periods < np.inf:
-            raise ValueError(f"silent_periods={self.silent_periods!r}: must be above 1")
+        known_robot = self.trained_on is None or self.trained_on in ROBOTS
+        require("trained_on", self.trained_on, known_robot, f"one of {', '.join(ROBOTS)}")
+        require("silent_periods", self.silent_periods, 1 < self.silent_periods < np.inf, "above 1")
 
     def latency(self, stage: str) -> Latency:
         """Return the latency of a stage: seconds, or ``"measured"``."""

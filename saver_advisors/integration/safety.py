@@ -13,6 +13,7 @@ from saver_advisors.integration.messages import ArmReading, Floats
 from saver_envs.control import LEAD_LIMIT, bounded
 from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
 from saver_envs.robots.description import Robot
+from saver_envs.validation import require
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
 #: of ISO/TS 15066 for a person's lower arm, which is 160 N.
@@ -56,11 +57,8 @@ class SafetyLimits:
 
     def __post_init__(self) -> None:
         for name in ("max_speed", "torso_force", "hand_force"):
-            value = getattr(self, name)
-            if not 0 < value < np.inf:
-                raise ValueError(f"{name}={value!r}: must be above 0")
-        if not 0 <= self.clearance < np.inf:
-            raise ValueError(f"clearance={self.clearance!r}: must be 0 m or more")
+            require(name, getattr(self, name), 0 < getattr(self, name) < np.inf, "above 0")
+        require("clearance", self.clearance, 0 <= self.clearance < np.inf, "0 m or more")
 
     @property
     def longest(self) -> float:

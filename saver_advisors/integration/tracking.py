@@ -14,6 +14,7 @@ from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFa
 from saver_envs.cameras.rgbd import BENCH_POSE
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
+from saver_envs.validation import require
 
 #: The person's side at each arm: the right arm's base is at negative y, on the right of a person
 #: who lies on the back with the head towards -x.
@@ -60,15 +61,13 @@ class FilterSettings:
     arm_radius: float = 0.10
 
     def __post_init__(self) -> None:
-        for name in ("wrist_gain", "hip_gain"):
-            if not 0 < getattr(self, name) <= 1:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be above 0, at most 1")
-        for name in ("jump", "top_speed", "reacquire", "arm_radius"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be above 0")
-        for name in ("wrist_speed_gain", "hold", "hold_hidden", "hold_hip"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be 0 or more")
+        for name, value in vars(self).items():
+            if name in ("wrist_gain", "hip_gain"):
+                require(name, value, 0 < value <= 1, "above 0, at most 1")
+            elif name in ("jump", "top_speed", "reacquire", "arm_radius"):
+                require(name, value, 0 < value < np.inf, "above 0")
+            else:
+                require(name, value, 0 <= value < np.inf, "0 or more")
 
 
 @dataclass

@@ -139,11 +139,12 @@ class Run:
             saved_at = self.steps
             with tqdm(total=total, initial=saved_at, unit="step", disable=not progress) as bar:
                 while self.steps < limit and not stop:
-                    before = self.steps
+                    before, start = self.steps, time.perf_counter()
                     if self.steps < self.demonstration_steps:
                         self._demonstrate_block()
                     else:
                         self._train_block(callback)
+                    self.wall_clock_s += time.perf_counter() - start
                     bar.update(self.steps - before)
                     done = self.steps >= total
                     rate = None
@@ -200,7 +201,6 @@ class Run:
 
     def _demonstrate_block(self) -> None:
         """Let the teachers play an episode in each environment; after the last, clone them."""
-        start = time.perf_counter()
         model: Any = self.model
         replay = model.replay_buffer
         assert isinstance(replay, DemonstrationReplayBuffer)
@@ -214,11 +214,9 @@ class Run:
                 batch_size=self.config.batch_size,
                 learning_rate=self.config.learning_rate,
             )
-        self.wall_clock_s += time.perf_counter() - start
 
     def _train_block(self, callback: MaybeCallback) -> None:
         """Play an episode in each environment, then do the gradient steps."""
-        start = time.perf_counter()
         # SB3 passes the schedule the progress of one `learn`, which here is a block.
         self.model.lr_schedule = ConstantSchedule(self.config.learning_rate_at(self.steps))
         self.model.learn(
@@ -227,7 +225,6 @@ class Run:
             log_interval=None,  # type: ignore[arg-type]  # None means no log; the hint omits it
             reset_num_timesteps=False,
         )
-        self.wall_clock_s += time.perf_counter() - start
 
     def _evaluate(self) -> float:
         """Evaluate the student alone, add a point to the curve, keep the best policy.

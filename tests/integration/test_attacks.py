@@ -90,7 +90,7 @@ def targets(
     joints: object, time: float = 0.0, source: str = "kinematics", topic: str = "joint_targets"
 ) -> bytes:
     """Joint targets as bytes, unchecked."""
-    header = json.dumps({"now": time, "stamp": [time, 1, source], "plain": {}}).encode()
+    header = json.dumps({"now": time, "stamp": [time, 1, source]}).encode()
     return packed(topic.encode(), header, np.asarray(joints, float).tobytes())
 
 
@@ -192,7 +192,7 @@ socket.socket(socket.AF_UNIX).connect({address.removeprefix("ipc://")!r})"""
         (b"arms", "topic ''"),
         (packed(b"joint_targets", b"[" * 60_000), "JSON"),
         (packed(b"joint_targets", b" " * 70_000), "bytes: must be 65536 at most"),
-        (packed(b"joint_targets", b'{"now": 1' + b"0" * 400 + b', "plain": {}}'), "now="),
+        (packed(b"joint_targets", b'{"now": 1' + b"0" * 400 + b"}"), "now="),
         (sign(faults=3), "sign of life"),
         (sign(faults={"kinematics": 3}), "sign of life"),
         (sign(stages={"kinematics": ["x", None]}), "sign of life"),

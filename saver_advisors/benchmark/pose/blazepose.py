@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tarfile
 import tempfile
-import zipfile
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +18,7 @@ WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
 VARIANTS: Final = ("lite", "full", "heavy")
 #: The authors' package for web pages, Apache-2.0, which contains the models.
 PACKAGE: Final = "@mediapipe/pose@0.5.1675469404"
+DETECTOR: Final = "pose_detection.tflite"
 RUNTIME: Final = Peer(
     "BlazePose", "blazepose", 1, ("ai-edge-litert==2.3.0", "numpy==2.4.6", "pillow==11.3.0")
 )
@@ -36,7 +36,7 @@ def install_blazepose(cache: Path) -> tuple[Path, Path]:
     """
     python = install(RUNTIME, cache)
     models = cache / "blazepose-models"
-    if not (models / "pose_detection.tflite").is_file():
+    if not (models / DETECTOR).is_file():
         npm = shutil.which("npm")
         if npm is None:
             raise PeerError("BlazePose's models come with npm, which is not installed")
@@ -52,25 +52,11 @@ def _unpack(archive: Path, models: Path) -> None:
     with tarfile.open(archive) as content:
         for member in content.getmembers():
             name = Path(member.name).name
+            # The only packed asset is the detector.
+            name = DETECTOR if name == "pose_solution_packed_assets.data" else name
             file = content.extractfile(member)
-            if file is None:
-                continue
-            if name.endswith(".tflite"):
+            if name.endswith(".tflite") and file is not None:
                 (models / name).write_bytes(file.read())
-            elif name == "pose_solution_packed_assets.data":
-                packed = models / name
-                packed.write_bytes(file.read())
-                _unpack_detector(packed, models / "pose_detection.tflite")
-
-
-def _unpack_detector(packed: Path, target: Path) -> None:
-    """Extract the detector from a bare model or an archive."""
-    if zipfile.is_zipfile(packed):
-        with zipfile.ZipFile(packed) as content:
-            name = next(one for one in content.namelist() if one.endswith("detection.tflite"))
-            target.write_bytes(content.read(name))
-    else:
-        shutil.copyfile(packed, target)
 
 
 class BlazePose(PeerProcess):
