@@ -152,7 +152,7 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
             print(f"saver: {name} failed: {words} (see {log})", file=sys.stderr)
         return 1
     # A requested time limit is a normal end; Ctrl-C is not.
-    done = len(progress.done) == len(grid.runs)
+    done = list(progress.words.values()).count("done") == len(grid.runs)
     return 0 if done or time_limit is not None else 130
 
 

@@ -7,6 +7,7 @@ therefore see the same initial states, and each episode can be reproduced alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 """From a batched Dict observation (n, size) to actions (n, action_size)."""
+Stepped = tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]
+"""Observation, rewards, dones and infos, as SB3's vector envs return them."""
 
 GOALS: Final = ("achieved_goal", "desired_goal")
 N_ENVS: Final = 16
@@ -40,12 +43,8 @@ class EpisodeVecEnv(Protocol):
     def reset_episodes(self, seeds: Sequence[int]) -> Observation:
         """Start an episode in every environment k from ``seeds[k]``."""
 
-    def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
-        """Return observation, rewards, dones and infos; an info of an episode that ended has
-        ``terminal_observation``.
-        """
+    def step(self, actions: NDArray[Any]) -> Stepped:
+        """Step; an info of an episode that ended has ``terminal_observation``."""
 
 
 class SingleEpisodeEnv:
@@ -65,9 +64,7 @@ class SingleEpisodeEnv:
         """Start the episode of ``seeds[0]``."""
         return self._batch(self.env.reset(seed=seeds[0])[0])
 
-    def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+    def step(self, actions: NDArray[Any]) -> Stepped:
         """Step the env; see :class:`EpisodeVecEnv`."""
         observation, reward, terminated, truncated, info = self.env.step(actions[0])
         done = terminated or truncated
@@ -237,25 +234,15 @@ def evaluate_policy(
 
     n_envs = min(episodes, N_ENVS)
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
-    try:
-        return run_episodes(
-            predict,
-            vec_env,
-            vec_env.episodes.task,
-            env_id=env_id,
-            episodes=episodes,
-            seed=seed,
-            progress=progress,
-        )
-    finally:
-        vec_env.close()
+    with closing(vec_env):
+        task = vec_env.episodes.task
+        return run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
 
 
 def run_episodes(
     predict: Predict,
     vec_env: EpisodeVecEnv,
     task: Task,
-    *,
     env_id: str,
     episodes: int,
     seed: int = 0,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +22,6 @@ from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
 
 Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
-
-
-class Weights(Protocol):
-    """An object with weights, such as a torch module."""
-
-    def state_dict(self) -> Mapping[str, Any]:
-        """Return tensors by name."""
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> Any:
-        """Load tensors."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +91,7 @@ class Recorder:
     steps: int = field(default=0, init=False)
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
     _predict: Predict | None = field(default=None, init=False)
-    _weights: Weights | None = field(default=None, init=False)
+    _weights: Any = field(default=None, init=False)
     _seconds: float = field(default=0.0, init=False)
     _since: float | None = field(default=None, init=False)
     _best: float = field(default=-1.0, init=False)
@@ -122,11 +112,12 @@ class Recorder:
         """Whether all steps of the plan are done."""
         return self.steps >= self.plan.total_steps
 
-    def begin(self, predict: Predict, weights: Weights | None) -> None:
+    def begin(self, predict: Predict, weights: Any) -> None:
         """Start the clock.
 
         :param predict: the current policy, deterministic
-        :param weights: the object whose weights are saved; None if checkpoints are not possible
+        :param weights: the object whose weights are saved, with torch's ``state_dict`` and
+            ``load_state_dict``; None if checkpoints are not possible
         """
         self._predict, self._weights = predict, weights
         self._write(finished=False)
@@ -163,7 +154,7 @@ class Recorder:
             best = max(self.curve, key=lambda line: (line["success_rate"], line["steps"]))
             chosen = {**final, "steps": best["steps"]}
             if best["steps"] < self.curve[-1]["steps"]:
-                load_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
+                load_policy(self.weights_path, self._weights)
                 outcomes = self._evaluate(REPORT_SEED, self.plan.report_episodes)
                 chosen = {**outcomes.summary(), "steps": best["steps"]}
         return self._write(finished=True, final=final, chosen=chosen)
@@ -189,7 +180,7 @@ class Recorder:
         if self._weights is not None and line["success_rate"] >= self._best:
             from saver_advisors.training.checkpoint import save_policy
 
-            save_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
+            save_policy(self.weights_path, self._weights)
             self._best = line["success_rate"]
         self._write(finished=False)
         self.progress(line)

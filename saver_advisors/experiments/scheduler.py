@@ -38,21 +38,24 @@ class Places:
         return result_path(self.results, run)
 
 
+RUNNING: Final = "running"
+#: Exit status of a run's process -> the run's state, in words.
+ENDINGS: Final = {
+    worker.DONE: "done",
+    worker.STOPPED: "stopped",
+    worker.BUSY: "left to another process",
+}
+
+
 @dataclass
 class Progress:
-    """The names of the runs by their present state.
+    """The present states of the runs.
 
-    :param running: in execution
-    :param done: with a complete result, including earlier ones
-    :param stopped: before their end, with a checkpoint
-    :param busy: executed by another process
+    :param words: name -> ``RUNNING``, or how it ended: one of ``ENDINGS``
     :param failed: name -> last line of the log
     """
 
-    running: set[str] = field(default_factory=set)
-    done: set[str] = field(default_factory=set)
-    stopped: set[str] = field(default_factory=set)
-    busy: set[str] = field(default_factory=set)
+    words: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
     def end(self, name: str, status: int, words: str) -> None:
@@ -62,12 +65,9 @@ class Progress:
         :param status: its exit status
         :param words: the last line of its log
         """
-        self.running.discard(name)
-        ended = {worker.DONE: self.done, worker.STOPPED: self.stopped, worker.BUSY: self.busy}
-        if status in ended:
-            ended[status].add(name)
-        else:
+        if status not in ENDINGS:
             self.failed[name] = words or f"exit status {status}"
+        self.words[name] = ENDINGS.get(status) or f"failed: {self.failed[name]}"
 
 
 Look = Callable[[Progress], None]
@@ -92,8 +92,9 @@ def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Loo
     """
     places.output.mkdir(parents=True, exist_ok=True)
     places.results.mkdir(parents=True, exist_ok=True)
-    progress = Progress(done={run.name for run in grid.runs if is_done(places.results, run)})
-    waiting = [run for run in grid.runs if run.name not in progress.done]
+    waiting = [run for run in grid.runs if not is_done(places.results, run)]
+    done = {run.name: ENDINGS[worker.DONE] for run in grid.runs if run not in waiting}
+    progress = Progress(done)
     look(progress)
     backend.work(waiting, progress, stop, look)
     look(progress)
@@ -128,7 +129,7 @@ class LocalProcesses:
                     folder, result = self.places.folder(run), self.places.result(run)
                     process = worker.start(run, folder, result, threads=self.threads)
                     running[run.name] = (run, process)
-                    progress.running.add(run.name)
+                    progress.words[run.name] = RUNNING
                 if stop and not asked:
                     _ask_to_stop(running)
                     asked = True

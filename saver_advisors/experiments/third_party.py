@@ -23,7 +23,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from saver_advisors.evaluation.protocol import training_seed
-from saver_advisors.experiments.recorder import Recorder, Weights
+from saver_advisors.experiments.recorder import Recorder
 
 IMPORTED: Final = "import:"
 """Prefix of keyword arguments that name a class or a function."""
@@ -278,7 +278,7 @@ def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
         raise AlgorithmError(" ".join(message.split())) from error
 
 
-def _weights_of(owner: Any) -> Weights | None:
+def _weights_of(owner: Any) -> Any:
     """Return an object if it has weights, else None."""
     named = ("state_dict", "load_state_dict")
     return owner if all(callable(getattr(owner, name, None)) for name in named) else None

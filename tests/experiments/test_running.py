@@ -144,15 +144,16 @@ def test_a_failure_is_told_and_the_others_go_on(
     progress = work_off(grid, places, LocalProcesses(places, 2), Stop(), lambda _: None)
     assert set(progress.failed) == {first.name}
     assert "state.json" in progress.failed[first.name]
-    assert progress.done == {run.name for run in grid.runs[1:]}
+    assert {run.name for run in grid.runs if progress.words[run.name] == "done"} == {
+        run.name for run in grid.runs[1:]
+    }
 
 
 def test_time_is_over_at_once(grid_file: GridFile, places: Places) -> None:
     grid = read_grid(grid_file(tiny_grid()))
     seen: list[Progress] = []
     progress = work_off(grid, places, LocalProcesses(places, 1), Stop(0.0), seen.append)
-    assert not progress.done
-    assert not progress.running
+    assert not progress.words
     assert seen, "whoever looks is told"
 
 
@@ -210,7 +211,7 @@ def test_final_episodes_outlive_an_interruption(
     state = state_of(run, folder, places.results)
     assert (state.state, state.steps) == ("final episodes 64 of 70", 160)
     assert "final episodes 64 of 70" in rows(Grid("", (run,)), places)[0]
-    running = rows(Grid("", (run,)), places, Progress(running={run.name}))[0]
+    running = rows(Grid("", (run,)), places, Progress({run.name: "running"}))[0]
     assert "running final episodes 64 of 70" in running
     played.clear()
     assert worker.execute(run, folder, result) == worker.DONE
@@ -230,7 +231,7 @@ def third_party_grid(steps: int) -> dict[str, Any]:
 def test_a_third_party_algorithm_is_run_in_a_grid(grid_file: GridFile, places: Places) -> None:
     grid = read_grid(grid_file(third_party_grid(80)))
     progress = work_off(grid, places, LocalProcesses(places, 1), Stop(), lambda _: None)
-    assert progress.done == {"push-mine-seed0"}, progress
+    assert progress.words == {"push-mine-seed0": "done"}
     result = read_result(places.result(grid.runs[0]))
     assert (result["row"], result["group"], result["finished"]) == ("mine", "push", True)
     assert [point["steps"] for point in result["curve"]] == [40, 80]

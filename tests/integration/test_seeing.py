@@ -97,15 +97,15 @@ def test_what_is_seen_is_what_is_true(bench: WristBench) -> None:
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_every_fault_stops_the_arms_and_is_got_over(bench: WristBench, fault: str) -> None:
     found = inject(settings(), bench, fault, seed=2)
-    assert found.speed > 0.05, "the arms must move for it to mean anything"
-    assert found.still_after is not None
-    assert found.still_after <= ALLOWED
-    assert found.named_rightly, found.named
+    assert found["speed"] > 0.05, "the arms must move for it to mean anything"
+    assert found["still_after"] is not None
+    assert found["still_after"] <= ALLOWED
+    assert found["named_rightly"], found["named"]
     # A stage that starts again takes longer than a frame.
-    assert found.recovered_after is not None
-    assert found.recovered_after < 0.4
-    assert found.torso_force <= 50
-    assert found.torso_displacement <= 0.02
+    assert found["recovered_after"] is not None
+    assert found["recovered_after"] < 0.4
+    assert found["torso_force"] <= 50
+    assert found["torso_displacement"] <= 0.02
 
 
 @pytest.mark.usefixtures("true_joints")
