@@ -2,7 +2,8 @@
 
 An algorithm is either a subclass of Stable-Baselines3's ``BaseAlgorithm``, which is built with
 ``MultiInputPolicy`` and a vector environment and observed through a callback, or a class with the
-three methods of :class:`Algorithm`.
+methods ``__init__(env, *, seed, **kwargs)``, ``learn(steps)`` and ``predict(observation)`` that
+docs/benchmark-protocol.md describes, and optionally torch's ``state_dict`` and ``load_state_dict``.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
@@ -32,35 +33,6 @@ NOISE: Final = "noise_std"
 """Keyword argument for the standard deviation of SB3's action noise, as in RL Zoo."""
 
 Observation = dict[str, NDArray[Any]]
-
-
-class Algorithm(Protocol):
-    """The interface of an algorithm that does not derive from Stable-Baselines3's.
-
-    Optional: ``state_dict()`` and ``load_state_dict(state)``, as in torch modules, of everything
-    that ``predict`` depends on. With them the best checkpoint is reported as well.
-    """
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], *, seed: int, **kwargs: Any) -> None:
-        """Build the algorithm.
-
-        :param env: n environments with Dict observations, with Gymnasium's vector API; its
-            ``unwrapped.compute_reward(achieved, desired, info)`` takes arrays (..., goal_size)
-        :param seed: of the run
-        :param kwargs: from ``--algo-kwargs``
-        """
-
-    def learn(self, steps: int) -> None:
-        """Train for a number of environment steps, summed over all environments.
-
-        A step beyond them raises ``BudgetSpent``, which the method need not catch.
-        """
-
-    def predict(self, observation: Observation) -> NDArray[Any]:
-        """Return deterministic actions (n, action_size) for observations with entries (n, size).
-
-        It is called during training, so it must not change the state of the algorithm.
-        """
 
 
 class BudgetSpent(Exception):
@@ -203,7 +175,7 @@ def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
 def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     """Train an algorithm by the protocol.
 
-    :param algorithm: a class of Stable-Baselines3, or one like :class:`Algorithm`
+    :param algorithm: a class of Stable-Baselines3, or one with the methods in the module's text
     :param recorder: of the run
     :return: the record
     :raises AlgorithmError: for a missing method, an invalid argument, or another environment than

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from saver_advisors.integration import perception_stages as perception
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
 from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import SILENT_PERIODS, Health
-from saver_advisors.integration.messages import Message, Picture, Stamp
+from saver_advisors.integration.messages import Picture
 from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
 from saver_advisors.integration.stage import MEASURED, Change, Latency, LoopStage, SensorStage
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
@@ -204,17 +205,18 @@ def _bench_stage(
     name: str, settings: LoopSettings, bench: RobotBench, health: Health, stop: EmergencyStop
 ) -> LoopStage:
     """Build any stage, with the bench for those that need it."""
-    latency, camera_rate = settings.latency(name), bench.geometry.camera.rate
-    sensors: dict[str, tuple[str, Callable[[Stamp], Message], float]] = {
-        "encoders": ("arms", bench.reading, control.ENCODER_RATE),
-        "true state": ("person", bench.truth, control.POLICY_RATE),
-        "camera": ("frame", lambda stamp: Picture(stamp, *bench.picture()), camera_rate),
+    sensor = partial(SensorStage, name, latency=settings.latency(name))
+    camera_rate = bench.geometry.camera.rate
+    builders: dict[str, Callable[[], LoopStage]] = {
+        "encoders": lambda: sensor("arms", rate=control.ENCODER_RATE, measure=bench.reading),
+        "true state": lambda: sensor("person", rate=control.POLICY_RATE, measure=bench.truth),
+        "camera": lambda: sensor(
+            "frame", rate=camera_rate, measure=lambda stamp: Picture(stamp, *bench.picture())
+        ),
+        "servos": lambda: control.ServoStage(bench, health, stop, settings.limits),
     }
-    if name in sensors:
-        topic, measure, rate = sensors[name]
-        return SensorStage(name, topic, rate=rate, latency=latency, measure=measure)
-    if name == "servos":
-        return control.ServoStage(bench, health, stop, settings.limits)
+    if name in builders:
+        return builders[name]()
     return build_stage(name, settings, bench.geometry, health)
 
 

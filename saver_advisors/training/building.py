@@ -152,10 +152,8 @@ def demonstration_steps(config: RunConfig, horizon: int) -> int:
         return 0
     block = horizon * config.n_envs
     steps = -(-config.advice.demonstration_steps // block) * block
-    for name, limit in (
-        ("advice.budget", config.advice.budget),
-        ("total_steps", config.total_steps),
-    ):
+    limits = {"advice.budget": config.advice.budget, "total_steps": config.total_steps}
+    for name, limit in limits.items():
         if steps > limit:
             raise ValueError(
                 f"advice.demonstration_steps={config.advice.demonstration_steps} are {steps} in "

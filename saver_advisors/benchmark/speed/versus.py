@@ -52,9 +52,8 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
                     our_times[env_id].append(episodes(seconds))
                 for one in running:
                     for mode in one.modes:
-                        told = one.measure(mode, seconds)
-                        per_step = told["seconds"] / told["steps"]
-                        peer_times.setdefault((one.peer.env, mode), []).append(per_step)
+                        times = peer_times.setdefault((one.peer.env, mode), [])
+                        times.append(one.measure(mode, seconds))
                 advance()
     fastest = {
         peer.env: min(
