@@ -181,15 +181,30 @@ def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     :raises AlgorithmError: for a missing method, an invalid argument, or another environment than
         the algorithm supports
     """
+    import gymnasium
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-    kwargs = resolved(recorder.plan.algo_kwargs)
-    if inspect.isclass(algorithm) and issubclass(algorithm, BaseAlgorithm):
+    plan = recorder.plan
+    kwargs = resolved(plan.algo_kwargs)
+    is_class = inspect.isclass(algorithm)
+    if is_class and issubclass(algorithm, BaseAlgorithm):
         return _train_sb3(algorithm, kwargs, recorder)
-    for name in ("learn", "predict"):
-        if inspect.isclass(algorithm) and not hasattr(algorithm, name):
-            raise AlgorithmError(f"{recorder.plan.algorithm} has no method {name!r}")
-    return _train_plain(algorithm, kwargs, recorder)
+    lacking = [name for name in ("learn", "predict") if not hasattr(algorithm, name)]
+    if is_class and lacking:
+        raise AlgorithmError(f"{plan.algorithm} has no method {lacking[0]!r}")
+    env = gymnasium.make_vec(
+        f"saver_envs:{plan.env_id}",
+        plan.n_envs,
+        vectorization_mode="vector_entry_point",
+        **plan.env_kwargs,
+    )
+    with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
+        learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
+        recorder.begin(learner.predict, _weights_of(learner))
+        # The budget is a regular end of the training.
+        with contextlib.suppress(BudgetSpent):
+            learner.learn(plan.total_steps)
+        return recorder.finish()
 
 
 def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder) -> dict[str, Any]:
@@ -217,27 +232,6 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
             _weights_of(model.policy),
         )
         model.learn(plan.total_steps, callback=count)
-        return recorder.finish()
-
-
-def _train_plain(
-    algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder
-) -> dict[str, Any]:
-    import gymnasium
-
-    plan = recorder.plan
-    env = gymnasium.make_vec(
-        f"saver_envs:{plan.env_id}",
-        plan.n_envs,
-        vectorization_mode="vector_entry_point",
-        **plan.env_kwargs,
-    )
-    with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
-        learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
-        recorder.begin(learner.predict, _weights_of(learner))
-        # The budget is a regular end of the training.
-        with contextlib.suppress(BudgetSpent):
-            learner.learn(plan.total_steps)
         return recorder.finish()
 
 

@@ -17,7 +17,14 @@ from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import SILENT_PERIODS, Health
 from saver_advisors.integration.messages import Picture
 from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
-from saver_advisors.integration.stage import MEASURED, Change, Latency, LoopStage, SensorStage
+from saver_advisors.integration.stage import (
+    MEASURED,
+    Change,
+    Latency,
+    LoopStage,
+    SensorStage,
+    check_latency,
+)
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
 from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.control import DampedLeastSquares, InverseKinematics
@@ -84,9 +91,10 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         known = (*SEEING, *ACTING, "encoders", "true state")
-        for name in self.latencies:
+        for name, latency in self.latencies.items():
             if name not in known:
                 raise ValueError(f"latencies: {name!r} is no stage; there are {', '.join(known)}")
+            check_latency(name, latency)
         known_robot = self.trained_on is None or self.trained_on in ROBOTS
         require("trained_on", self.trained_on, known_robot, f"one of {', '.join(ROBOTS)}")
         require("silent_periods", self.silent_periods, 1 < self.silent_periods < np.inf, "above 1")
@@ -231,26 +239,25 @@ def build_stage(
     :param health: logs which limits set in.
     :raises ValueError: for another name.
     """
-    latency = settings.latency(name)
     trained_on = None if settings.trained_on is None else ROBOTS[settings.trained_on]
     height = settings.wrist_height
     builders: dict[str, Callable[[], LoopStage]] = {
-        "picture check": lambda: perception.PictureCheckStage(latency),
-        "pose": lambda: perception.PoseStage(perception.shipped_estimator(), latency),
-        "lift": lambda: perception.LiftStage(geometry.camera, latency),
-        "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose, latency),
+        "picture check": perception.PictureCheckStage,
+        "pose": lambda: perception.PoseStage(perception.shipped_estimator()),
+        "lift": lambda: perception.LiftStage(geometry.camera),
+        "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose),
         "filter": lambda: FilterStage(
-            geometry.base_position, settings.filter, geometry.camera_pose.position, latency
+            geometry.base_position, settings.filter, geometry.camera_pose.position
         ),
-        "policy": lambda: control.PolicyStage(
-            _policy(settings), geometry, trained_on, height, latency
-        ),
-        "set-points": lambda: control.SetPointStage(geometry, settings.limits, health, latency),
-        "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry), latency),
+        "policy": lambda: control.PolicyStage(_policy(settings), geometry, trained_on, height),
+        "set-points": lambda: control.SetPointStage(geometry, settings.limits, health),
+        "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry)),
     }
     if name not in builders:
         raise ValueError(f"stage {name!r} is unknown; there are {', '.join(builders)}")
-    return builders[name]()
+    stage = builders[name]()
+    stage.latency = settings.latency(name)
+    return stage
 
 
 def _policy(settings: LoopSettings) -> control.LoopPolicy:

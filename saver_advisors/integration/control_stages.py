@@ -28,7 +28,7 @@ from saver_advisors.integration.safety import (
     TargetLimits,
     kept_clear,
 )
-from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
+from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_envs.control import InverseKinematics, SetPointRule, bounded
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.robots.description import Robot
@@ -63,7 +63,6 @@ class PolicyStage(LoopStage):
         None.
     :param wrist_height: height of wrists and targets in the observation (m), for a policy that was
         trained on cubes: wrists then have a cube's height and do not turn. None for true heights.
-    :param latency: see `LoopStage`.
     """
 
     def __init__(
@@ -72,9 +71,8 @@ class PolicyStage(LoopStage):
         geometry: BenchGeometry,
         trained_on: Robot | None = None,
         wrist_height: float | None = None,
-        latency: Latency = 0.0,
     ) -> None:
-        super().__init__("policy", "action", ("arms", "person"), POLICY_RATE, latency)
+        super().__init__("policy", "action", ("arms", "person"), POLICY_RATE)
         self._policy = policy
         self._robot = geometry.robot
         self._base = geometry.base_position
@@ -148,17 +146,10 @@ class SetPointStage(LoopStage):
     :param geometry: of the bench.
     :param limits: of speed, force and clearance.
     :param health: logs which limits set in.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(
-        self,
-        geometry: BenchGeometry,
-        limits: SafetyLimits,
-        health: Health,
-        latency: Latency = 0.0,
-    ) -> None:
-        super().__init__("set-points", "set_points", ("action", "arms", "person"), None, latency)
+    def __init__(self, geometry: BenchGeometry, limits: SafetyLimits, health: Health) -> None:
+        super().__init__("set-points", "set_points", ("action", "arms", "person"))
         self._geometry = geometry
         self._limits = limits
         self._rule = SetPointRule(geometry.workspace, limits.longest, geometry.held_height)
@@ -218,11 +209,10 @@ class KinematicsStage(LoopStage):
     """Turn set-points into joint targets.
 
     :param solver: damped least squares or a learned model.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, solver: InverseKinematics, latency: Latency = 0.0) -> None:
-        super().__init__("kinematics", "joint_targets", ("set_points", "arms"), None, latency)
+    def __init__(self, solver: InverseKinematics) -> None:
+        super().__init__("kinematics", "joint_targets", ("set_points", "arms"))
         self._solver = solver
 
     def process(self, inputs: Inputs, now: float) -> JointTargets:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
-from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
+from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_envs.cameras.rgbd import BENCH_POSE
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
@@ -159,7 +159,6 @@ class FilterStage(LoopStage):
     :param base_position: (arms, 3) of the arms' bases, metres.
     :param settings: of the filter.
     :param camera_position: (3,) metres, bench frame.
-    :param latency: see `LoopStage`.
     """
 
     def __init__(
@@ -167,9 +166,8 @@ class FilterStage(LoopStage):
         base_position: NDArray[np.float64],
         settings: FilterSettings = FilterSettings(),
         camera_position: NDArray[np.float64] = BENCH_POSE.position,
-        latency: Latency = 0.0,
     ) -> None:
-        super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
+        super().__init__("filter", "person", ("bench_pose", "arms"))
         self._base = base_position
         self._settings = settings
         self._camera = camera_position

@@ -15,6 +15,8 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
+import numpy as np
+
 #: Actions per piece of work in robosuite, whose episodes of 1000 actions take half a minute each.
 PIECE = 25
 
@@ -28,13 +30,12 @@ def gymnasium_robotics(env_id: str, n: int) -> Work:
     :param env_id: a registered id
     :param n: environments in this process
     """
-    numpy: Any = importlib.import_module("numpy")
     gymnasium: Any = importlib.import_module("gymnasium")
     gymnasium.register_envs(importlib.import_module("gymnasium_robotics"))
     vector = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make(env_id)] * n)
     vector.reset(seed=0)
     horizon = gymnasium.spec(env_id).max_episode_steps
-    random = numpy.random.default_rng(0)
+    random = np.random.default_rng(0)
     actions = random.uniform(-1, 1, (horizon, *vector.action_space.shape)).astype("float32")
 
     def as_vector() -> None:
@@ -62,7 +63,6 @@ def robosuite(env_id: str, n: int) -> Work:
     """
     if n != 1:
         raise ValueError(f"n={n}: robosuite has no vector environment")
-    numpy: Any = importlib.import_module("numpy")
     suite: Any = importlib.import_module("robosuite")
     env = suite.make(
         env_id,
@@ -74,7 +74,7 @@ def robosuite(env_id: str, n: int) -> Work:
     )
     env.reset()
     lower, upper = env.action_spec
-    random = numpy.random.default_rng(0)
+    random = np.random.default_rng(0)
     actions = random.uniform(lower, upper, (PIECE, len(lower)))
 
     def single() -> None:
