@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from saver_advisors.reporting import provenance
 from saver_advisors.reporting.figures import Drawn, link
-from saver_advisors.reporting.provenance import machine_in_words
 
 JsonRow = Mapping[str, Any]
 
@@ -28,12 +28,5 @@ def measured_at(figures: JsonRow) -> str:
     :param figures: content of a result file.
     :return: a sentence; empty without provenance.
     """
-    origin = figures.get("provenance")
-    if not origin:
-        return ""
-    versions = origin["versions"]
-    return (
-        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
-        f"{machine_in_words(origin['machine'])}, MuJoCo {versions['mujoco']}, PyTorch "
-        f"{versions['torch']}, Stable-Baselines3 {versions['sb3']}."
-    )
+    packages = {"MuJoCo": "mujoco", "PyTorch": "torch", "Stable-Baselines3": "sb3"}
+    return provenance.measured_at(figures, packages)

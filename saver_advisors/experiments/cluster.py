@@ -74,10 +74,6 @@ class RayCluster:
             write_json_atomic(self.places.result(run), result)
         progress.end(run.name, status, words)
 
-    def close(self) -> None:
-        """Disconnect from the cluster, which keeps running."""
-        self._ray.shutdown()
-
 
 def run_on_node(
     values: dict[str, Any], output: str, command: str, threads: int = 1

@@ -44,23 +44,22 @@ class RunState:
     curve: Sequence[Mapping[str, Any]]
 
 
-def result_path(results: str | Path, run: ExperimentRun) -> Path:
+def result_path(results: Path, run: ExperimentRun) -> Path:
     """Return the path of a run's result.
 
     :param results: the folder of a grid's results
     :param run: one of its runs
     """
-    return Path(results) / f"{run.name}.json"
+    return results / f"{run.name}.json"
 
 
-def read_result(path: str | Path) -> dict[str, Any]:
+def read_result(path: Path) -> dict[str, Any]:
     """Read one result.
 
     :param path: of the file
     :raises ValueError: if it is truncated, or not the result of a run
     :raises OSError: if it cannot be read
     """
-    path = Path(path)
     values = read_json(path)
     if not isinstance(values, dict) or values.get("kind") != KIND:
         raise ValueError(f"{path} is not the result of a run (kind={KIND!r})")
@@ -73,7 +72,7 @@ def read_result(path: str | Path) -> dict[str, Any]:
     return values
 
 
-def is_done(results: str | Path, run: ExperimentRun) -> bool:
+def is_done(results: Path, run: ExperimentRun) -> bool:
     """Whether a run has a complete result of the requested configuration.
 
     :param results: the folder of results
@@ -103,15 +102,14 @@ def changed_settings(plan: BenchmarkPlan, config: Mapping[str, Any]) -> list[str
     return sorted(name for name in wanted if wanted[name] != config.get(name))
 
 
-def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> RunState:
+def state_of(run: ExperimentRun, folder: Path, results: Path) -> RunState:
     """Determine the state of a run from its files.
 
     :param run: of the grid
     :param folder: the run's own
     :param results: the folder of results
     """
-    folder, path = Path(folder), result_path(results, run)
-    done = is_done(results, run)
+    path, done = result_path(results, run), is_done(results, run)
     if done or (isinstance(run.config, BenchmarkPlan) and path.is_file()):
         curve = read_json(path)["curve"]
     else:
@@ -155,9 +153,7 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
     return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **arrays)
 
 
-def write_result(
-    run: ExperimentRun, folder: str | Path, path: str | Path, threads: int = 1
-) -> dict[str, Any]:
+def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1) -> dict[str, Any]:
     """Write the result of a run: its curve and, if it is finished, the final evaluation.
 
     The student acts without a teacher in the final evaluation, on the report seeds.
@@ -169,7 +165,6 @@ def write_result(
     :return: the content of the file
     :raises OSError: if it cannot be written; an earlier file is then intact
     """
-    folder = Path(folder)
     assert isinstance(run.config, RunConfig)
     record = read_record(folder)
     curve = read_curve(folder)

@@ -34,7 +34,7 @@ DONE, FAILED, STOPPED, BUSY = 0, 1, 3, 4
 LOOK_EVERY: Final = 1.0
 
 
-def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads: int = 1) -> int:
+def execute(run: ExperimentRun, folder: Path, result: Path, threads: int = 1) -> int:
     """Execute or resume a run in this process.
 
     :param run: of a grid
@@ -46,7 +46,6 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads:
     from saver_advisors.training.launch import train
     from saver_advisors.training.run_folder import FolderInUseError, locked
 
-    folder, result = Path(folder), Path(result)
     try:
         with locked(folder):
             if is_done(result.parent, run):
@@ -99,8 +98,8 @@ def _steps_file(path: Path) -> Callable[[int], None]:
 
 def start(
     run: ExperimentRun,
-    folder: str | Path,
-    result: str | Path,
+    folder: Path,
+    result: Path,
     command: str | None = None,
     threads: int = 1,
 ) -> subprocess.Popen[bytes]:
@@ -113,7 +112,6 @@ def start(
     :param threads: see ``saver_advisors.training.launch.train``
     :return: the process, which stops when this process ends
     """
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
     # -P: nothing is imported from the current folder, where files may have the names of packages.
@@ -131,13 +129,13 @@ def start(
         )
 
 
-def last_words(folder: str | Path) -> str:
+def last_words(folder: Path) -> str:
     """Return the last line of a log.
 
     :param folder: of a run that failed
     """
     try:
-        text = (Path(folder) / LOG_FILE).read_text(encoding="utf-8", errors="replace")
+        text = (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
     lines = [line for line in text.splitlines() if line.strip()]

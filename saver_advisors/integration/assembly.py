@@ -246,9 +246,7 @@ def build_stage(
         "pose": lambda: perception.PoseStage(perception.shipped_estimator()),
         "lift": lambda: perception.LiftStage(geometry.camera),
         "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose),
-        "filter": lambda: FilterStage(
-            geometry.base_position, settings.filter, geometry.camera_pose.position
-        ),
+        "filter": lambda: FilterStage(geometry, settings.filter),
         "policy": lambda: control.PolicyStage(_policy(settings), geometry, trained_on, height),
         "set-points": lambda: control.SetPointStage(geometry, settings.limits, health),
         "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry)),

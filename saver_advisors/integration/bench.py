@@ -115,6 +115,8 @@ class EpisodesBench:
             episodes.task.held_height,
         )
         self._simulation = episodes.simulation
+        #: Contact force on a person's torso, newtons: 0 without a person.
+        self.torso_force = 0.0
         self.diverged = False
         self.substeps = 0
 
@@ -154,7 +156,7 @@ class EpisodesBench:
         torque = self._simulation.contact_torque()[0]
         encoders = {part.name: getattr(state, part.name)[0] for part in fields(state)}
         hand = tool_force(encoders["jacobian"], torque)
-        return ArmReading(stamp, **encoders, hand_force=hand, torso_force=self.torso_force())
+        return ArmReading(stamp, **encoders, hand_force=hand, torso_force=self.torso_force)
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Raise an error, since this bench has no camera.
@@ -162,10 +164,6 @@ class EpisodesBench:
         :raises NotImplementedError: always.
         """
         raise NotImplementedError("a bench without a person has no camera over it")
-
-    def torso_force(self) -> float:
-        """Return the contact force on a person's torso, newtons: 0 without a person."""
-        return 0.0
 
     def truth(self, stamp: Stamp = UNSTAMPED) -> Person:
         """Return the true state of objects and targets."""

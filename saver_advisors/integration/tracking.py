@@ -6,12 +6,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
 from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
-from saver_envs.cameras.rgbd import BENCH_POSE
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
 from saver_envs.validation import require
@@ -156,21 +155,14 @@ class FilterStage(LoopStage):
     stage is faulty and the arms hold still. For wrists this time is 0 by default, and a wrist that
     an arm of the robot occludes can have a time of its own.
 
-    :param base_position: (arms, 3) of the arms' bases, metres.
+    :param geometry: of the bench.
     :param settings: of the filter.
-    :param camera_position: (3,) metres, bench frame.
     """
 
-    def __init__(
-        self,
-        base_position: NDArray[np.float64],
-        settings: FilterSettings = FilterSettings(),
-        camera_position: NDArray[np.float64] = BENCH_POSE.position,
-    ) -> None:
+    def __init__(self, geometry: BenchGeometry, settings: FilterSettings) -> None:
         super().__init__("filter", "person", ("bench_pose", "arms"))
-        self._base = base_position
+        self._base, self._camera = geometry.base_position, geometry.camera_pose.position
         self._settings = settings
-        self._camera = camera_position
         self.reset()
 
     def reset(self) -> None:

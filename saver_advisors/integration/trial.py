@@ -34,7 +34,6 @@ class TrialRecord:
     :param torso_force: (T + 1,) peak since the last sample, newtons.
     :param torso_displacement: (T + 1,) peak since the last sample, metres.
     :param hand_force: (T + 1, arms) contact force at each hand, newtons.
-    :param speed: (T + 1, arms) of the tools, m/s.
     :param holding: (T + 1,) whether the arms were held still.
     :param log: of the stages' health.
     :param diverged: whether the simulation diverged.
@@ -45,7 +44,6 @@ class TrialRecord:
     torso_force: NDArray[np.float64]
     torso_displacement: NDArray[np.float64]
     hand_force: NDArray[np.float64]
-    speed: NDArray[np.float64]
     holding: NDArray[np.bool_]
     log: tuple[Event, ...]
     diverged: bool = False
@@ -170,5 +168,4 @@ def _sample(bench: WristBench) -> dict[str, Any]:
         "torso_force": force,
         "torso_displacement": displacement,
         "hand_force": arms.hand_force,
-        "speed": np.linalg.norm(arms.tool_velocity, axis=-1),
     }

@@ -75,6 +75,23 @@ def machine_in_words(machine: Mapping[str, Any]) -> str:
     return ", ".join([*told, *([machine["gpu"]] if "gpu" in machine else [])])
 
 
+def measured_at(figures: Mapping[str, Any], packages: Mapping[str, str]) -> str:
+    """Say when, at which commit, how and on which machine figures were measured.
+
+    :param figures: content of a result file
+    :param packages: whose versions are told: name on the page -> key of a :func:`provenance`
+    :return: a sentence; empty without provenance
+    """
+    origin = figures.get("provenance")
+    if not origin:
+        return ""
+    versions = [f"{name} {origin['versions'][key]}" for name, key in packages.items()]
+    return (
+        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
+        f"{', '.join([machine_in_words(origin['machine']), *versions])}."
+    )
+
+
 def load_averages() -> list[float] | None:
     """Return the system's load averages, which show other work; None if it has none."""
     return [round(one, 2) for one in os.getloadavg()] if hasattr(os, "getloadavg") else None

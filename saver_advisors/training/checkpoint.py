@@ -61,7 +61,7 @@ def load_policy(path: str | Path, policy: th.nn.Module) -> None:
         raise ValueError(f"{path} does not fit this policy: {error}") from error
 
 
-def save_checkpoint(folder: str | Path, model: GoalLearnerMixin, extra: dict[str, Any]) -> None:
+def save_checkpoint(folder: Path, model: GoalLearnerMixin, extra: dict[str, Any]) -> None:
     """Write the whole state of a run, in place of an older checkpoint.
 
     :param folder: of the checkpoint.
@@ -69,7 +69,6 @@ def save_checkpoint(folder: str | Path, model: GoalLearnerMixin, extra: dict[str
     :param extra: JSON-able values that ``load_checkpoint`` returns.
     :raises OSError: if it cannot be written; the older checkpoint is then intact.
     """
-    folder = Path(folder)
     partial = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     try:
@@ -93,21 +92,20 @@ def save_checkpoint(folder: str | Path, model: GoalLearnerMixin, extra: dict[str
         ) from error
 
 
-def find_checkpoint(folder: str | Path) -> Path | None:
+def find_checkpoint(folder: Path) -> Path | None:
     """Find the checkpoint to resume from.
 
     :param folder: as passed to ``save_checkpoint``.
     :return: that folder, or the older one if the process ended while it was being replaced; None if
         there is neither.
     """
-    folder = Path(folder)
     for candidate in (folder, folder.with_name(f".{folder.name}.previous")):
         if (candidate / STATE_FILE).exists():
             return candidate
     return None
 
 
-def load_checkpoint(folder: str | Path, model: GoalLearnerMixin) -> dict[str, Any]:
+def load_checkpoint(folder: Path, model: GoalLearnerMixin) -> dict[str, Any]:
     """Restore the state of a model that was built with the same arguments.
 
     :param folder: from ``find_checkpoint``.
@@ -116,7 +114,6 @@ def load_checkpoint(folder: str | Path, model: GoalLearnerMixin) -> dict[str, An
     :raises FileNotFoundError: if a file is missing.
     :raises ValueError: if a file is damaged or does not fit the model.
     """
-    folder = Path(folder)
     state = read_state(folder)
     load_policy(folder / POLICY_FILE, model.policy)
     _load_training_tensors(folder / TRAINING_FILE, model)

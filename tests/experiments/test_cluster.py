@@ -18,7 +18,7 @@ from saver_advisors.training.stopping import Stop
 def test_two_nodes_do_what_one_machine_does(
     grid_file: GridFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     from saver_advisors.experiments.cluster import RayCluster
@@ -39,7 +39,7 @@ def test_two_nodes_do_what_one_machine_does(
         try:
             progress = work_off(grid, there, backend, Stop(), lambda _: None)
         finally:
-            backend.close()
+            ray.shutdown()
     finally:
         cluster.shutdown()
     assert not progress.failed, progress.failed
