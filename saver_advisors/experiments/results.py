@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -202,9 +202,7 @@ def teacher_steps(run: ExperimentRun) -> int | None:
     advice = run.config.advice if isinstance(run.config, RunConfig) else None
     if advice is None:
         return 0
-    given: Any = advice.teacher
-    names: Iterable[str] = [given] if isinstance(given, str) else given
     try:
-        return sum(load_policy(name).card.steps for name in sorted(set(names)))
+        return sum(load_policy(name).card.steps for name in sorted(set(advice.teachers)))
     except ValueError:
         return None

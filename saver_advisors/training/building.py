@@ -175,8 +175,7 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     assert advice is not None
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
-    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
-    if any(map(names_code, teachers)):
+    if any(map(names_code, advice.teachers)):
         named["n_arms"] = getattr(task_of(env), "n_arms", None)
     advisor = make_advisor(
         **named,

@@ -355,18 +355,12 @@ def _without_code(config: RunConfig) -> RunConfig | None:
     advice = config.advice
     if advice is None:
         return None
-    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
-    if any(map(names_code, teachers)):
+    if any(map(names_code, advice.teachers)):
         return replace(config, advice=None)
     if ":" not in advice.strategy:
         return None
-    plain: dict[str, Any] = {
-        "strategy": "none",
-        "threshold": None,
-        "correcting": None,
-        "settings": {},
-    }
-    return replace(config, advice=replace(advice, **plain))
+    plain = replace(advice, strategy="none", threshold=None, correcting=None, settings={})
+    return replace(config, advice=plain)
 
 
 def _mean(parts: list[npt.NDArray[Any]]) -> float | None:

@@ -83,9 +83,13 @@ class AdviceConfig:
         possible = self.cloning_updates == 0 or self.demonstration_steps > 0
         wanted = "0 if advice.demonstration_steps is 0: there is nothing to clone"
         _require(possible, self, "cloning_updates", wanted)
-        teachers = (self.teacher,) if isinstance(self.teacher, str) else self.teacher
-        named = bool(teachers) and all(isinstance(one, str) and one for one in teachers)
+        named = bool(self.teachers) and all(isinstance(one, str) and one for one in self.teachers)
         _require(named, self, "teacher", "a name, or a list of one name per arm")
+
+    @property
+    def teachers(self) -> tuple[str, ...]:
+        """The names of all teachers."""
+        return (self.teacher,) if isinstance(self.teacher, str) else self.teacher
 
 
 @dataclass(frozen=True)
