@@ -176,10 +176,7 @@ def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunC
         values |= _mapping(part.get("settings", {}), "settings")
     values |= {"env_id": env_id, "seed": seed}
     if row.get("advice") is not None:
-        advice = {
-            **_mapping(group.get("advice", {}), "advice"),
-            **_mapping(row["advice"], "advice"),
-        }
+        advice = _mapping(group.get("advice", {}), "advice") | _mapping(row["advice"], "advice")
         fraction = row.get("budget_fraction", group.get("budget_fraction"))
         if "budget" not in advice and fraction is not None:
             advice["budget"] = _budget(fraction, RunConfig.from_mapping(values).total_steps)

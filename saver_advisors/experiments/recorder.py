@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
+from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED, off_protocol
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
@@ -94,7 +94,6 @@ class Recorder:
     _weights: Any = field(default=None, init=False)
     _seconds: float = field(default=0.0, init=False)
     _since: float | None = field(default=None, init=False)
-    _best: float = field(default=-1.0, init=False)
     _started: dict[str, Any] = field(default_factory=provenance, init=False)
 
     @property
@@ -146,24 +145,23 @@ class Recorder:
         if not self.curve or self.curve[-1]["steps"] < self.steps:
             self._measure()
         self._pause()
-        final = self._evaluate(REPORT_SEED, self.plan.report_episodes).summary()
+        outcome = final = self._evaluate(REPORT_SEED, self.plan.report_episodes)
         chosen = None
         if self._weights is not None:
             from saver_advisors.training.checkpoint import load_policy
 
             best = max(self.curve, key=lambda line: (line["success_rate"], line["steps"]))
-            chosen = {**final, "steps": best["steps"]}
             if best["steps"] < self.curve[-1]["steps"]:
                 load_policy(self.weights_path, self._weights)
-                outcomes = self._evaluate(REPORT_SEED, self.plan.report_episodes)
-                chosen = {**outcomes.summary(), "steps": best["steps"]}
+                outcome = self._evaluate(REPORT_SEED, self.plan.report_episodes)
+            chosen = {**outcome, "steps": best["steps"]}
         return self._write(finished=True, final=final, chosen=chosen)
 
     def _measure(self) -> None:
         """Add an evaluation to the curve, and save the weights if they are the best so far."""
         self._pause()
-        outcomes = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
-        summary = outcomes.summary()
+        summary = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
+        best = max((earlier["success_rate"] for earlier in self.curve), default=0.0)
         line = {
             "steps": self.steps,
             "wall_clock_s": round(self._seconds, 3),
@@ -177,11 +175,10 @@ class Recorder:
         }
         self.curve.append(line)
         # In a tie the later one, which has trained longer, generalizes better.
-        if self._weights is not None and line["success_rate"] >= self._best:
+        if self._weights is not None and line["success_rate"] >= best:
             from saver_advisors.training.checkpoint import save_policy
 
             save_policy(self.weights_path, self._weights)
-            self._best = line["success_rate"]
         self._write(finished=False)
         self.progress(line)
         self._since = time.perf_counter()
@@ -192,7 +189,8 @@ class Recorder:
             self._seconds += time.perf_counter() - self._since
             self._since = None
 
-    def _evaluate(self, seed: int, episodes: int) -> EpisodeOutcomes:
+    def _evaluate(self, seed: int, episodes: int) -> dict[str, Any]:
+        """Return the summary of an evaluation of the present policy."""
         assert self._predict is not None
         with _untouched_random():
             return evaluate_policy(
@@ -201,7 +199,7 @@ class Recorder:
                 episodes=episodes,
                 seed=seed,
                 env_kwargs=self.plan.env_kwargs,
-            )
+            ).summary()
 
     def _write(self, finished: bool, **ending: Any) -> dict[str, Any]:
         record = {

@@ -55,13 +55,11 @@ class Graph:
         _check(stages, external)
         self.stages = tuple(stages)
         self.health = health
-        topics = [*(stage.output for stage in stages), *external]
-        self.boxes = {topic: Mailbox() for topic in topics}
+        self._topics = (*(stage.output for stage in stages), *external)
         #: Wall-clock seconds of each call, by stage.
         self.seconds: dict[str, list[float]] = {stage.name: [] for stage in stages}
         self.observers: list[Observer] = []
         self._maker = {stage.output: stage.name for stage in stages}
-        self._inputs = Inputs(self.boxes)
         self.reset()
 
     def reset(self) -> None:
@@ -70,8 +68,8 @@ class Graph:
         self._numbers = count()
         self._waiting: list[tuple[float, int, str, Message]] = []
         self._schedules = {stage.name: _Schedule() for stage in self.stages}
-        for box in self.boxes.values():
-            box.clear()
+        self.boxes = {topic: Mailbox() for topic in self._topics}
+        self._inputs = Inputs(self.boxes)
         for stage in self.stages:
             stage.reset()
         self.health.reset()

@@ -43,11 +43,6 @@ class Mailbox:
         self.history.append(message)
         self.arrivals += 1
 
-    def clear(self) -> None:
-        """Remove all messages."""
-        self.history.clear()
-        self.arrivals = 0
-
     @property
     def latest(self) -> Message | None:
         """The newest message, None before the first."""

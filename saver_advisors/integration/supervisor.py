@@ -78,7 +78,6 @@ class ProcessLoop:
     ) -> None:
         self._computers_stages = _checked(settings, computers)
         elsewhere = [name for stages in self._computers_stages.values() for name in stages]
-        self.settings = settings
         self.loop: ControlLoop = build_loop(settings, bench, elsewhere=elsewhere)
         topics = self.loop.graph.boxes.keys() & KINDS.keys()
         self.hub = Hub(Wire(bench.geometry), topics, [OUTPUTS[name] for name in elsewhere])
@@ -146,7 +145,7 @@ class ProcessLoop:
         keys = self.hub.admit({OUTPUTS[stage]: stage for stage in stages})
         job = {
             "stages": stages,
-            "settings": self.settings.to_mapping(),
+            "settings": self.loop.settings.to_mapping(),
             "geometry": self.loop.bench.geometry.to_mapping(),
             "keys": keys,
             "parent": os.getpid(),
