@@ -123,7 +123,7 @@ def _work(args: argparse.Namespace, grid: Grid, places: Places) -> int:
     from saver_advisors.experiments.results import is_done
 
     with user_mistakes("argument GRID.yml"):
-        check_rows([run for run in grid.runs if not is_done(places.results, run)])
+        check_rows([run for run in grid.runs if not is_done(places.result(run), run)])
     if args.action == "run":
         _remember(args, args.grid, places.results)
     return execute(grid, places, _backend(args, places), args.time_limit)

@@ -24,7 +24,7 @@ def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[l
     """
     table = []
     for run in grid.runs:
-        state = state_of(run, places.folder(run), places.results)
+        state = state_of(run, places.folder(run), places.result(run))
         total = f"{run.config.total_steps:,}"
         table.append([run.name, _word(run.name, state, progress), *_figures(state, total)])
     return table

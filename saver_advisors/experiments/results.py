@@ -44,15 +44,6 @@ class RunState:
     curve: Sequence[Mapping[str, Any]]
 
 
-def result_path(results: Path, run: ExperimentRun) -> Path:
-    """Return the path of a run's result.
-
-    :param results: the folder of a grid's results
-    :param run: one of its runs
-    """
-    return results / f"{run.name}.json"
-
-
 def read_result(path: Path) -> dict[str, Any]:
     """Read one result.
 
@@ -72,14 +63,14 @@ def read_result(path: Path) -> dict[str, Any]:
     return values
 
 
-def is_done(results: Path, run: ExperimentRun) -> bool:
+def is_done(path: Path, run: ExperimentRun) -> bool:
     """Whether a run has a complete result of the requested configuration.
 
-    :param results: the folder of results
+    :param path: of its result
     :param run: of the grid
     """
     try:
-        values = read_result(result_path(results, run))
+        values = read_result(path)
         if isinstance(run.config, BenchmarkPlan):
             same = not changed_settings(run.config, values["config"])
         else:
@@ -102,14 +93,14 @@ def changed_settings(plan: BenchmarkPlan, config: Mapping[str, Any]) -> list[str
     return sorted(name for name in wanted if wanted[name] != config.get(name))
 
 
-def state_of(run: ExperimentRun, folder: Path, results: Path) -> RunState:
+def state_of(run: ExperimentRun, folder: Path, path: Path) -> RunState:
     """Determine the state of a run from its files.
 
     :param run: of the grid
     :param folder: the run's own
-    :param results: the folder of results
+    :param path: of its result
     """
-    path, done = result_path(results, run), is_done(results, run)
+    done = is_done(path, run)
     if done or (isinstance(run.config, BenchmarkPlan) and path.is_file()):
         curve = read_json(path)["curve"]
     else:

@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun, Grid
-from saver_advisors.experiments.results import is_done, result_path
+from saver_advisors.experiments.results import is_done
 from saver_advisors.training.stopping import Stop
 
 #: Seconds between two polls of the running processes.
@@ -35,7 +35,7 @@ class Places:
 
     def result(self, run: ExperimentRun) -> Path:
         """Return the path of a run's result."""
-        return result_path(self.results, run)
+        return self.results / f"{run.name}.json"
 
 
 RUNNING: Final = "running"
@@ -92,7 +92,7 @@ def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Loo
     """
     places.output.mkdir(parents=True, exist_ok=True)
     places.results.mkdir(parents=True, exist_ok=True)
-    waiting = [run for run in grid.runs if not is_done(places.results, run)]
+    waiting = [run for run in grid.runs if not is_done(places.result(run), run)]
     done = {run.name: ENDINGS[worker.DONE] for run in grid.runs if run not in waiting}
     progress = Progress(done)
     look(progress)

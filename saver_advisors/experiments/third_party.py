@@ -21,7 +21,6 @@ from typing import Any, Final, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
-from numpy.typing import NDArray
 
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.experiments.recorder import Recorder
@@ -31,8 +30,6 @@ IMPORTED: Final = "import:"
 
 NOISE: Final = "noise_std"
 """Keyword argument for the standard deviation of SB3's action noise, as in RL Zoo."""
-
-Observation = dict[str, NDArray[Any]]
 
 
 class BudgetSpent(Exception):

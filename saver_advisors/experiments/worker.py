@@ -48,7 +48,7 @@ def execute(run: ExperimentRun, folder: Path, result: Path, threads: int = 1) ->
 
     try:
         with locked(folder):
-            if is_done(result.parent, run):
+            if is_done(result, run):
                 return DONE
             if isinstance(run.config, BenchmarkPlan):
                 stepped = _steps_file(folder / STEPS_FILE)
@@ -138,8 +138,7 @@ def last_words(folder: Path) -> str:
         text = (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-    lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].strip() if lines else ""
+    return "".join(text.strip().splitlines()[-1:]).strip()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

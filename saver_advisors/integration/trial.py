@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saver_advisors.integration.assembly import ControlLoop
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.health import STOPPED, Event
-from saver_advisors.integration.messages import Message, ServoCommand
+from saver_advisors.integration.messages import ServoCommand
 from saver_advisors.integration.tracking import SIDES
 from saver_advisors.integration.wrist_bench import WristBench, wrist_bench
 from saver_envs.episodes import ACTION_DURATION
@@ -133,26 +133,17 @@ def run_trial(
     bench = wrist_bench(loop.bench)
     advance = advance or (lambda end: loop.graph.run_until(end, bench.advance_to))
     samples: list[dict[str, Any]] = []
-    held = False
-
-    def watch(topic: str, message: Message, now: float) -> None:
-        nonlocal held
-        if isinstance(message, ServoCommand):
-            held = message.holding
-
     loop.reset(seed)
     loop.stop.release()
-    loop.graph.observers.append(watch)
-    try:
-        for action in range(actions + 1):
-            now = action * ACTION_DURATION
-            if action:
-                advance(now)
-            samples.append({**_sample(bench), "holding": held})
-            if look is not None:
-                look(now)
-    finally:
-        loop.graph.observers.remove(watch)
+    for action in range(actions + 1):
+        now = action * ACTION_DURATION
+        if action:
+            advance(now)
+        command = loop.graph.boxes["servo"].latest
+        held = isinstance(command, ServoCommand) and command.holding
+        samples.append({**_sample(bench), "holding": held})
+        if look is not None:
+            look(now)
     columns: dict[str, Any] = {
         name: np.array([one[name] for one in samples]) for name in samples[0]
     }

@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor, names_code
-from saver_advisors.evaluation.episodes import evaluate_policy
+from saver_advisors.evaluation.episodes import Observation, evaluate_policy
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
@@ -46,8 +46,6 @@ from saver_advisors.training.stopping import Stop
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
 #: Entries of an evaluation that only tasks with a constraint have.
 RATES = ("goal_success_rate", "constraint_met_rate")
-
-Observation = dict[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
