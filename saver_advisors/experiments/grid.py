@@ -143,7 +143,8 @@ def _grid(content: Mapping[str, Any]) -> Grid:
             place = f"{group_name}.{row_name}"
             row = _mapping({} if row is None else row, place, ROW_KEYS)
             for rank, seed in enumerate(_seeds(row.get("seeds", group.get("seeds", [0])), place)):
-                name = _slug(f"{group_name}-{row_name}-seed{seed}")
+                label = f"{group_name}-{row_name}-seed{seed}".lower()
+                name = re.sub(r"[^a-z0-9.]+", "-", label).strip("-")  # valid on every file system
                 config: RunConfig | BenchmarkPlan
                 with naming(place):
                     if "algorithm" in row:
@@ -290,8 +291,3 @@ def _mapping(content: Any, place: str, keys: Sequence[str] | None = None) -> dic
     if surplus:
         raise ValueError(f"{place}: unknown {surplus}; must be among {', '.join(keys or ())}")
     return {str(key): value for key, value in content.items()}
-
-
-def _slug(text: str) -> str:
-    """Return a name that is valid on every file system."""
-    return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")

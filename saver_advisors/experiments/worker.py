@@ -52,7 +52,8 @@ def execute(run: ExperimentRun, folder: Path, result: Path, threads: int = 1) ->
                 return DONE
             if isinstance(run.config, BenchmarkPlan):
                 stepped = _steps_file(folder / STEPS_FILE)
-                return _execute_third_party(run.config, result.parent, threads, stepped)
+                _train_third_party(Recorder(run.config, result.parent, stepped=stepped), threads)
+                return DONE
             outcome = train(run.config, folder, resume=True, progress=False, threads=threads)
             if outcome.success_rate is not None:
                 write_result(run, folder, result, threads)
@@ -61,14 +62,10 @@ def execute(run: ExperimentRun, folder: Path, result: Path, threads: int = 1) ->
         return BUSY
 
 
-def _execute_third_party(
-    plan: BenchmarkPlan, results: Path, threads: int, stepped: Callable[[int], None]
-) -> int:
+def _train_third_party(recorder: Recorder, threads: int) -> None:
     """Run a third-party algorithm from its first step; a stop loses it until its steps are done."""
     from saver_advisors.experiments.third_party import load_class, train
     from saver_advisors.training.threads import threads_of_algebra
-
-    recorder = Recorder(plan, results, stepped=stepped)
 
     def stop(number: int, frame: object) -> None:
         if not recorder.spent:
@@ -77,10 +74,9 @@ def _execute_third_party(
     before = signal.signal(signal.SIGTERM, stop)
     try:
         with threads_of_algebra(threads):
-            train(load_class(plan.algorithm), recorder)
+            train(load_class(recorder.plan.algorithm), recorder)
     finally:
         signal.signal(signal.SIGTERM, before)
-    return DONE
 
 
 def _steps_file(path: Path) -> Callable[[int], None]:

@@ -87,7 +87,9 @@ class Graph:
         while (moment := self._next_moment()) < end - _TOLERANCE:
             self.now = max(self.now, moment)
             advance_to(self.now)
-            self._deliver()
+            while self._waiting and self._waiting[0][0] <= self.now + _TOLERANCE:
+                _, _, topic, message = heapq.heappop(self._waiting)
+                self._show(topic, message)
             for stage in self.stages:
                 if self._ready(stage) <= self.now + _TOLERANCE:
                     self._run(stage)
@@ -104,11 +106,6 @@ class Graph:
         if stage.inputs and self.boxes[stage.inputs[0]].arrivals == schedule.seen:
             return math.inf
         return max(schedule.due, schedule.busy_until, schedule.down_until)
-
-    def _deliver(self) -> None:
-        while self._waiting and self._waiting[0][0] <= self.now + _TOLERANCE:
-            _, _, topic, message = heapq.heappop(self._waiting)
-            self._show(topic, message)
 
     def _show(self, topic: str, message: Message) -> None:
         self.boxes[topic].put(message)

@@ -12,7 +12,6 @@ from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats
 from saver_envs.control import LEAD_LIMIT, bounded
 from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
-from saver_envs.robots.description import Robot
 from saver_envs.validation import require
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
@@ -65,14 +64,6 @@ class SafetyLimits:
         """The longest displacement of a set-point in one action, metres."""
         return self.max_speed * ACTION_DURATION
 
-    def joint_travel(self, robot: Robot) -> Floats:
-        """Return what each joint may turn in one action at most, (dof,) radians.
-
-        Joints may exceed their rated speed by the same factor as the tool.
-        """
-        factor = JOINT_EXCESS * self.max_speed / RATED_SPEED
-        return np.asarray(robot.joint_speed_limits) * ACTION_DURATION * factor
-
     def freedom(self, hand_force: Floats, torso_force: float) -> Floats:
         """Return the factor by which forces scale the set-point lead limit.
 
@@ -117,7 +108,10 @@ class TargetLimits:
 
     def __init__(self, geometry: BenchGeometry, limits: SafetyLimits) -> None:
         self._geometry, self._limits = geometry, limits
-        self._travel = limits.joint_travel(geometry.robot)
+        # Joints may exceed their rated speed by the same factor as the tool.
+        factor = JOINT_EXCESS * limits.max_speed / RATED_SPEED
+        #: What each joint may turn in one action at most, (dof,) radians.
+        self._travel = np.asarray(geometry.robot.joint_speed_limits) * ACTION_DURATION * factor
         self._shape = len(geometry.base_position), len(self._travel)
 
     def broken(self, targets: Floats, arms: ArmReading, hips: Floats | None) -> str:

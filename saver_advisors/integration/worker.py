@@ -111,15 +111,14 @@ class Worker:
         self._outputs.send(ALIVE + json.dumps(sign).encode())
 
 
-def main() -> int:
+def main() -> None:
     """Read the job from standard input and run it."""
     from saver_advisors.training.threads import one_thread_of_algebra
 
     job = json.load(sys.stdin)
     with one_thread_of_algebra():
         Worker(job).run()
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

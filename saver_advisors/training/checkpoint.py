@@ -99,10 +99,8 @@ def find_checkpoint(folder: Path) -> Path | None:
     :return: that folder, or the older one if the process ended while it was being replaced; None if
         there is neither.
     """
-    for candidate in (folder, folder.with_name(f".{folder.name}.previous")):
-        if (candidate / STATE_FILE).exists():
-            return candidate
-    return None
+    candidates = (folder, folder.with_name(f".{folder.name}.previous"))
+    return next((one for one in candidates if (one / STATE_FILE).exists()), None)
 
 
 def load_checkpoint(folder: Path, model: GoalLearnerMixin) -> dict[str, Any]:

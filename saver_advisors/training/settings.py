@@ -239,10 +239,7 @@ class RunConfig:
         if isinstance(values.get("advice"), Mapping):
             values["advice"] = _build(AdviceConfig, values["advice"])
         if isinstance(values.get("stages"), (list, tuple)):
-            values["stages"] = [
-                one if isinstance(one, StageConfig) else _build(StageConfig, one)
-                for one in values["stages"]
-            ]
+            values["stages"] = [_build(StageConfig, one) for one in values["stages"]]
         return _build(cls, values)
 
     def learning_rate_at(self, steps: int) -> float:
