@@ -104,11 +104,6 @@ class TimeToLevel:
     observed_steps: float
     observed_s: float | None
 
-    @property
-    def censored(self) -> bool:
-        """Whether the run ended before the level was seen."""
-        return self.steps is None
-
 
 def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
     """Find the first evaluation with a success rate.

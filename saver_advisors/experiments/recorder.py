@@ -90,7 +90,7 @@ class Recorder:
     stepped: Callable[[int], None] = lambda steps: None
     steps: int = field(default=0, init=False)
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
-    _predict: Predict | None = field(default=None, init=False)
+    _predict: Predict = field(init=False)
     _weights: Any = field(default=None, init=False)
     _seconds: float = field(default=0.0, init=False)
     _since: float | None = field(default=None, init=False)
@@ -191,7 +191,6 @@ class Recorder:
 
     def _evaluate(self, seed: int, episodes: int) -> dict[str, Any]:
         """Return the summary of an evaluation of the present policy."""
-        assert self._predict is not None
         with _untouched_random():
             return evaluate_policy(
                 self._predict,

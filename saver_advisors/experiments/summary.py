@@ -164,7 +164,7 @@ class MethodRow:
     @property
     def unsolved_seeds(self) -> list[int]:
         """Seeds that never reached a success rate of 0.9."""
-        return [run.seed for run in self.runs if run.metrics.solved.censored]
+        return [run.seed for run in self.runs if run.metrics.solved.steps is None]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""

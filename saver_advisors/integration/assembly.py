@@ -99,17 +99,13 @@ class LoopSettings:
         require("trained_on", self.trained_on, known_robot, f"one of {', '.join(ROBOTS)}")
         require("silent_periods", self.silent_periods, 1 < self.silent_periods < np.inf, "above 1")
 
-    def latency(self, stage: str) -> Latency:
-        """Return the latency of a stage: seconds, or ``"measured"``."""
-        return self.latencies.get(stage, 0.0)
-
     def measured(self) -> LoopSettings:
         """Return a copy in which the latency of each stage is the duration of its call.
 
         The camera keeps its latency: the simulated one is slow because it renders.
         """
         slow = dict.fromkeys((*SEEING[1:], *ACTING), MEASURED)
-        return replace(self, latencies={**slow, "camera": self.latency("camera")})
+        return replace(self, latencies={**slow, "camera": self.latencies.get("camera", 0.0)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
@@ -137,7 +133,7 @@ class LoopSettings:
             if name not in SEEING:
                 allowed[name] = self.silent_periods / control.POLICY_RATE
                 continue
-            latency = self.latency(name)
+            latency = self.latencies.get(name, 0.0)
             if name != "camera" and not isinstance(latency, str):
                 slowest = max(slowest, latency)
             allowed[name] = slowest * self.silent_periods
@@ -213,7 +209,7 @@ def _bench_stage(
     name: str, settings: LoopSettings, bench: RobotBench, health: Health, stop: EmergencyStop
 ) -> LoopStage:
     """Build any stage, with the bench for those that need it."""
-    sensor = partial(SensorStage, name, latency=settings.latency(name))
+    sensor = partial(SensorStage, name, latency=settings.latencies.get(name, 0.0))
     camera_rate = bench.geometry.camera.rate
     builders: dict[str, Callable[[], LoopStage]] = {
         "encoders": lambda: sensor("arms", rate=control.ENCODER_RATE, measure=bench.reading),
@@ -254,7 +250,7 @@ def build_stage(
     if name not in builders:
         raise ValueError(f"stage {name!r} is unknown; there are {', '.join(builders)}")
     stage = builders[name]()
-    stage.latency = settings.latency(name)
+    stage.latency = settings.latencies.get(name, 0.0)
     return stage
 
 

@@ -43,20 +43,15 @@ def install_blazepose(cache: Path) -> tuple[Path, Path]:
         with tempfile.TemporaryDirectory() as folder:
             command = [npm, "pack", "--silent", "--pack-destination", folder, PACKAGE]
             run_quietly(command, f"{PACKAGE} cannot be fetched")
-            _unpack(next(Path(folder).glob("*.tgz")), models)
+            models.mkdir(parents=True, exist_ok=True)
+            with tarfile.open(next(Path(folder).glob("*.tgz"))) as archive:
+                for member in archive.getmembers():
+                    # The only packed asset is the detector.
+                    name = DETECTOR if member.name.endswith("assets.data") else member.name
+                    file = archive.extractfile(member)
+                    if name.endswith(".tflite") and file is not None:
+                        (models / Path(name).name).write_bytes(file.read())
     return python, models
-
-
-def _unpack(archive: Path, models: Path) -> None:
-    models.mkdir(parents=True, exist_ok=True)
-    with tarfile.open(archive) as content:
-        for member in content.getmembers():
-            name = Path(member.name).name
-            # The only packed asset is the detector.
-            name = DETECTOR if name == "pose_solution_packed_assets.data" else name
-            file = content.extractfile(member)
-            if name.endswith(".tflite") and file is not None:
-                (models / name).write_bytes(file.read())
 
 
 class BlazePose(PeerProcess):
