@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from saver_advisors.cli.arguments import add_json, add_table, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.figures import Drawn, link
-from saver_advisors.reporting.provenance import machine_in_words
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.plots import Panel
@@ -191,20 +190,3 @@ def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
     :return: one part of the page per figure.
     """
     return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]
-
-
-def measured_at(figures: Mapping[str, Any]) -> str:
-    """Say when, at which commit, how and on which machine figures were measured.
-
-    :param figures: content of a result file.
-    :return: a sentence; empty without provenance.
-    """
-    origin = figures.get("provenance")
-    if not origin:
-        return ""
-    versions = origin["versions"]
-    return (
-        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
-        f"{machine_in_words(origin['machine'])}, MuJoCo {versions['mujoco']}, PyTorch "
-        f"{versions['torch']}, Stable-Baselines3 {versions['sb3']}."
-    )

@@ -37,6 +37,15 @@ def written_whole(path: str | Path) -> Iterator[BinaryIO]:
         partial.unlink(missing_ok=True)
 
 
+def cache_folder(name: str) -> Path:
+    """Return a folder of this project in the user's cache folder; it may not exist yet.
+
+    :param name: of the folder.
+    """
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / name
+
+
 def read_json(path: str | Path) -> Any:
     """Read a JSON file.
 

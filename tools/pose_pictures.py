@@ -21,10 +21,10 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from saver_advisors.benchmark.peers.suites import default_cache
 from saver_advisors.benchmark.pose.accuracy import test_set
 from saver_advisors.benchmark.pose.blazepose import BlazePose
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, RgbdCamera
+from saver_envs.files import cache_folder
 from saver_envs.people.manikin import add_manikin
 from saver_envs.people.stretcher import add_stretcher
 from saver_envs.perception.drawing import draw_poses
@@ -42,8 +42,8 @@ def main() -> None:
     """Write the pictures and the video."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0] if __doc__ else None)
     parser.add_argument("--weights", type=Path, default=SHIPPED)
-    parser.add_argument("--peer-cache", type=Path, default=default_cache())
-    parser.add_argument("--cache", type=Path, default=default_cache().parent / "pose")
+    parser.add_argument("--peer-cache", type=Path, default=cache_folder("peers"))
+    parser.add_argument("--cache", type=Path, default=cache_folder("pose"))
     args = parser.parse_args()
     OUTPUT.mkdir(parents=True, exist_ok=True)
     estimator = PoseEstimator.from_file(args.weights)

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render, measured_at
+from reproduction.command_parts import add_choices, measure_and_render
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import add_peer_cache, environment
 from saver_advisors.cli.arguments import add_page
-from saver_advisors.reporting.provenance import REPOSITORY
+from saver_advisors.reporting.provenance import REPOSITORY, measured_at
 
 EXAMPLES: Final = """\
 examples:

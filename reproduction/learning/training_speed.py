@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render, measured_at
+from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.learning.training_loops import (
     AS_CONFIGURED,
     UPDATE,
@@ -29,7 +29,7 @@ from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
 from saver_advisors.cli.arguments import add_count, add_page, env_id
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.provenance import load_averages
+from saver_advisors.reporting.provenance import load_averages, measured_at
 from saver_advisors.reporting.tables import join_parts, markdown, rows_table
 
 EXAMPLES: Final = """\

@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import measure_and_render, measured_at
+from reproduction.command_parts import measure_and_render
 from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
 from saver_advisors.cli.arguments import add_count, add_page
@@ -23,6 +23,7 @@ from saver_advisors.cli.policies import resolve
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
+from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table
 
 EXAMPLES: Final = """\

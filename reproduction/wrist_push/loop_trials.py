@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
 from functools import cache
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, Final
@@ -69,7 +68,7 @@ def work(job: Job) -> dict[str, Any]:
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if fault is None:
         return _play(build_loop(settings, bench), seeds)
-    return {"injections": [asdict(inject(settings, bench, fault, one)) for one in seeds]}
+    return {"injections": [inject(settings, bench, fault, one) for one in seeds]}
 
 
 def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
-from saver_advisors.evaluation.metrics import EPOCH_STEPS, area_under_curve
+from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.evaluation.statistics import Estimate, probability_of_improvement, ratio
 from saver_advisors.experiments.summary import MINUTE, Censored, MethodRow
 from saver_advisors.experiments.training_runs import Skipped, TrainingRun
@@ -117,13 +117,8 @@ def likely_better(row: MethodRow, reference: MethodRow) -> str:
     :param reference: of the same task
     :return: with its interval; a dash if either has a single run
     """
-    found = probability_of_improvement(areas(row), areas(reference))
+    found = probability_of_improvement(row.areas, reference.areas)
     return NOTHING if found.interval is None else found.text()
-
-
-def areas(row: MethodRow) -> list[float]:
-    """Return each seed's mean success over the common steps of the task."""
-    return [area_under_curve(run.curve, row.budget) for run in row.runs]
 
 
 def speed_up(row: Censored | None, reference: Censored | None) -> str:

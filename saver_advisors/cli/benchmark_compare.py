@@ -189,7 +189,7 @@ def figures(tasks: Tasks) -> dict[str, Any]:
 
     :param tasks: from :func:`compared`
     """
-    from saver_advisors.benchmark.run_tables import areas, flat
+    from saver_advisors.benchmark.run_tables import flat
     from saver_advisors.evaluation.statistics import probability_of_improvement
 
     rows = [row for own, others in tasks.values() for row in (*own, *others)]
@@ -203,7 +203,7 @@ def figures(tasks: Tasks) -> dict[str, Any]:
                 "task": task,
                 "row": row.name,
                 "baseline": other.name,
-                **probability_of_improvement(areas(row), areas(other)).to_mapping(),
+                **probability_of_improvement(row.areas, other.areas).to_mapping(),
             }
             for task, (own, others) in tasks.items()
             for row in own

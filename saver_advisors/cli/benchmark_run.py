@@ -161,7 +161,7 @@ def _run_seeds(args: argparse.Namespace, plans: Sequence[BenchmarkPlan]) -> int:
     backend = LocalProcesses(places, args.processes)
     status = execute(Grid(plans[0].row, tuple(runs)), places, backend)
     for run in runs:
-        if is_done(places.results, run):
+        if is_done(places.result(run), run):
             _report(read_result(places.result(run)))
     return status
 

@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     status = 0
     if args.action != "status":
         with user_mistakes("argument GRID.yml"):
-            check_rows([run for run in grid.runs if not is_done(places.results, run)])
+            check_rows([run for run in grid.runs if not is_done(places.result(run), run)])
         if args.action == "run":
             _remember(args, places.results)
         status = execute(grid, places, _backend(args, places), args.time_limit)
@@ -124,7 +124,8 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
         Ctrl-C
     """
     from saver_advisors.experiments.progress import ProgressTable
-    from saver_advisors.experiments.scheduler import Stop, work_off
+    from saver_advisors.experiments.scheduler import work_off
+    from saver_advisors.training.stopping import Stop
 
     stop = Stop(time_limit)
     with stop.on_signals(), ProgressTable(grid, places) as shown:
@@ -135,7 +136,7 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
             print(f"saver: {name} failed: {words} (see {log})", file=sys.stderr)
         return 1
     # A requested time limit is a normal end; Ctrl-C is not.
-    done = len(progress.done) == len(grid.runs)
+    done = list(progress.words.values()).count("done") == len(grid.runs)
     return 0 if done or time_limit is not None else 130
 
 

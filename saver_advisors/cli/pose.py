@@ -50,10 +50,10 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--cache``, the folder of rendered pictures."""
-    from saver_advisors.benchmark.peers.suites import default_cache
+    from saver_envs.files import cache_folder
 
     text = "folder of rendered pictures (default: %(default)s)"
-    add_path(parser, "--cache", text, metavar="DIR", default=default_cache().parent / "pose")
+    add_path(parser, "--cache", text, metavar="DIR", default=cache_folder("pose"))
 
 
 def run(args: argparse.Namespace) -> int:

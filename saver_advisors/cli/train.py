@@ -161,7 +161,7 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
     with contextlib.ExitStack() as stack:
         stack.callback(logs.close)
         with user_mistakes():
-            run = stack.enter_context(open_run(config, args.output, threads=args.threads))
+            run = stack.enter_context(open_run(config, args.output, args.threads))
         callback = _watch(args.time_limit, lambda: logs.update(run.curve))
         try:
             # The settings fit. What fails now is the folder, such as a damaged checkpoint.

@@ -7,6 +7,7 @@ therefore see the same initial states, and each episode can be reproduced alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]
 """From a batched Dict observation (n, size) to actions (n, action_size)."""
+Stepped = tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]
+"""Observation, rewards, dones and infos, as SB3's vector envs return them."""
 
 GOALS: Final = ("achieved_goal", "desired_goal")
-DEFAULT_N_ENVS: Final = 16
+N_ENVS: Final = 16
+"""Most environments that are stepped together; their number has no effect on the outcomes."""
 CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
 """Entries of a summary that only tasks with a constraint have."""
 
@@ -39,12 +43,8 @@ class EpisodeVecEnv(Protocol):
     def reset_episodes(self, seeds: Sequence[int]) -> Observation:
         """Start an episode in every environment k from ``seeds[k]``."""
 
-    def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
-        """Return observation, rewards, dones and infos; an info of an episode that ended has
-        ``terminal_observation``.
-        """
+    def step(self, actions: NDArray[Any]) -> Stepped:
+        """Step; an info of an episode that ended has ``terminal_observation``."""
 
 
 class SingleEpisodeEnv:
@@ -64,9 +64,7 @@ class SingleEpisodeEnv:
         """Start the episode of ``seeds[0]``."""
         return self._batch(self.env.reset(seed=seeds[0])[0])
 
-    def step(
-        self, actions: NDArray[Any]
-    ) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+    def step(self, actions: NDArray[Any]) -> Stepped:
         """Step the env; see :class:`EpisodeVecEnv`."""
         observation, reward, terminated, truncated, info = self.env.step(actions[0])
         done = terminated or truncated
@@ -214,7 +212,6 @@ def evaluate_policy(
     episodes: int = 100,
     seed: int = 0,
     env_kwargs: Mapping[str, Any] | None = None,
-    n_envs: int | None = None,
     threads: int = 1,
     progress: bool = False,
 ) -> EpisodeOutcomes:
@@ -225,37 +222,27 @@ def evaluate_policy(
     :param episodes: number of episodes
     :param seed: of episode 0; episode i starts from ``seed + i``
     :param env_kwargs: keyword arguments of the environment
-    :param n_envs: parallel environments, by default at most 16; has no effect on the outcomes
     :param threads: native threads of the simulation; has no effect on the outcomes
     :param progress: show a progress bar
     :return: the outcomes
-    :raises ValueError: for fewer than 1 episode, environment or thread
+    :raises ValueError: for fewer than 1 episode or thread
     """
-    _check_counts(episodes=episodes, n_envs=n_envs)
+    if episodes < 1:
+        raise ValueError(f"episodes={episodes} must be at least 1")
     # Imported here: only this function needs a simulator.
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
-    n_envs = min(episodes, DEFAULT_N_ENVS if n_envs is None else n_envs)
+    n_envs = min(episodes, N_ENVS)
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
-    try:
-        return run_episodes(
-            predict,
-            vec_env,
-            vec_env.episodes.task,
-            env_id=env_id,
-            episodes=episodes,
-            seed=seed,
-            progress=progress,
-        )
-    finally:
-        vec_env.close()
+    with closing(vec_env):
+        task = vec_env.episodes.task
+        return run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
 
 
 def run_episodes(
     predict: Predict,
     vec_env: EpisodeVecEnv,
     task: Task,
-    *,
     env_id: str,
     episodes: int,
     seed: int = 0,
@@ -267,90 +254,77 @@ def run_episodes(
     :param vec_env: the environments
     :param task: of the environments
     :param env_id: name of the environment in the outcomes
-    :param episodes: number of episodes
+    :param episodes: number of episodes, at least 1
     :param seed: of episode 0
     :param progress: show a progress bar
     :return: the outcomes
-    :raises ValueError: for fewer than 1 episode
     """
     from tqdm import tqdm
 
-    _check_counts(episodes=episodes)
     records: list[_EpisodeRecord] = []
     with tqdm(total=episodes, unit="episode", disable=not progress) as bar:
         while len(records) < episodes:
             first = seed + len(records)
-            batch = [_EpisodeRecord(task) for _ in range(vec_env.num_envs)]
+            batch = [_EpisodeRecord() for _ in range(vec_env.num_envs)]
             for step in play(predict, vec_env, range(first, first + vec_env.num_envs)):
                 if step.number > 0:
                     for index in np.flatnonzero(step.running):
-                        batch[index].add(step, int(index))
+                        batch[index].add(task, step, int(index))
             # The last batch may contain surplus episodes.
             batch = batch[: episodes - len(records)]
             records += batch
             bar.update(len(batch))
-    return _outcomes(records, env_id, seed)
+    return EpisodeOutcomes(env_id=env_id, seed=seed, **joined(list(map(vars, records))))
 
 
 @dataclass
 class _EpisodeRecord:
-    """Sums over one episode."""
+    """Entries of :class:`EpisodeOutcomes` for one episode."""
 
-    task: Task
-    total: float = 0.0
-    length: int = 0
+    success: bool = False
+    returns: float = 0.0
     cost_sums: dict[str, float] = field(default_factory=dict)
     cost_maxima: dict[str, float] = field(default_factory=dict)
-    diverged: bool = False
-    deviation_sum: float = 0.0
-    deviation_largest: float = 0.0
-    final_info: Mapping[str, Any] = field(default_factory=dict)
     final_distances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    lengths: int = 0
+    diverged: bool = False
+    goal_reached: bool | None = None
+    #: The sum instead of the mean until the episode ends, and the maximum.
+    deviations: tuple[float, float] | None = None
 
-    def add(self, step: EpisodeStep, index: int) -> None:
+    def add(self, task: Task, step: EpisodeStep, index: int) -> None:
         """Add the step of environment ``index``."""
         info, done = step.infos[index], bool(step.dones[index])
         # After an autoreset the batch holds the next episode's observation.
         goals = info.get("terminal_observation") if done else None
         achieved, desired = (goals[key] if goals else step.observation[key][index] for key in GOALS)
-        if self.task.constraint is not None:
-            deviation = float(self.task.deviation(achieved, desired))
-            self.deviation_sum += deviation
-            self.deviation_largest = max(self.deviation_largest, deviation)
-        self.total += float(step.rewards[index])
-        self.length += 1
+        self.returns += float(step.rewards[index])
+        self.lengths += 1
         self.diverged |= bool(info.get("diverged", False))
         for name, value in info.items():
             if name == "cost" or name.startswith("cost_"):
                 self.cost_sums[name] = self.cost_sums.get(name, 0.0) + float(value)
                 self.cost_maxima[name] = max(self.cost_maxima.get(name, -np.inf), float(value))
+        if task.constraint is not None:
+            deviation = float(task.deviation(achieved, desired))
+            total, largest = self.deviations or (0.0, 0.0)
+            total, largest = total + deviation, max(largest, deviation)
+            self.deviations = (total / self.lengths if done else total), largest
         if done:
-            self.final_info = info
+            self.success = bool(info["is_success"])
+            reached = info.get("goal_reached", info.get("goal_success"))
+            self.goal_reached = None if reached is None else bool(reached)
             ends = (np.asarray(goal, np.float64) for goal in (achieved, desired))
-            self.final_distances = np.asarray(self.task.distances(*ends), np.float64)
+            self.final_distances = np.asarray(task.distances(*ends), np.float64)
 
 
-def _outcomes(records: list[_EpisodeRecord], env_id: str, seed: int) -> EpisodeOutcomes:
-    infos = [record.final_info for record in records]
-    names = records[0].cost_sums
-    reached = next((key for key in ("goal_reached", "goal_success") if key in infos[0]), None)
-    deviations = [(one.deviation_sum / one.length, one.deviation_largest) for one in records]
-    return EpisodeOutcomes(
-        env_id=env_id,
-        seed=seed,
-        success=np.array([bool(info["is_success"]) for info in infos]),
-        returns=np.array([one.total for one in records]),
-        cost_sums={name: np.array([one.cost_sums[name] for one in records]) for name in names},
-        cost_maxima={name: np.array([one.cost_maxima[name] for one in records]) for name in names},
-        final_distances=np.stack([one.final_distances for one in records]),
-        lengths=np.array([one.length for one in records]),
-        diverged=np.array([one.diverged for one in records]),
-        deviations=np.array(deviations) if records[0].task.constraint is not None else None,
-        goal_reached=None if reached is None else np.array([bool(info[reached]) for info in infos]),
-    )
+def joined(parts: Sequence[Any], join: Callable[[Sequence[Any]], Any] = np.array) -> Any:
+    """Join the entries of several outcomes.
 
-
-def _check_counts(**counts: int | None) -> None:
-    for name, value in counts.items():
-        if value is not None and value < 1:
-            raise ValueError(f"{name}={value} must be at least 1")
+    :param parts: of one entry: numbers or arrays, mappings of them, or None
+    :param join: of numbers or arrays
+    :return: the same with joined entries
+    """
+    if isinstance(parts[0], Mapping):
+        return {name: joined([part[name] for part in parts], join) for name in parts[0]}
+    return None if parts[0] is None else join(parts)

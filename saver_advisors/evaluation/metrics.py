@@ -78,29 +78,15 @@ class LearningCurve:
         :return: the curve; without wall-clock time unless every evaluation has it
         :raises ValueError: as the class, and for a point without steps or success rate
         """
-        columns: dict[str, list[Any]] = {}
-        for name in ("steps", "success_rate", "wall_clock_s"):
-            columns[name] = [point.get(name) for point in points]
+        columns: dict[str, list[Any]] = {
+            name: [point.get(name) for point in points]
+            for name in ("steps", "success_rate", "wall_clock_s")
+        }
         for name in ("steps", "success_rate"):
             if None in columns[name]:
                 raise ValueError(f"evaluation {columns[name].index(None)} has no {name}")
-        seconds = columns["wall_clock_s"]
-        return cls(
-            np.asarray(columns["steps"], np.float64),
-            np.asarray(columns["success_rate"], np.float64),
-            None if None in seconds else np.asarray(seconds, np.float64),
-        )
-
-    def after(self, steps: float) -> LearningCurve:
-        """Count steps that were spent before the run as well.
-
-        :param steps: of a teacher's training or of demonstrations, 0 or more
-        :return: the shifted curve, with the wall-clock time of the run alone
-        :raises ValueError: for fewer than 0 steps, or NaN
-        """
-        if not 0 <= steps < np.inf:
-            raise ValueError(f"steps={steps} must be a number of 0 or more")
-        return replace(self, steps=self.steps + steps)
+        known = (column for column in columns.values() if None not in column)
+        return cls(*(np.asarray(column, np.float64) for column in known))
 
 
 @dataclass(frozen=True)
@@ -117,11 +103,6 @@ class TimeToLevel:
     wall_clock_s: float | None
     observed_steps: float
     observed_s: float | None
-
-    @property
-    def censored(self) -> bool:
-        """Whether the run ended before the level was seen."""
-        return self.steps is None
 
 
 def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
@@ -196,10 +177,10 @@ def learning_metrics(curve: LearningCurve, *, spent_before: float = 0.0) -> Lear
     """Compute the metrics of a curve.
 
     :param curve: of a run
-    :param spent_before: steps before the run that count as well, such as a teacher's
+    :param spent_before: steps before the run that count as well, such as a teacher's, 0 or more
     :return: the metrics
     """
-    counted = curve.after(spent_before)
+    counted = replace(curve, steps=curve.steps + spent_before)
     best = float(curve.success.max())
     inspired, risen = (_epochs_at(counted, share * best) for share in (INSPIRED, RISEN))
     gaps = np.diff(curve.steps, prepend=0.0)

@@ -30,7 +30,6 @@ class ProtocolVecEnv(VecEnvWrapper):
         super().__init__(venv)
         self._run_seed = seed
         self._selection = selection
-        self._drawn = 0
         self.seed(seed)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:

@@ -2,9 +2,7 @@
 
 The estimators are those of Agarwal et al., Deep Reinforcement Learning at the Edge of the
 Statistical Precipice (arXiv 2108.13264): the interquartile mean, the probability of improvement,
-and percentile intervals from a bootstrap that draws seeds within each stratum. A stratum is a task:
-seeds are never exchanged between tasks. Episodes of one seed are averaged, since one policy played
-them all: the bootstrap draws seeds, not episodes.
+and percentile intervals from a bootstrap over the seeds of one task.
 
 A single seed has no interval: its estimate has a value and n = 1. The interval of two seeds extends
 from one to the other.
@@ -12,7 +10,7 @@ from one to the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -28,8 +26,6 @@ BOOTSTRAP_SEED: Final = 0
 QUARTER: Final = 0.25
 
 Floats = NDArray[np.float64]
-Statistic = Callable[[Sequence[Floats]], Floats]
-"""From one array (..., seeds) per stratum to a statistic (...)."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +33,8 @@ class Estimate:
     """A statistic over seeds.
 
     :param value: the statistic
-    :param interval: its 95% interval; None unless a stratum has two seeds
-    :param n: total number of seeds; of two compared groups, that of the smaller one
+    :param interval: its 95% interval; None for a single seed
+    :param n: number of seeds; of two compared groups, that of the smaller one
     """
 
     value: float
@@ -80,33 +76,32 @@ def success_interval(successes: int, episodes: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def estimate(*strata: ArrayLike, resamples: int = RESAMPLES) -> Estimate:
-    """Compute the interquartile mean over seeds with its stratified bootstrap interval.
+def estimate(values: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
+    """Compute the interquartile mean over seeds with its bootstrap interval.
 
     A quarter of the seeds, rounded down, is left out at each end: none of three or fewer.
 
-    :param strata: one array per task: (seeds,), or (seeds, episodes) whose episodes are averaged
+    :param values: (seeds,)
     :param resamples: of the bootstrap
     :return: the estimate
-    :raises ValueError: for no stratum, an empty one, or values that are not finite
+    :raises ValueError: for no seed, or values that are not finite
     """
-    samples = _seeds("strata", strata)
-    return _estimate(samples, _pooled_iqm, sum(map(len, samples)), resamples)
+    return _estimate(_iqm, resamples, values=values)
 
 
-def difference(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+def difference(x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
     """Compute the difference between two groups.
 
-    :param x: seeds of one group: one array, or a list of arrays, one per task
-    :param y: those of the other group, for the same tasks
+    :param x: seeds of one group
+    :param y: those of the other group, for the same task
     :param resamples: of the bootstrap
-    :return: IQM(x) - IQM(y)
-    :raises ValueError: as ``estimate``, or for different numbers of tasks
+    :return: IQM(x) - IQM(y), without an interval if a group has a single seed
+    :raises ValueError: as ``estimate``
     """
-    return _compare(x, y, lambda a, b: _pooled_iqm(a) - _pooled_iqm(b), resamples)
+    return _estimate(lambda a, b: _iqm(a) - _iqm(b), resamples, x=x, y=y)
 
 
-def ratio(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+def ratio(x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
     """Compute the ratio of two groups.
 
     :param x: seeds of one group, as for ``difference``
@@ -115,73 +110,45 @@ def ratio(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
     :return: IQM(x) / IQM(y)
     :raises ValueError: as ``difference``, or for a value of y that is not above 0
     """
-    if any((sample <= 0).any() for sample in _seeds("y", _listed(y))):
+    if (np.asarray(y) <= 0).any():
         raise ValueError(f"y={y!r} must be above 0: x is divided by it")
-    return _compare(x, y, lambda a, b: _pooled_iqm(a) / _pooled_iqm(b), resamples)
+    return _estimate(lambda a, b: _iqm(a) / _iqm(b), resamples, x=x, y=y)
 
 
-def probability_of_improvement(x: Strata, y: Strata, *, resamples: int = RESAMPLES) -> Estimate:
+def probability_of_improvement(
+    x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES
+) -> Estimate:
     """Compute the probability that a run of x is better than a run of y; ties count half.
 
     :param x: seeds of one group, as for ``difference``
     :param y: those of the other group
     :param resamples: of the bootstrap
-    :return: the mean over tasks of P(x > y) + P(x = y) / 2
+    :return: P(x > y) + P(x = y) / 2
     :raises ValueError: as ``difference``
     """
-    return _compare(x, y, _improvement, resamples)
+    return _estimate(_improvement, resamples, x=x, y=y)
 
 
-Strata = ArrayLike | Sequence[ArrayLike]
+def _improvement(x: Floats, y: Floats) -> Floats:
+    gap = x[..., :, None] - y[..., None, :]
+    return np.asarray(((gap > 0) + 0.5 * (gap == 0)).mean(axis=(-2, -1)))
 
 
-def _improvement(x: Sequence[Floats], y: Sequence[Floats]) -> Floats:
-    per_task = []
-    for a, b in zip(x, y, strict=True):
-        gap = a[..., :, None] - b[..., None, :]
-        per_task.append(((gap > 0) + 0.5 * (gap == 0)).mean(axis=(-2, -1)))
-    return np.mean(per_task, axis=0)
+def _iqm(values: Floats) -> Floats:
+    return np.asarray(trim_mean(values, QUARTER, axis=-1))
 
 
-def _pooled_iqm(samples: Sequence[Floats]) -> Floats:
-    """Compute the interquartile mean over all strata's seeds, (...,)."""
-    return np.asarray(trim_mean(np.concatenate(samples, axis=-1), QUARTER, axis=-1))
-
-
-def _compare(
-    x: Strata, y: Strata, of: Callable[[Sequence[Floats], Sequence[Floats]], Floats], resamples: int
-) -> Estimate:
-    """Estimate a statistic of two groups, without an interval if one has a single run per task."""
-    a, b = _seeds("x", _listed(x)), _seeds("y", _listed(y))
-    if len(a) != len(b):
-        raise ValueError(f"x has {len(a)} tasks and y {len(b)}: must be the same ones")
-
-    def both(samples: Sequence[Floats]) -> Floats:
-        return of(samples[: len(a)], samples[len(a) :])
-
-    smaller = min(sum(map(len, a)), sum(map(len, b)))
-    single = any(max(map(len, group)) == 1 for group in (a, b))
-    return _estimate([*a, *b], both, smaller, 0 if single else resamples)
-
-
-def _estimate(samples: Sequence[Floats], statistic: Statistic, n: int, resamples: int) -> Estimate:
-    """Estimate a statistic, with the percentile interval of a bootstrap within each sample."""
-    value = float(statistic(samples))
-    varied = [index for index, sample in enumerate(samples) if len(sample) > 1]
-    if not varied or resamples == 0:
+def _estimate(statistic: Callable[..., Floats], resamples: int, **groups: ArrayLike) -> Estimate:
+    """Estimate a statistic of groups (..., seeds), with the percentile interval of a bootstrap
+    within each; a single seed cannot be resampled.
+    """
+    samples = [_checked(name, values) for name, values in groups.items()]
+    value, n = float(statistic(*samples)), min(map(len, samples))
+    if n == 1 or resamples == 0:
         return Estimate(value, None, n)
-
-    def of_drawn(*drawn: Floats, axis: int = -1) -> Floats:
-        # A stratum with one seed cannot be resampled, so it is constant.
-        leading = drawn[0].shape[:-1]
-        full = [np.broadcast_to(sample, (*leading, len(sample))) for sample in samples]
-        for index, values in zip(varied, drawn, strict=True):
-            full[index] = values
-        return statistic(full)
-
     found = bootstrap(
-        [samples[index] for index in varied],
-        of_drawn,
+        samples,
+        lambda *drawn, axis: statistic(*drawn),
         vectorized=True,
         n_resamples=resamples,
         confidence_level=CONFIDENCE,
@@ -191,29 +158,8 @@ def _estimate(samples: Sequence[Floats], statistic: Statistic, n: int, resamples
     return Estimate(value, (float(found.low), float(found.high)), n)
 
 
-def _listed(group: Strata) -> Sequence[ArrayLike]:
-    """Return a group as a list of strata; a single array becomes the only one."""
-    if isinstance(group, np.ndarray) or np.isscalar(group):
-        return [group]
-    items: Sequence[Any] = group  # type: ignore[assignment]  # neither array nor scalar: a sequence
-    return items if any(np.ndim(item) for item in items) else [items]
-
-
-def _seeds(name: str, strata: Sequence[ArrayLike]) -> list[Floats]:
-    """Return each stratum as (seeds,), averaging its episodes."""
-    if not strata:
-        raise ValueError(f"{name} must have at least one array, one per task")
-    arrays = [_checked(name, stratum) for stratum in strata]
-    for array in arrays:
-        if array.ndim > 2:
-            raise ValueError(
-                f"{name} has an array of shape {array.shape}: must be (seeds,) or (seeds, episodes)"
-            )
-    return [array.mean(axis=1) if array.ndim == 2 else np.atleast_1d(array) for array in arrays]
-
-
 def _checked(name: str, values: ArrayLike) -> Floats:
     array = np.asarray(values, np.float64)
-    if array.size == 0 or not np.isfinite(array).all():
+    if array.ndim != 1 or array.size == 0 or not np.isfinite(array).all():
         raise ValueError(f"{name}={values!r} must hold finite numbers, and at least one")
     return array

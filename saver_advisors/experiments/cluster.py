@@ -14,8 +14,9 @@ from typing import Any
 
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun
-from saver_advisors.experiments.scheduler import LOOK_EVERY, Look, Places, Progress, Stop
+from saver_advisors.experiments.scheduler import LOOK_EVERY, RUNNING, Look, Places, Progress
 from saver_advisors.reporting.provenance import command_line, write_json_atomic
+from saver_advisors.training.stopping import Stop
 
 
 class RayCluster:
@@ -47,7 +48,7 @@ class RayCluster:
         for run in runs:
             task = self._do.remote(run.to_mapping(), output, command_line(), self._threads)
             pending[task] = run
-            progress.running.add(run.name)
+            progress.words[run.name] = RUNNING
         cancelled = False
         while pending:
             if stop and not cancelled:
@@ -72,10 +73,6 @@ class RayCluster:
         if result is not None:
             write_json_atomic(self.places.result(run), result)
         progress.end(run.name, status, words)
-
-    def close(self) -> None:
-        """Disconnect from the cluster, which keeps running."""
-        self._ray.shutdown()
 
 
 def run_on_node(

@@ -25,7 +25,7 @@ order of the file: the first seed of every row, then the second seed of every ro
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -73,10 +73,9 @@ class ExperimentRun:
         """
         try:
             config = values["config"]
-            third_party = ":" in config["algorithm"]
-            build: Callable[[Any], RunConfig | BenchmarkPlan]
-            build = BenchmarkPlan.from_mapping if third_party else RunConfig.from_mapping
-            return cls(**{**values, "config": build(config)})
+            if ":" in config["algorithm"]:
+                return cls(**{**values, "config": BenchmarkPlan(**config)})
+            return cls(**{**values, "config": RunConfig.from_mapping(config)})
         except (KeyError, TypeError) as error:
             raise ValueError(f"not a run of a grid: {error}") from error
 
@@ -138,7 +137,8 @@ def _grid(content: Mapping[str, Any]) -> Grid:
             place = f"{group_name}.{row_name}"
             row = _mapping({} if row is None else row, place, ROW_KEYS)
             for rank, seed in enumerate(_seeds(row.get("seeds", group.get("seeds", [0])), place)):
-                name = _slug(f"{group_name}-{row_name}-seed{seed}")
+                label = f"{group_name}-{row_name}-seed{seed}".lower()
+                name = re.sub(r"[^a-z0-9.]+", "-", label).strip("-")  # valid on every file system
                 config: RunConfig | BenchmarkPlan
                 with naming(place):
                     if "algorithm" in row:
@@ -171,10 +171,7 @@ def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunC
         values |= _mapping(part.get("settings", {}), "settings")
     values |= {"env_id": env_id, "seed": seed}
     if row.get("advice") is not None:
-        advice = {
-            **_mapping(group.get("advice", {}), "advice"),
-            **_mapping(row["advice"], "advice"),
-        }
+        advice = _mapping(group.get("advice", {}), "advice") | _mapping(row["advice"], "advice")
         fraction = row.get("budget_fraction", group.get("budget_fraction"))
         if "budget" not in advice and fraction is not None:
             advice["budget"] = _budget(fraction, RunConfig.from_mapping(values).total_steps)
@@ -288,8 +285,3 @@ def _mapping(content: Any, place: str, keys: Sequence[str] | None = None) -> dic
     if surplus:
         raise ValueError(f"{place}: unknown {surplus}; must be among {', '.join(keys or ())}")
     return {str(key): value for key, value in content.items()}
-
-
-def _slug(text: str) -> str:
-    """Return a name that is valid on every file system."""
-    return re.sub(r"[^a-z0-9.]+", "-", text.lower()).strip("-")

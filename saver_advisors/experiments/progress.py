@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from saver_advisors.experiments.grid import Grid
 from saver_advisors.experiments.results import RunState, state_of
-from saver_advisors.experiments.scheduler import Places, Progress
+from saver_advisors.experiments.scheduler import RUNNING, Places, Progress
 
 PROGRESS_COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
 #: Seconds between two updates, since every update reads the curves.
@@ -24,33 +24,26 @@ def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[l
     """
     table = []
     for run in grid.runs:
-        state = state_of(run, places.folder(run), places.results)
+        state = state_of(run, places.folder(run), places.result(run))
         total = f"{run.config.total_steps:,}"
         table.append([run.name, _word(run.name, state, progress), *_figures(state, total)])
     return table
 
 
 def _word(name: str, state: RunState, progress: Progress | None) -> str:
-    if progress is not None:
-        if name in progress.running:
-            return "running" if state.state in ("waiting", "started") else f"running {state.state}"
-        if name in progress.failed:
-            return f"failed: {progress.failed[name]}"
-        if name in progress.busy:
-            return "left to another process"
-    return state.state
+    word = "" if progress is None else progress.words.get(name, "")
+    if word == RUNNING:
+        return RUNNING if state.state in ("waiting", "started") else f"{RUNNING} {state.state}"
+    return word if word.startswith(("failed", "left")) else state.state
 
 
 def _figures(state: RunState, total: str) -> list[str]:
-    if state.success_rate is None or state.best_success_rate is None:
-        return [f"{state.steps:,}", total, "-", "-", "-"]
-    return [
-        f"{state.steps:,}",
-        total,
-        f"{state.success_rate:.2f}",
-        f"{state.best_success_rate:.2f}",
-        f"{state.wall_clock_s / 60:.1f}",
-    ]
+    steps = f"{state.steps:,}"
+    if not state.curve:
+        return [steps, total, "-", "-", "-"]
+    rates = [point["success_rate"] for point in state.curve]
+    minutes = state.curve[-1]["wall_clock_s"] / 60
+    return [steps, total, f"{rates[-1]:.2f}", f"{max(rates):.2f}", f"{minutes:.1f}"]
 
 
 class ProgressTable:
@@ -94,15 +87,8 @@ class ProgressTable:
             self._drawn_at = now
 
     def _tell_changes(self, progress: Progress) -> None:
-        words = {
-            **{run.name: "waiting" for run in self.grid.runs},
-            **dict.fromkeys(progress.running, "running"),
-            **dict.fromkeys(progress.done, "done"),
-            **dict.fromkeys(progress.stopped, "stopped"),
-            **dict.fromkeys(progress.busy, "left to another process"),
-            **{name: f"failed: {why}" for name, why in progress.failed.items()},
-        }
-        for name, word in words.items():
-            if word != self._words.get(name, "waiting"):
-                print(f"{time.strftime('%H:%M:%S')}  {name}  {word}", flush=True)
-        self._words = words
+        for run in self.grid.runs:
+            word = progress.words.get(run.name, "waiting")
+            if word != self._words.get(run.name, "waiting"):
+                print(f"{time.strftime('%H:%M:%S')}  {run.name}  {word}", flush=True)
+        self._words = dict(progress.words)

@@ -11,27 +11,17 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, EpisodeOutcomes, evaluate_policy
+from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED, off_protocol
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
 
 Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
-
-
-class Weights(Protocol):
-    """An object with weights, such as a torch module."""
-
-    def state_dict(self) -> Mapping[str, Any]:
-        """Return tensors by name."""
-
-    def load_state_dict(self, state_dict: Mapping[str, Any]) -> Any:
-        """Load tensors."""
 
 
 @dataclass(frozen=True)
@@ -74,17 +64,8 @@ class BenchmarkPlan:
     group: str | None = None
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return plain values, for ``from_mapping``."""
+        """Return plain values, the arguments of the class."""
         return asdict(self)
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> BenchmarkPlan:
-        """Restore a plan.
-
-        :param values: what ``to_mapping`` returned
-        :raises TypeError: for a missing or unknown entry
-        """
-        return cls(**values)
 
     def config(self) -> dict[str, Any]:
         """Return the settings that determine the outcome, as the result file contains them."""
@@ -109,11 +90,10 @@ class Recorder:
     stepped: Callable[[int], None] = lambda steps: None
     steps: int = field(default=0, init=False)
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
-    _predict: Predict | None = field(default=None, init=False)
-    _weights: Weights | None = field(default=None, init=False)
+    _predict: Predict = field(init=False)
+    _weights: Any = field(default=None, init=False)
     _seconds: float = field(default=0.0, init=False)
     _since: float | None = field(default=None, init=False)
-    _best: float = field(default=-1.0, init=False)
     _started: dict[str, Any] = field(default_factory=provenance, init=False)
 
     @property
@@ -131,11 +111,12 @@ class Recorder:
         """Whether all steps of the plan are done."""
         return self.steps >= self.plan.total_steps
 
-    def begin(self, predict: Predict, weights: Weights | None) -> None:
+    def begin(self, predict: Predict, weights: Any) -> None:
         """Start the clock.
 
         :param predict: the current policy, deterministic
-        :param weights: the object whose weights are saved; None if checkpoints are not possible
+        :param weights: the object whose weights are saved, with torch's ``state_dict`` and
+            ``load_state_dict``; None if checkpoints are not possible
         """
         self._predict, self._weights = predict, weights
         self._write(finished=False)
@@ -164,24 +145,23 @@ class Recorder:
         if not self.curve or self.curve[-1]["steps"] < self.steps:
             self._measure()
         self._pause()
-        final = self._evaluate(REPORT_SEED, self.plan.report_episodes).summary()
+        outcome = final = self._evaluate(REPORT_SEED, self.plan.report_episodes)
         chosen = None
         if self._weights is not None:
             from saver_advisors.training.checkpoint import load_policy
 
             best = max(self.curve, key=lambda line: (line["success_rate"], line["steps"]))
-            chosen = {**final, "steps": best["steps"]}
             if best["steps"] < self.curve[-1]["steps"]:
-                load_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
-                outcomes = self._evaluate(REPORT_SEED, self.plan.report_episodes)
-                chosen = {**outcomes.summary(), "steps": best["steps"]}
+                load_policy(self.weights_path, self._weights)
+                outcome = self._evaluate(REPORT_SEED, self.plan.report_episodes)
+            chosen = {**outcome, "steps": best["steps"]}
         return self._write(finished=True, final=final, chosen=chosen)
 
     def _measure(self) -> None:
         """Add an evaluation to the curve, and save the weights if they are the best so far."""
         self._pause()
-        outcomes = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
-        summary = outcomes.summary()
+        summary = self._evaluate(SELECTION_SEED, self.plan.eval_episodes)
+        best = max((earlier["success_rate"] for earlier in self.curve), default=0.0)
         line = {
             "steps": self.steps,
             "wall_clock_s": round(self._seconds, 3),
@@ -195,11 +175,10 @@ class Recorder:
         }
         self.curve.append(line)
         # In a tie the later one, which has trained longer, generalizes better.
-        if self._weights is not None and line["success_rate"] >= self._best:
+        if self._weights is not None and line["success_rate"] >= best:
             from saver_advisors.training.checkpoint import save_policy
 
-            save_policy(self.weights_path, self._weights)  # type: ignore[arg-type]  # duck-typed
-            self._best = line["success_rate"]
+            save_policy(self.weights_path, self._weights)
         self._write(finished=False)
         self.progress(line)
         self._since = time.perf_counter()
@@ -210,8 +189,8 @@ class Recorder:
             self._seconds += time.perf_counter() - self._since
             self._since = None
 
-    def _evaluate(self, seed: int, episodes: int) -> EpisodeOutcomes:
-        assert self._predict is not None
+    def _evaluate(self, seed: int, episodes: int) -> dict[str, Any]:
+        """Return the summary of an evaluation of the present policy."""
         with _untouched_random():
             return evaluate_policy(
                 self._predict,
@@ -219,7 +198,7 @@ class Recorder:
                 episodes=episodes,
                 seed=seed,
                 env_kwargs=self.plan.env_kwargs,
-            )
+            ).summary()
 
     def _write(self, finished: bool, **ending: Any) -> dict[str, Any]:
         record = {

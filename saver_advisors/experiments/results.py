@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.episodes import EpisodeOutcomes, joined
 from saver_advisors.evaluation.protocol import REPORT_SEED, off_protocol
 from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.experiments.recorder import BenchmarkPlan
@@ -36,35 +36,21 @@ class RunState:
 
     :param state: ``waiting``, ``started`` (partly done), ``final episodes 64 of 500`` or ``done``
     :param steps: environment steps so far
-    :param success_rate: of the last evaluation, None before the first
-    :param best_success_rate: of the best evaluation
-    :param wall_clock_s: seconds of training so far
+    :param curve: its evaluations so far
     """
 
     state: str
-    steps: int = 0
-    success_rate: float | None = None
-    best_success_rate: float | None = None
-    wall_clock_s: float = 0.0
+    steps: int
+    curve: Sequence[Mapping[str, Any]]
 
 
-def result_path(results: str | Path, run: ExperimentRun) -> Path:
-    """Return the path of a run's result.
-
-    :param results: the folder of a grid's results
-    :param run: one of its runs
-    """
-    return Path(results) / f"{run.name}.json"
-
-
-def read_result(path: str | Path) -> dict[str, Any]:
+def read_result(path: Path) -> dict[str, Any]:
     """Read one result.
 
     :param path: of the file
     :raises ValueError: if it is truncated, or not the result of a run
     :raises OSError: if it cannot be read
     """
-    path = Path(path)
     values = read_json(path)
     if not isinstance(values, dict) or values.get("kind") != KIND:
         raise ValueError(f"{path} is not the result of a run (kind={KIND!r})")
@@ -77,20 +63,20 @@ def read_result(path: str | Path) -> dict[str, Any]:
     return values
 
 
-def is_done(results: str | Path, run: ExperimentRun) -> bool:
+def is_done(path: Path, run: ExperimentRun) -> bool:
     """Whether a run has a complete result of the requested configuration.
 
-    :param results: the folder of results
+    :param path: of its result
     :param run: of the grid
     """
     try:
-        values = read_result(result_path(results, run))
+        values = read_result(path)
         if isinstance(run.config, BenchmarkPlan):
             same = not changed_settings(run.config, values["config"])
         else:
             # Through the class: a setting that is newer than the file gets its default.
             config = RunConfig.from_mapping(values["config"])
-            same = _as_json(config) == _as_json(run.config)
+            same = config.to_mapping() == run.config.to_mapping()
     except (OSError, TypeError, ValueError):
         return False
     return bool(values["finished"]) and same
@@ -107,15 +93,14 @@ def changed_settings(plan: BenchmarkPlan, config: Mapping[str, Any]) -> list[str
     return sorted(name for name in wanted if wanted[name] != config.get(name))
 
 
-def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> RunState:
+def state_of(run: ExperimentRun, folder: Path, path: Path) -> RunState:
     """Determine the state of a run from its files.
 
     :param run: of the grid
     :param folder: the run's own
-    :param results: the folder of results
+    :param path: of its result
     """
-    folder, path = Path(folder), result_path(results, run)
-    done = is_done(results, run)
+    done = is_done(path, run)
     if done or (isinstance(run.config, BenchmarkPlan) and path.is_file()):
         curve = read_json(path)["curve"]
     else:
@@ -125,17 +110,10 @@ def state_of(run: ExperimentRun, folder: str | Path, results: str | Path) -> Run
         steps = max(steps, int(read_json(folder / STEPS_FILE)))
     state = "done" if done else "started" if steps else "waiting"
     if not done and curve and curve[-1]["steps"] >= run.config.total_steps:
-        played = sum(int(part.stem.split("-")[1]) for part in _parts(folder))
+        parts = (folder / FINAL_FOLDER).glob("*-*.json")
+        played = sum(int(part.stem.split("-")[1]) for part in parts)
         state = f"final episodes {played} of {run.final_episodes}"
-    if not curve:
-        return RunState(state, steps)
-    return RunState(
-        state,
-        steps,
-        float(curve[-1]["success_rate"]),
-        max(float(line["success_rate"]) for line in curve),
-        float(curve[-1]["wall_clock_s"]),
-    )
+    return RunState(state, steps, curve)
 
 
 def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> EpisodeOutcomes:
@@ -162,24 +140,11 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
         parts.append(read_json(path))
-    joined = {name: _joined([part[name] for part in parts]) for name in parts[0]}
-    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **joined)
+    arrays = joined(parts, np.concatenate)
+    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **arrays)
 
 
-def _joined(values: list[Any]) -> Any:
-    """Join the entries of several outcomes: arrays, mappings of arrays, or None."""
-    if isinstance(values[0], dict):
-        return {name: _joined([one[name] for one in values]) for name in values[0]}
-    return None if values[0] is None else np.concatenate([np.array(one) for one in values])
-
-
-def _parts(folder: Path) -> list[Path]:
-    return list((folder / FINAL_FOLDER).glob("*-*.json"))
-
-
-def write_result(
-    run: ExperimentRun, folder: str | Path, path: str | Path, threads: int = 1
-) -> dict[str, Any]:
+def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1) -> dict[str, Any]:
     """Write the result of a run: its curve and, if it is finished, the final evaluation.
 
     The student acts without a teacher in the final evaluation, on the report seeds.
@@ -191,7 +156,6 @@ def write_result(
     :return: the content of the file
     :raises OSError: if it cannot be written; an earlier file is then intact
     """
-    folder = Path(folder)
     assert isinstance(run.config, RunConfig)
     record = read_record(folder)
     curve = read_curve(folder)
@@ -208,7 +172,7 @@ def write_result(
         "final": final,
         "off_protocol": off_protocol(run.config.to_mapping(), final) if finished else None,
         "teacher_steps": teacher_steps(run),
-        "config": _as_json(run.config),
+        "config": run.config.to_mapping(),
         "curve": curve,
         "sessions": record["sessions"],
         "provenance": provenance(),
@@ -229,14 +193,7 @@ def teacher_steps(run: ExperimentRun) -> int | None:
     advice = run.config.advice if isinstance(run.config, RunConfig) else None
     if advice is None:
         return 0
-    given: Any = advice.teacher
-    names: Iterable[str] = [given] if isinstance(given, str) else given
     try:
-        return sum(load_policy(name).card.steps for name in sorted(set(names)))
+        return sum(load_policy(name).card.steps for name in sorted(set(advice.teachers)))
     except ValueError:
         return None
-
-
-def _as_json(config: RunConfig) -> Any:
-    """Return the settings as JSON restores them: tuples become lists."""
-    return json.loads(json.dumps(config.to_mapping()))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Protocol
 
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun, Grid
-from saver_advisors.experiments.results import is_done, result_path
+from saver_advisors.experiments.results import is_done
+from saver_advisors.training.stopping import Stop
 
 #: Seconds between two polls of the running processes.
 LOOK_EVERY: Final = 0.5
@@ -37,24 +35,27 @@ class Places:
 
     def result(self, run: ExperimentRun) -> Path:
         """Return the path of a run's result."""
-        return result_path(self.results, run)
+        return self.results / f"{run.name}.json"
+
+
+RUNNING: Final = "running"
+#: Exit status of a run's process -> the run's state, in words.
+ENDINGS: Final = {
+    worker.DONE: "done",
+    worker.STOPPED: "stopped",
+    worker.BUSY: "left to another process",
+}
 
 
 @dataclass
 class Progress:
-    """The names of the runs by their present state.
+    """The present states of the runs.
 
-    :param running: in execution
-    :param done: with a complete result, including earlier ones
-    :param stopped: before their end, with a checkpoint
-    :param busy: executed by another process
+    :param words: name -> ``RUNNING``, or how it ended: one of ``ENDINGS``
     :param failed: name -> last line of the log
     """
 
-    running: set[str] = field(default_factory=set)
-    done: set[str] = field(default_factory=set)
-    stopped: set[str] = field(default_factory=set)
-    busy: set[str] = field(default_factory=set)
+    words: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
     def end(self, name: str, status: int, words: str) -> None:
@@ -64,12 +65,9 @@ class Progress:
         :param status: its exit status
         :param words: the last line of its log
         """
-        self.running.discard(name)
-        ended = {worker.DONE: self.done, worker.STOPPED: self.stopped, worker.BUSY: self.busy}
-        if status in ended:
-            ended[status].add(name)
-        else:
+        if status not in ENDINGS:
             self.failed[name] = words or f"exit status {status}"
+        self.words[name] = ENDINGS.get(status) or f"failed: {self.failed[name]}"
 
 
 Look = Callable[[Progress], None]
@@ -80,42 +78,6 @@ class Backend(Protocol):
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Execute runs until all are done or ``stop`` is set; wait for the running ones to end."""
-
-
-class Stop:
-    """A request to stop, by Ctrl-C, SIGTERM or a time limit; true once it is made.
-
-    :param seconds: the time limit, or None
-    """
-
-    def __init__(self, seconds: float | None = None) -> None:
-        self._event = threading.Event()
-        self._deadline = None if seconds is None else time.monotonic() + seconds
-
-    def __bool__(self) -> bool:
-        late = self._deadline is not None and time.monotonic() >= self._deadline
-        return late or self._event.is_set()
-
-    def ask(self) -> None:
-        """Request to stop."""
-        self._event.set()
-
-    @contextmanager
-    def on_signals(self) -> Iterator[None]:
-        """Treat Ctrl-C and SIGTERM as requests; a second Ctrl-C ends the program at once."""
-
-        def request(number: int, frame: object) -> None:
-            if self._event.is_set() and number == signal.SIGINT:
-                raise KeyboardInterrupt
-            self._event.set()
-
-        numbers = (signal.SIGINT, signal.SIGTERM)
-        handlers = {number: signal.signal(number, request) for number in numbers}
-        try:
-            yield
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
 
 
 def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Look) -> Progress:
@@ -130,8 +92,9 @@ def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Loo
     """
     places.output.mkdir(parents=True, exist_ok=True)
     places.results.mkdir(parents=True, exist_ok=True)
-    progress = Progress(done={run.name for run in grid.runs if is_done(places.results, run)})
-    waiting = [run for run in grid.runs if run.name not in progress.done]
+    waiting = [run for run in grid.runs if not is_done(places.result(run), run)]
+    done = {run.name: ENDINGS[worker.DONE] for run in grid.runs if run not in waiting}
+    progress = Progress(done)
     look(progress)
     backend.work(waiting, progress, stop, look)
     look(progress)
@@ -166,7 +129,7 @@ class LocalProcesses:
                     folder, result = self.places.folder(run), self.places.result(run)
                     process = worker.start(run, folder, result, threads=self.threads)
                     running[run.name] = (run, process)
-                    progress.running.add(run.name)
+                    progress.words[run.name] = RUNNING
                 if stop and not asked:
                     _ask_to_stop(running)
                     asked = True

@@ -50,6 +50,41 @@ class Censored:
         return {**self.estimate.to_mapping(), "never": self.never}
 
 
+def _figure(of: Callable[[TrainingRun], float | None]) -> cached_property[Estimate | None]:
+    """Define a figure of a row: the estimate over the runs that have it, None if none does."""
+
+    def over_seeds(row: MethodRow) -> Estimate | None:
+        values = [value for run in row.runs if (value := of(run)) is not None]
+        return estimate(values) if values else None
+
+    return cached_property(over_seeds)
+
+
+def _time(
+    of: Callable[[TrainingRun], tuple[float | None, float | None]],
+) -> cached_property[Censored | None]:
+    """Define the time of an event, from that time and the end of the observation of each run; None
+    if the observation of a run without the event is unknown.
+    """
+
+    def over_seeds(row: MethodRow) -> Censored | None:
+        pairs = [of(run) for run in row.runs]
+        values = [observed if reached is None else reached for reached, observed in pairs]
+        known = [value for value in values if value is not None]
+        if not values or len(known) < len(values):
+            return None
+        return Censored(known, sum(reached is None for reached, _ in pairs))
+
+    return cached_property(over_seeds)
+
+
+def _steps_of(metrics: LearningMetrics | None) -> tuple[float | None, float | None]:
+    """Return the steps to 0.9, or None, and the steps of the last evaluation."""
+    if metrics is None:
+        return None, None
+    return metrics.solved.steps, metrics.solved.observed_steps
+
+
 @dataclass(frozen=True)
 class MethodRow:
     """A method in a task.
@@ -67,89 +102,52 @@ class MethodRow:
     under_way: Sequence[TrainingRun] = ()
     budget: float | None = None
 
+    inspired_epoch = _figure(lambda run: run.metrics.inspired_epoch)
+    """IE of the seeds that ever succeeded; None if none did."""
+    rise_time = _figure(lambda run: run.metrics.rise_time)
+    """RT of the seeds that ever succeeded."""
+    maximum_success_rate = _figure(lambda run: run.metrics.maximum_success_rate)
+    """MSR."""
+    effective_learning_rate = _figure(lambda run: run.metrics.effective_learning_rate or 0.0)
+    """ELR, which is 0 for a seed that never succeeded."""
+    steps_to_solved = _time(lambda run: _steps_of(run.metrics))
+    """Steps of the run to a success rate of 0.9."""
+    all_steps_to_solved = _time(lambda run: _steps_of(run.metrics_with_teacher))
+    """The same including steps before the run, of teachers and demonstrations; None if those of a
+    run are unknown.
+    """
+    seconds_to_solved = _time(
+        lambda run: (run.metrics.solved.wall_clock_s, run.metrics.solved.observed_s)
+    )
+    """Training time (s) to a success rate of 0.9; None if that of a run is unknown."""
+    final_success = _figure(lambda run: run.final_success)
+    """Success rate on report seeds, of the runs that were evaluated there."""
+    last_success = _figure(lambda run: float(run.curve.success[-1]))
+    """Success rate of the last evaluation of the curve."""
+
+    @cached_property
+    def area(self) -> Estimate | None:
+        """Mean success over the budget."""
+        return estimate(self.areas) if self.runs else None
+
+    advice_spent = _figure(lambda run: float(run.advice_spent))
+    """Environment steps with advice."""
+    advice_over = _figure(lambda run: run.advice_over)
+    """Environment steps until the last advice was given; None without advice."""
+    collisions = _figure(lambda run: run.collisions)
+    """Steps with a collision per episode."""
+    wall_clock_s = _figure(lambda run: run.metrics.solved.observed_s)
+    """Training time (s) of a whole run, of the runs that recorded it."""
+
     @property
     def n(self) -> int:
         """Finished seeds."""
         return len(self.runs)
 
-    @cached_property
-    def inspired_epoch(self) -> Estimate | None:
-        """IE of the seeds that ever succeeded; None if none did."""
-        return self._over(lambda run: run.metrics.inspired_epoch)
-
-    @cached_property
-    def rise_time(self) -> Estimate | None:
-        """RT of the seeds that ever succeeded."""
-        return self._over(lambda run: run.metrics.rise_time)
-
-    @cached_property
-    def maximum_success_rate(self) -> Estimate | None:
-        """MSR."""
-        return self._over(lambda run: run.metrics.maximum_success_rate)
-
-    @cached_property
-    def effective_learning_rate(self) -> Estimate | None:
-        """ELR, which is 0 for a seed that never succeeded."""
-        return self._over(lambda run: run.metrics.effective_learning_rate or 0.0)
-
-    @cached_property
-    def steps_to_solved(self) -> Censored | None:
-        """Steps of the run to a success rate of 0.9."""
-        return self._time(lambda run: _steps_of(run.metrics))
-
-    @cached_property
-    def all_steps_to_solved(self) -> Censored | None:
-        """The same including steps before the run, of teachers and demonstrations; None if those of
-        a run are unknown.
-        """
-
-        def solved(run: TrainingRun) -> tuple[float | None, float | None]:
-            counted = run.metrics_with_teacher
-            return (None, None) if counted is None else _steps_of(counted)
-
-        return self._time(solved)
-
-    @cached_property
-    def seconds_to_solved(self) -> Censored | None:
-        """Training time (s) to a success rate of 0.9; None if that of a run is unknown."""
-        return self._time(
-            lambda run: (run.metrics.solved.wall_clock_s, run.metrics.solved.observed_s)
-        )
-
-    @cached_property
-    def final_success(self) -> Estimate | None:
-        """Success rate on report seeds, of the runs that were evaluated there."""
-        return self._over(lambda run: run.final_success)
-
-    @cached_property
-    def last_success(self) -> Estimate | None:
-        """Success rate of the last evaluation of the curve."""
-        return self._over(lambda run: float(run.curve.success[-1]))
-
-    @cached_property
-    def area(self) -> Estimate | None:
-        """Mean success over the budget."""
-        return self._over(lambda run: area_under_curve(run.curve, self.budget))
-
-    @cached_property
-    def advice_spent(self) -> Estimate | None:
-        """Environment steps with advice."""
-        return self._over(lambda run: float(run.advice_spent))
-
-    @cached_property
-    def advice_over(self) -> Estimate | None:
-        """Environment steps until the last advice was given; None without advice."""
-        return self._over(lambda run: run.advice_over)
-
-    @cached_property
-    def collisions(self) -> Estimate | None:
-        """Steps with a collision per episode."""
-        return self._over(lambda run: run.collisions)
-
-    @cached_property
-    def wall_clock_s(self) -> Estimate | None:
-        """Training time (s) of a whole run, of the runs that recorded it."""
-        return self._over(lambda run: run.metrics.solved.observed_s)
+    @property
+    def areas(self) -> list[float]:
+        """Each seed's mean success over the budget."""
+        return [area_under_curve(run.curve, self.budget) for run in self.runs]
 
     @property
     def steps_before(self) -> list[int]:
@@ -166,7 +164,7 @@ class MethodRow:
     @property
     def unsolved_seeds(self) -> list[int]:
         """Seeds that never reached a success rate of 0.9."""
-        return [run.seed for run in self.runs if run.metrics.solved.censored]
+        return [run.seed for run in self.runs if run.metrics.solved.steps is None]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return all figures as plain values, for JSON."""
@@ -186,29 +184,6 @@ class MethodRow:
             figure = getattr(self, name)
             told[name] = None if figure is None else figure.to_mapping()
         return told
-
-    def _over(self, of: Callable[[TrainingRun], float | None]) -> Estimate | None:
-        values = [value for run in self.runs if (value := of(run)) is not None]
-        return estimate(values) if values else None
-
-    def _time(
-        self, of: Callable[[TrainingRun], tuple[float | None, float | None]]
-    ) -> Censored | None:
-        """Summarize an event, from (its time or None, the end of the observation) of each run."""
-        values: list[float] = []
-        never = 0
-        for reached, observed in map(of, self.runs):
-            known = observed if reached is None else reached
-            if known is None:
-                return None
-            values.append(known)
-            never += reached is None
-        return Censored(values, never) if values else None
-
-
-def _steps_of(metrics: LearningMetrics) -> tuple[float | None, float]:
-    """Return the steps to 0.9, or None, and the steps of the last evaluation."""
-    return metrics.solved.steps, metrics.solved.observed_steps
 
 
 FIGURES: Final = tuple(

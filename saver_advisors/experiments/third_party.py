@@ -2,7 +2,8 @@
 
 An algorithm is either a subclass of Stable-Baselines3's ``BaseAlgorithm``, which is built with
 ``MultiInputPolicy`` and a vector environment and observed through a callback, or a class with the
-three methods of :class:`Algorithm`.
+methods ``__init__(env, *, seed, **kwargs)``, ``learn(steps)`` and ``predict(observation)`` that
+docs/benchmark-protocol.md describes, and optionally torch's ``state_dict`` and ``load_state_dict``.
 """
 
 from __future__ import annotations
@@ -16,51 +17,19 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
-from numpy.typing import NDArray
 
 from saver_advisors.evaluation.protocol import training_seed
-from saver_advisors.experiments.recorder import Predict, Recorder, Weights
+from saver_advisors.experiments.recorder import Recorder
 
 IMPORTED: Final = "import:"
 """Prefix of keyword arguments that name a class or a function."""
 
 NOISE: Final = "noise_std"
 """Keyword argument for the standard deviation of SB3's action noise, as in RL Zoo."""
-
-Observation = dict[str, NDArray[Any]]
-
-
-class Algorithm(Protocol):
-    """The interface of an algorithm that does not derive from Stable-Baselines3's.
-
-    Optional: ``state_dict()`` and ``load_state_dict(state)``, as in torch modules, of everything
-    that ``predict`` depends on. With them the best checkpoint is reported as well.
-    """
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], *, seed: int, **kwargs: Any) -> None:
-        """Build the algorithm.
-
-        :param env: n environments with Dict observations, with Gymnasium's vector API; its
-            ``unwrapped.compute_reward(achieved, desired, info)`` takes arrays (..., goal_size)
-        :param seed: of the run
-        :param kwargs: from ``--algo-kwargs``
-        """
-
-    def learn(self, steps: int) -> None:
-        """Train for a number of environment steps, summed over all environments.
-
-        A step beyond them raises ``BudgetSpent``, which the method need not catch.
-        """
-
-    def predict(self, observation: Observation) -> NDArray[Any]:
-        """Return deterministic actions (n, action_size) for observations with entries (n, size).
-
-        It is called during training, so it must not change the state of the algorithm.
-        """
 
 
 class BudgetSpent(Exception):
@@ -203,25 +172,39 @@ def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
 def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     """Train an algorithm by the protocol.
 
-    :param algorithm: a class of Stable-Baselines3, or one like :class:`Algorithm`
+    :param algorithm: a class of Stable-Baselines3, or one with the methods in the module's text
     :param recorder: of the run
     :return: the record
     :raises AlgorithmError: for a missing method, an invalid argument, or another environment than
         the algorithm supports
     """
+    import gymnasium
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-    kwargs = resolved(recorder.plan.algo_kwargs)
-    if inspect.isclass(algorithm) and issubclass(algorithm, BaseAlgorithm):
+    plan = recorder.plan
+    kwargs = resolved(plan.algo_kwargs)
+    is_class = inspect.isclass(algorithm)
+    if is_class and issubclass(algorithm, BaseAlgorithm):
         return _train_sb3(algorithm, kwargs, recorder)
-    for name in ("learn", "predict"):
-        if inspect.isclass(algorithm) and not hasattr(algorithm, name):
-            raise AlgorithmError(f"{recorder.plan.algorithm} has no method {name!r}")
-    return _train_plain(algorithm, kwargs, recorder)
+    lacking = [name for name in ("learn", "predict") if not hasattr(algorithm, name)]
+    if is_class and lacking:
+        raise AlgorithmError(f"{plan.algorithm} has no method {lacking[0]!r}")
+    env = gymnasium.make_vec(
+        f"saver_envs:{plan.env_id}",
+        plan.n_envs,
+        vectorization_mode="vector_entry_point",
+        **plan.env_kwargs,
+    )
+    with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
+        learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
+        recorder.begin(learner.predict, _weights_of(learner))
+        # The budget is a regular end of the training.
+        with contextlib.suppress(BudgetSpent):
+            learner.learn(plan.total_steps)
+        return recorder.finish()
 
 
 def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder) -> dict[str, Any]:
-    from stable_baselines3.common.callbacks import BaseCallback
     from stable_baselines3.common.noise import NormalActionNoise
 
     from saver_advisors.evaluation.protocol_env import ProtocolVecEnv
@@ -229,16 +212,13 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
 
     plan = recorder.plan
 
-    class Count(BaseCallback):
+    def count(*_: object) -> bool:
         """Report every step to the recorder, and stop at the end of the budget."""
-
-        def _on_step(self) -> bool:
-            recorder.advance(self.num_timesteps - recorder.steps)
-            return not recorder.spent
+        recorder.advance(model.num_timesteps - recorder.steps)
+        return not recorder.spent
 
     batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
-    env = ProtocolVecEnv(batch, plan.seed)
-    try:
+    with contextlib.closing(ProtocolVecEnv(batch, plan.seed)) as env:
         policy = kwargs.pop("policy", "MultiInputPolicy")
         if (deviation := kwargs.pop(NOISE, None)) is not None:
             size = int(np.prod(env.action_space.shape or ()))
@@ -248,35 +228,8 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
             lambda observation: model.predict(observation, deterministic=True)[0],
             _weights_of(model.policy),
         )
-        model.learn(plan.total_steps, callback=Count())
+        model.learn(plan.total_steps, callback=count)
         return recorder.finish()
-    finally:
-        env.close()
-
-
-def _train_plain(
-    algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder
-) -> dict[str, Any]:
-    import gymnasium
-
-    plan = recorder.plan
-    env = gymnasium.make_vec(
-        f"saver_envs:{plan.env_id}",
-        plan.n_envs,
-        vectorization_mode="vector_entry_point",
-        **plan.env_kwargs,
-    )
-    try:
-        counted = CountedVectorEnv(env, recorder)
-        learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
-        predict: Predict = learner.predict
-        recorder.begin(predict, _weights_of(learner))
-        # The budget is a regular end of the training.
-        with contextlib.suppress(BudgetSpent):
-            learner.learn(plan.total_steps)
-        return recorder.finish()
-    finally:
-        env.close()
 
 
 def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
@@ -288,7 +241,7 @@ def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
         raise AlgorithmError(" ".join(message.split())) from error
 
 
-def _weights_of(owner: Any) -> Weights | None:
+def _weights_of(owner: Any) -> Any:
     """Return an object if it has weights, else None."""
     named = ("state_dict", "load_state_dict")
     return owner if all(callable(getattr(owner, name, None)) for name in named) else None

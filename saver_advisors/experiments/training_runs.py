@@ -298,11 +298,17 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
     """Read a run as the experiment runner and `saver benchmark run` write it."""
     config = content.get("config") or {}
     points = content["curve"]
-    task = _task(content.get("task") or config["env_id"], config)
+    env_id = str(content.get("task") or config["env_id"])
+    # The number of arms, if it was changed, changes the task.
+    options = config.get("env_kwargs") or {}
     steps = points[-1]["steps"] if points else 0
+    # By default 0 without advice and None (unknown) with advice.
+    teacher_steps = content.get("teacher_steps")
+    if teacher_steps is None and not config.get("advice"):
+        teacher_steps = 0
     return TrainingRun(
         name=str(content.get("name") or stem),
-        task=task,
+        task=environment_text(env_id, {k: v for k, v in options.items() if k == "n_arms"}),
         row=str(content.get("row") or row_name(config)),
         seed=int(content.get("seed", config.get("seed", 0))),
         points=points,
@@ -311,24 +317,11 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
         final=content.get("final"),
         chosen=content.get("chosen"),
         group=content.get("group"),
-        teacher_steps=_teacher_steps(content.get("teacher_steps"), config),
+        teacher_steps=None if teacher_steps is None else int(teacher_steps),
         demonstration_steps=int(content.get("demonstration_steps") or 0),
         finished=bool(content.get("finished", steps >= config.get("total_steps", 0))),
         provenance=content.get("provenance") or {},
     )
-
-
-def _task(env_id: object, config: Mapping[str, Any]) -> str:
-    """Return the environment, with the number of arms if it was changed, which changes the task."""
-    options = config.get("env_kwargs") or {}
-    return environment_text(str(env_id), {k: v for k, v in options.items() if k == "n_arms"})
-
-
-def _teacher_steps(told: int | None, config: Mapping[str, Any]) -> int | None:
-    """Return the stated steps; by default 0 without advice and None (unknown) with advice."""
-    if told is not None:
-        return int(told)
-    return None if config.get("advice") else 0
 
 
 def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:

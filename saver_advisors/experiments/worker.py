@@ -34,7 +34,7 @@ DONE, FAILED, STOPPED, BUSY = 0, 1, 3, 4
 LOOK_EVERY: Final = 1.0
 
 
-def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads: int = 1) -> int:
+def execute(run: ExperimentRun, folder: Path, result: Path, threads: int = 1) -> int:
     """Execute or resume a run in this process.
 
     :param run: of a grid
@@ -46,14 +46,14 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads:
     from saver_advisors.training.launch import train
     from saver_advisors.training.run_folder import FolderInUseError, locked
 
-    folder, result = Path(folder), Path(result)
     try:
         with locked(folder):
-            if is_done(result.parent, run):
+            if is_done(result, run):
                 return DONE
             if isinstance(run.config, BenchmarkPlan):
                 stepped = _steps_file(folder / STEPS_FILE)
-                return _execute_third_party(run.config, result.parent, threads, stepped)
+                _train_third_party(Recorder(run.config, result.parent, stepped=stepped), threads)
+                return DONE
             outcome = train(run.config, folder, resume=True, progress=False, threads=threads)
             if outcome.success_rate is not None:
                 write_result(run, folder, result, threads)
@@ -62,14 +62,10 @@ def execute(run: ExperimentRun, folder: str | Path, result: str | Path, threads:
         return BUSY
 
 
-def _execute_third_party(
-    plan: BenchmarkPlan, results: Path, threads: int, stepped: Callable[[int], None]
-) -> int:
+def _train_third_party(recorder: Recorder, threads: int) -> None:
     """Run a third-party algorithm from its first step; a stop loses it until its steps are done."""
     from saver_advisors.experiments.third_party import load_class, train
     from saver_advisors.training.threads import threads_of_algebra
-
-    recorder = Recorder(plan, results, stepped=stepped)
 
     def stop(number: int, frame: object) -> None:
         if not recorder.spent:
@@ -78,10 +74,9 @@ def _execute_third_party(
     before = signal.signal(signal.SIGTERM, stop)
     try:
         with threads_of_algebra(threads):
-            train(load_class(plan.algorithm), recorder)
+            train(load_class(recorder.plan.algorithm), recorder)
     finally:
         signal.signal(signal.SIGTERM, before)
-    return DONE
 
 
 def _steps_file(path: Path) -> Callable[[int], None]:
@@ -99,8 +94,8 @@ def _steps_file(path: Path) -> Callable[[int], None]:
 
 def start(
     run: ExperimentRun,
-    folder: str | Path,
-    result: str | Path,
+    folder: Path,
+    result: Path,
     command: str | None = None,
     threads: int = 1,
 ) -> subprocess.Popen[bytes]:
@@ -113,7 +108,6 @@ def start(
     :param threads: see ``saver_advisors.training.launch.train``
     :return: the process, which stops when this process ends
     """
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_json_atomic(folder / RUN_FILE, run.to_mapping())
     # -P: nothing is imported from the current folder, where files may have the names of packages.
@@ -131,17 +125,16 @@ def start(
         )
 
 
-def last_words(folder: str | Path) -> str:
+def last_words(folder: Path) -> str:
     """Return the last line of a log.
 
     :param folder: of a run that failed
     """
     try:
-        text = (Path(folder) / LOG_FILE).read_text(encoding="utf-8", errors="replace")
+        text = (folder / LOG_FILE).read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-    lines = [line for line in text.splitlines() if line.strip()]
-    return lines[-1].strip() if lines else ""
+    return "".join(text.strip().splitlines()[-1:]).strip()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

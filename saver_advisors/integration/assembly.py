@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -14,14 +15,22 @@ from saver_advisors.integration import perception_stages as perception
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
 from saver_advisors.integration.graph import Graph
 from saver_advisors.integration.health import SILENT_PERIODS, Health
-from saver_advisors.integration.messages import Message, Picture, Stamp
+from saver_advisors.integration.messages import Picture
 from saver_advisors.integration.safety import EmergencyStop, SafetyLimits
-from saver_advisors.integration.stage import MEASURED, Change, Latency, LoopStage, SensorStage
+from saver_advisors.integration.stage import (
+    MEASURED,
+    Change,
+    Latency,
+    LoopStage,
+    SensorStage,
+    check_latency,
+)
 from saver_advisors.integration.tracking import FilterSettings, FilterStage
 from saver_envs.cameras.rgbd import KINECT_V2
 from saver_envs.control import DampedLeastSquares, InverseKinematics
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Fingers
+from saver_envs.validation import require
 
 SEEING: Final = ("camera", "picture check", "pose", "lift", "bench frame", "filter")
 ACTING: Final = ("policy", "set-points", "kinematics")
@@ -82,17 +91,13 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         known = (*SEEING, *ACTING, "encoders", "true state")
-        for name in self.latencies:
+        for name, latency in self.latencies.items():
             if name not in known:
                 raise ValueError(f"latencies: {name!r} is no stage; there are {', '.join(known)}")
-        if self.trained_on is not None and self.trained_on not in ROBOTS:
-            raise ValueError(f"trained_on={self.trained_on!r}: must be one of {', '.join(ROBOTS)}")
-        if not 1 < self.silent_periods < np.inf:
-            raise ValueError(f"silent_periods={self.silent_periods!r}: must be above 1")
-
-    def latency(self, stage: str) -> Latency:
-        """Return the latency of a stage: seconds, or ``"measured"``."""
-        return self.latencies.get(stage, 0.0)
+            check_latency(name, latency)
+        known_robot = self.trained_on is None or self.trained_on in ROBOTS
+        require("trained_on", self.trained_on, known_robot, f"one of {', '.join(ROBOTS)}")
+        require("silent_periods", self.silent_periods, 1 < self.silent_periods < np.inf, "above 1")
 
     def measured(self) -> LoopSettings:
         """Return a copy in which the latency of each stage is the duration of its call.
@@ -100,7 +105,7 @@ class LoopSettings:
         The camera keeps its latency: the simulated one is slow because it renders.
         """
         slow = dict.fromkeys((*SEEING[1:], *ACTING), MEASURED)
-        return replace(self, latencies={**slow, "camera": self.latency("camera")})
+        return replace(self, latencies={**slow, "camera": self.latencies.get("camera", 0.0)})
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
@@ -128,7 +133,7 @@ class LoopSettings:
             if name not in SEEING:
                 allowed[name] = self.silent_periods / control.POLICY_RATE
                 continue
-            latency = self.latency(name)
+            latency = self.latencies.get(name, 0.0)
             if name != "camera" and not isinstance(latency, str):
                 slowest = max(slowest, latency)
             allowed[name] = slowest * self.silent_periods
@@ -150,7 +155,7 @@ def settings_for(policy: str) -> LoopSettings:
     row = row_of(card.env_id)
     if row.n_arms != 2 or row.task.fingers is not Fingers.LOCKED:
         raise ValueError(f"policy={policy!r} is of {card.env_id}: must push with two arms")
-    height = None if casualty.trained_on_people(card.env_id) else casualty.CUBE_HEIGHT
+    height = None if issubclass(row.task, casualty.TASK) else casualty.CUBE_HEIGHT
     return LoopSettings(policy=policy, trained_on=row.robot, wrist_height=height)
 
 
@@ -204,17 +209,18 @@ def _bench_stage(
     name: str, settings: LoopSettings, bench: RobotBench, health: Health, stop: EmergencyStop
 ) -> LoopStage:
     """Build any stage, with the bench for those that need it."""
-    latency, camera_rate = settings.latency(name), bench.geometry.camera.rate
-    sensors: dict[str, tuple[str, Callable[[Stamp], Message], float]] = {
-        "encoders": ("arms", bench.reading, control.ENCODER_RATE),
-        "true state": ("person", bench.truth, control.POLICY_RATE),
-        "camera": ("frame", lambda stamp: Picture(stamp, *bench.picture()), camera_rate),
+    sensor = partial(SensorStage, name, latency=settings.latencies.get(name, 0.0))
+    camera_rate = bench.geometry.camera.rate
+    builders: dict[str, Callable[[], LoopStage]] = {
+        "encoders": lambda: sensor("arms", rate=control.ENCODER_RATE, measure=bench.reading),
+        "true state": lambda: sensor("person", rate=control.POLICY_RATE, measure=bench.truth),
+        "camera": lambda: sensor(
+            "frame", rate=camera_rate, measure=lambda stamp: Picture(stamp, *bench.picture())
+        ),
+        "servos": lambda: control.ServoStage(bench, health, stop, settings.limits),
     }
-    if name in sensors:
-        topic, measure, rate = sensors[name]
-        return SensorStage(name, topic, rate=rate, latency=latency, measure=measure)
-    if name == "servos":
-        return control.ServoStage(bench, health, stop, settings.limits)
+    if name in builders:
+        return builders[name]()
     return build_stage(name, settings, bench.geometry, health)
 
 
@@ -229,26 +235,23 @@ def build_stage(
     :param health: logs which limits set in.
     :raises ValueError: for another name.
     """
-    latency = settings.latency(name)
     trained_on = None if settings.trained_on is None else ROBOTS[settings.trained_on]
     height = settings.wrist_height
     builders: dict[str, Callable[[], LoopStage]] = {
-        "picture check": lambda: perception.PictureCheckStage(latency),
-        "pose": lambda: perception.PoseStage(perception.shipped_estimator(), latency),
-        "lift": lambda: perception.LiftStage(geometry.camera, latency),
-        "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose, latency),
-        "filter": lambda: FilterStage(
-            geometry.base_position, settings.filter, geometry.camera_pose.position, latency
-        ),
-        "policy": lambda: control.PolicyStage(
-            _policy(settings), geometry, trained_on, height, latency
-        ),
-        "set-points": lambda: control.SetPointStage(geometry, settings.limits, health, latency),
-        "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry), latency),
+        "picture check": perception.PictureCheckStage,
+        "pose": lambda: perception.PoseStage(perception.shipped_estimator()),
+        "lift": lambda: perception.LiftStage(geometry.camera),
+        "bench frame": lambda: perception.BenchFrameStage(geometry.camera_pose),
+        "filter": lambda: FilterStage(geometry, settings.filter),
+        "policy": lambda: control.PolicyStage(_policy(settings), geometry, trained_on, height),
+        "set-points": lambda: control.SetPointStage(geometry, settings.limits, health),
+        "kinematics": lambda: control.KinematicsStage(_kinematics(settings, geometry)),
     }
     if name not in builders:
         raise ValueError(f"stage {name!r} is unknown; there are {', '.join(builders)}")
-    return builders[name]()
+    stage = builders[name]()
+    stage.latency = settings.latencies.get(name, 0.0)
+    return stage
 
 
 def _policy(settings: LoopSettings) -> control.LoopPolicy:

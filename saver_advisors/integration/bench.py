@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -49,7 +49,7 @@ class BenchGeometry:
             "base_position": self.base_position.tolist(),
             "workspace": [np.asarray(value).tolist() for value in astuple(self.workspace)],
             "held_height": self.held_height,
-            "camera": asdict(self.camera),
+            "camera": astuple(self.camera),
             "camera_pose": [value.tolist() for value in astuple(self.camera_pose)],
         }
 
@@ -59,12 +59,10 @@ class BenchGeometry:
         lower, upper, *reach = values["workspace"]
         workspace = Workspace(np.array(lower), np.array(upper), *reach)
         base, robot = np.array(values["base_position"]), ROBOTS[values["robot"]]
-        sizes: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values["camera"].items()
-        }
+        parts = values["camera"]
+        camera: list[Any] = [tuple(one) if isinstance(one, list) else one for one in parts]
         pose = CameraPose(*map(np.array, values["camera_pose"]))
-        return BenchGeometry(robot, base, workspace, values["held_height"], Camera(**sizes), pose)
+        return BenchGeometry(robot, base, workspace, values["held_height"], Camera(*camera), pose)
 
 
 class RobotBench(Protocol):
@@ -115,6 +113,8 @@ class EpisodesBench:
             episodes.task.held_height,
         )
         self._simulation = episodes.simulation
+        #: Contact force on a person's torso, newtons: 0 without a person.
+        self.torso_force = 0.0
         self.diverged = False
         self.substeps = 0
 
@@ -154,7 +154,7 @@ class EpisodesBench:
         torque = self._simulation.contact_torque()[0]
         encoders = {part.name: getattr(state, part.name)[0] for part in fields(state)}
         hand = tool_force(encoders["jacobian"], torque)
-        return ArmReading(stamp, **encoders, hand_force=hand, torso_force=self.torso_force())
+        return ArmReading(stamp, **encoders, hand_force=hand, torso_force=self.torso_force)
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Raise an error, since this bench has no camera.
@@ -162,10 +162,6 @@ class EpisodesBench:
         :raises NotImplementedError: always.
         """
         raise NotImplementedError("a bench without a person has no camera over it")
-
-    def torso_force(self) -> float:
-        """Return the contact force on a person's torso, newtons: 0 without a person."""
-        return 0.0
 
     def truth(self, stamp: Stamp = UNSTAMPED) -> Person:
         """Return the true state of objects and targets."""

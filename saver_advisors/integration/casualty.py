@@ -15,12 +15,3 @@ TASK: Final[Any] = row_of(ENV_ID).task
 _CUBES: Final[Any] = row_of(TWO_ARM_ID)
 TRAINED_ON: Final[str] = _CUBES.robot
 CUBE_HEIGHT: Final[float] = _CUBES.task.object_size / 2
-
-
-def trained_on_people(env_id: str) -> bool:
-    """Return whether the objects of an environment are a person's wrists.
-
-    :param env_id: a registered id.
-    :raises ValueError: for an unknown id.
-    """
-    return issubclass(row_of(env_id).task, TASK)

@@ -27,10 +27,9 @@ from saver_advisors.integration.safety import (
     SafetyLimits,
     TargetLimits,
     kept_clear,
-    limited_set_point,
 )
-from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
-from saver_envs.control import InverseKinematics, bounded
+from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
+from saver_envs.control import InverseKinematics, SetPointRule, bounded
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.robots.description import Robot
 from saver_envs.simulation import ObjectState
@@ -64,7 +63,6 @@ class PolicyStage(LoopStage):
         None.
     :param wrist_height: height of wrists and targets in the observation (m), for a policy that was
         trained on cubes: wrists then have a cube's height and do not turn. None for true heights.
-    :param latency: see `LoopStage`.
     """
 
     def __init__(
@@ -73,9 +71,8 @@ class PolicyStage(LoopStage):
         geometry: BenchGeometry,
         trained_on: Robot | None = None,
         wrist_height: float | None = None,
-        latency: Latency = 0.0,
     ) -> None:
-        super().__init__("policy", "action", ("arms", "person"), POLICY_RATE, latency)
+        super().__init__("policy", "action", ("arms", "person"), POLICY_RATE)
         self._policy = policy
         self._robot = geometry.robot
         self._base = geometry.base_position
@@ -149,19 +146,13 @@ class SetPointStage(LoopStage):
     :param geometry: of the bench.
     :param limits: of speed, force and clearance.
     :param health: logs which limits set in.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(
-        self,
-        geometry: BenchGeometry,
-        limits: SafetyLimits,
-        health: Health,
-        latency: Latency = 0.0,
-    ) -> None:
-        super().__init__("set-points", "set_points", ("action", "arms", "person"), None, latency)
+    def __init__(self, geometry: BenchGeometry, limits: SafetyLimits, health: Health) -> None:
+        super().__init__("set-points", "set_points", ("action", "arms", "person"))
         self._geometry = geometry
         self._limits = limits
+        self._rule = SetPointRule(geometry.workspace, limits.longest, geometry.held_height)
         self._health = health
         self.reset()
 
@@ -176,15 +167,12 @@ class SetPointStage(LoopStage):
         arms = inputs.latest("arms", ArmReading)
         person = inputs.find("person", Person)
         limits, geometry = self._limits, self._geometry
-        position, by = limited_set_point(
-            arms.tool_position if self._previous is None else self._previous,
-            self._checked(action.motion),
-            arms.tool_position,
-            limits,
-            geometry.workspace,
-            geometry.held_height,
-            limits.freedom(arms.hand_force, arms.torso_force),
-        )
+        tool, free = arms.tool_position, limits.freedom(arms.hand_force, arms.torso_force)
+        previous = tool if self._previous is None else self._previous
+        # Without contact forces this equals the environments' rule.
+        moved = self._rule.unclipped(previous, self._checked(action.motion), tool, free[:, None])
+        position = geometry.workspace.clip(moved)
+        by = {"force"} if (free < 1).any() else set()
         if limits.clearance and person is not None:
             clear, changed = kept_clear(
                 position, person.hips, geometry.base_position, limits.clearance
@@ -194,7 +182,7 @@ class SetPointStage(LoopStage):
                 position = geometry.workspace.clip(clear)
                 by.add("clearance")
         # Every policy reaches the workspace's walls now and then, so that is not logged.
-        for name in sorted(by - self._by - {"workspace"}):
+        for name in sorted(by - self._by):
             self._health.note(now, "limited", self.name, name)
         self._by = by
         self._previous = position
@@ -221,11 +209,10 @@ class KinematicsStage(LoopStage):
     """Turn set-points into joint targets.
 
     :param solver: damped least squares or a learned model.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, solver: InverseKinematics, latency: Latency = 0.0) -> None:
-        super().__init__("kinematics", "joint_targets", ("set_points", "arms"), None, latency)
+    def __init__(self, solver: InverseKinematics) -> None:
+        super().__init__("kinematics", "joint_targets", ("set_points", "arms"))
         self._solver = solver
 
     def process(self, inputs: Inputs, now: float) -> JointTargets:

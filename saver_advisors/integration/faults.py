@@ -58,7 +58,7 @@ def _fault(name: str, stage: str, words: str, detected_by: str = "") -> Callable
 
 
 @_fault("frames lost", "camera", "the camera delivers nothing")
-def _lost(picture: Picture, before: Picture | None) -> None:
+def _lost(message: Message, before: Message | None) -> None:
     return None
 
 
@@ -109,9 +109,7 @@ def _crash(pose: PixelPose, before: PixelPose | None) -> None:
     raise RuntimeError("injected")
 
 
-@_fault("policy silent", "policy", "the policy does not answer")
-def _silent(action: Action, before: Action | None) -> None:
-    return None
+_fault("policy silent", "policy", "the policy does not answer")(_lost)
 
 
 class FaultyStage(LoopStage):

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Final, Protocol
+from typing import Final
 
 from saver_advisors.integration.health import Health
 from saver_advisors.integration.messages import Message
@@ -19,13 +19,6 @@ RESTART_AFTER: Final = 0.2
 _TOLERANCE: Final = 1e-9
 #: Called with topic, message and time when a message becomes visible, such as a recorder.
 Observer = Callable[[str, Message, float], None]
-
-
-class Plant(Protocol):
-    """What the graph's clock advances."""
-
-    def advance_to(self, time: float) -> None:
-        """Simulate up to a time, seconds of the trial."""
 
 
 @dataclass
@@ -62,13 +55,11 @@ class Graph:
         _check(stages, external)
         self.stages = tuple(stages)
         self.health = health
-        topics = [*(stage.output for stage in stages), *external]
-        self.boxes = {topic: Mailbox() for topic in topics}
+        self._topics = (*(stage.output for stage in stages), *external)
         #: Wall-clock seconds of each call, by stage.
         self.seconds: dict[str, list[float]] = {stage.name: [] for stage in stages}
         self.observers: list[Observer] = []
         self._maker = {stage.output: stage.name for stage in stages}
-        self._inputs = Inputs(self.boxes)
         self.reset()
 
     def reset(self) -> None:
@@ -77,8 +68,8 @@ class Graph:
         self._numbers = count()
         self._waiting: list[tuple[float, int, str, Message]] = []
         self._schedules = {stage.name: _Schedule() for stage in self.stages}
-        for box in self.boxes.values():
-            box.clear()
+        self.boxes = {topic: Mailbox() for topic in self._topics}
+        self._inputs = Inputs(self.boxes)
         for stage in self.stages:
             stage.reset()
         self.health.reset()
@@ -87,21 +78,23 @@ class Graph:
         """Make a message visible at a time, seconds of the trial."""
         heapq.heappush(self._waiting, (visible, next(self._numbers), topic, message))
 
-    def run_until(self, end: float, plant: Plant) -> None:
-        """Run the plant and the stages up to a time.
+    def run_until(self, end: float, advance_to: Callable[[float], object]) -> None:
+        """Run the bench and the stages up to a time.
 
         :param end: seconds of the trial; stages that are due at this time run in the next call.
-        :param plant: advanced to each moment before the stages of that moment run.
+        :param advance_to: advances the bench to each moment before the stages of that moment run.
         """
         while (moment := self._next_moment()) < end - _TOLERANCE:
             self.now = max(self.now, moment)
-            plant.advance_to(self.now)
-            self._deliver()
+            advance_to(self.now)
+            while self._waiting and self._waiting[0][0] <= self.now + _TOLERANCE:
+                _, _, topic, message = heapq.heappop(self._waiting)
+                self._show(topic, message)
             for stage in self.stages:
                 if self._ready(stage) <= self.now + _TOLERANCE:
                     self._run(stage)
         self.now = end
-        plant.advance_to(end)
+        advance_to(end)
 
     def _next_moment(self) -> float:
         moment = self._waiting[0][0] if self._waiting else math.inf
@@ -113,11 +106,6 @@ class Graph:
         if stage.inputs and self.boxes[stage.inputs[0]].arrivals == schedule.seen:
             return math.inf
         return max(schedule.due, schedule.busy_until, schedule.down_until)
-
-    def _deliver(self) -> None:
-        while self._waiting and self._waiting[0][0] <= self.now + _TOLERANCE:
-            _, _, topic, message = heapq.heappop(self._waiting)
-            self._show(topic, message)
 
     def _show(self, topic: str, message: Message) -> None:
         self.boxes[topic].put(message)

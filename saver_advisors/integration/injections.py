@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,45 +22,20 @@ STILL: Final = 0.01
 ALLOWED: Final = 0.100
 
 
-@dataclass(frozen=True)
-class Injection:
-    """Record the effects of a fault.
-
-    :param fault: its name.
-    :param seed: of the trial.
-    :param begin: of the fault, seconds of the trial.
-    :param speed: of the faster tool when it began, m/s.
-    :param held_after: seconds until the first command to hold; None without one.
-    :param still_after: seconds until both tools had stopped for good; None if they did not.
-    :param named: the first stage that the log names, empty without any.
-    :param named_rightly: whether it is the faulty stage, or the one that detects the fault.
-    :param recovered_after: seconds from the end of the fault until the arms were free; None if they
-        were not.
-    :param torso_force: peak from the fault's begin on, newtons.
-    :param torso_displacement: peak, metres.
-    """
-
-    fault: str
-    seed: int
-    begin: float
-    speed: float
-    held_after: float | None
-    still_after: float | None
-    named: str
-    named_rightly: bool
-    recovered_after: float | None
-    torso_force: float
-    torso_displacement: float
-
-
-def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> Injection:
+def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> dict[str, Any]:
     """Run the beginning of a trial with a fault.
 
     :param settings: of the loop.
     :param bench: for the loop.
     :param fault: a name in `FAULTS`.
     :param seed: of the trial, and of the time of the fault.
-    :return: the effects of the fault.
+    :return: the effects of the fault, for JSON: ``begin`` of the fault, seconds of the trial;
+        ``speed`` of the faster tool then, m/s; seconds ``held_after`` which the first command to
+        hold came and ``still_after`` which both tools had stopped for good, None if they did not;
+        the stage ``named`` first in the log, empty without any, and whether it is the faulty one or
+        the one that detects the fault (``named_rightly``); seconds ``recovered_after`` which the
+        arms were free again, from the fault's end, None if they were not; and the peaks
+        ``torso_force`` (N) and ``torso_displacement`` (m) from the fault's begin on.
     """
     kind = FAULTS[fault]
     begin = float(np.random.default_rng(seed).uniform(*BEGIN))
@@ -76,27 +50,27 @@ def inject(settings: LoopSettings, bench: WristBench, fault: str, seed: int) -> 
 
     loop.reset(seed)
     loop.graph.observers.append(watch)
-    loop.graph.run_until(begin, bench)
+    loop.graph.run_until(begin, bench.advance_to)
     bench.taken_peaks()
-    loop.graph.run_until(end + AFTERWARDS, bench)
+    loop.graph.run_until(end + AFTERWARDS, bench.advance_to)
     force, displacement = bench.taken_peaks()
     times, held, speeds = (np.array(column) for column in zip(*rows, strict=True))
     during, after = (times >= begin) & (times < end), times >= end
     stops = [event for event in loop.health.log if event.kind == STOPPED and event.time >= begin]
     named = stops[0].stage if stops else ""
-    return Injection(
-        fault=fault,
-        seed=seed,
-        begin=begin,
-        speed=float(speeds[times < begin][-1]),
-        held_after=_first(times[during] - begin, held[during]),
-        still_after=_settled(times[during] - begin, speeds[during] < STILL),
-        named=named,
-        named_rightly=named == (kind.detected_by or kind.stage),
-        recovered_after=_first(times[after] - end, ~held[after]),
-        torso_force=force,
-        torso_displacement=displacement,
-    )
+    return {
+        "fault": fault,
+        "seed": seed,
+        "begin": begin,
+        "speed": float(speeds[times < begin][-1]),
+        "held_after": _first(times[during] - begin, held[during]),
+        "still_after": _settled(times[during] - begin, speeds[during] < STILL),
+        "named": named,
+        "named_rightly": named == (kind.detected_by or kind.stage),
+        "recovered_after": _first(times[after] - end, ~held[after]),
+        "torso_force": force,
+        "torso_displacement": displacement,
+    }
 
 
 def _first(times: np.ndarray, hold: np.ndarray) -> float | None:

@@ -1,6 +1,6 @@
 """The messages between stages: small frozen dataclasses of plain arrays, each with a stamp.
 
-An array's annotation contains its shape, which `wire` checks, and ``nan`` where NaN is allowed.
+An annotation contains the shape, which `wire` checks, and ``nan`` where NaN is allowed.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class ArmReading(Message):
     tool_rotation: Annotated[Floats, "arms 3 3"]
     jacobian: Annotated[Floats, "arms 6 dof"]
     hand_force: Annotated[Floats, "arms"]
-    torso_force: float
+    torso_force: Annotated[float, ""]
 
     def arm_state(self) -> ArmState:
         """Return the encoders' part as the simulation does, with a leading dimension of 1."""

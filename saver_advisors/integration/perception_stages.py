@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.integration.messages import Picture, PixelPose, SpacePose
-from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
+from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_advisors.integration.tracking import SIDES
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2, Camera, CameraPose
 from saver_envs.perception.lifting import lift
@@ -34,12 +34,10 @@ class PictureCheckStage(LoopStage):
     """Forward pictures that are neither black nor frozen.
 
     A sensor's noise differs from frame to frame: equal depth images are the same frame.
-
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, latency: Latency = 0.0) -> None:
-        super().__init__("picture check", "picture", ("frame",), None, latency)
+    def __init__(self) -> None:
+        super().__init__("picture check", "picture", ("frame",))
         self.reset()
 
     def reset(self) -> None:
@@ -63,11 +61,10 @@ class PoseStage(LoopStage):
     """Find the person in a picture.
 
     :param estimator: returns people in a picture, the one with the highest confidence first.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, estimator: Estimator, latency: Latency = 0.0) -> None:
-        super().__init__("pose", "pixel_pose", ("picture",), None, latency)
+    def __init__(self, estimator: Estimator) -> None:
+        super().__init__("pose", "pixel_pose", ("picture",))
         self._estimator = estimator
 
     def process(self, inputs: Inputs, now: float) -> PixelPose:
@@ -83,12 +80,11 @@ class LiftStage(LoopStage):
     """Compute joint positions in the camera's frame from the depth image.
 
     :param camera: intrinsics.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, camera: Camera = KINECT_V2, latency: Latency = 0.0) -> None:
+    def __init__(self, camera: Camera = KINECT_V2) -> None:
         self._camera = camera
-        super().__init__("lift", "camera_pose", ("pixel_pose", "picture"), None, latency)
+        super().__init__("lift", "camera_pose", ("pixel_pose", "picture"))
 
     def process(self, inputs: Inputs, now: float) -> SpacePose:
         """Lift one person."""
@@ -103,12 +99,11 @@ class BenchFrameStage(LoopStage):
     """Transform positions from the camera's frame to the bench's.
 
     :param pose: of the camera, as calibrated.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(self, pose: CameraPose = BENCH_POSE, latency: Latency = 0.0) -> None:
+    def __init__(self, pose: CameraPose = BENCH_POSE) -> None:
         self._pose = pose
-        super().__init__("bench frame", "bench_pose", ("camera_pose",), None, latency)
+        super().__init__("bench frame", "bench_pose", ("camera_pose",))
 
     def process(self, inputs: Inputs, now: float) -> SpacePose:
         """Transform one person."""
@@ -117,15 +112,12 @@ class BenchFrameStage(LoopStage):
         return SpacePose(self.stamp(seen.stamp), positions, seen.scores)
 
 
-def shipped_estimator(**options: Any) -> Estimator:
+def shipped_estimator() -> Estimator:
     """Load the shipped pose network for the camera over the bench; imports torch.
 
     It returns joints of high confidence only: for arms that touch a person, a missing joint is
     better than a wrong one.
-
-    :param options: of `saver_envs.perception.estimator.PoseEstimator`.
     """
     from saver_envs.perception.estimator import PoseEstimator
 
-    options = {"options": CAUTIOUS_PARSING, **options}
-    return PoseEstimator.shipped(limbs=list(LIMBS), turn=2, **options)
+    return PoseEstimator.shipped(limbs=list(LIMBS), turn=2, options=CAUTIOUS_PARSING)

@@ -10,9 +10,9 @@ import numpy as np
 from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats
-from saver_envs.control import LEAD_LIMIT, SetPointRule, Workspace, bounded
+from saver_envs.control import LEAD_LIMIT, bounded
 from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
-from saver_envs.robots.description import Robot
+from saver_envs.validation import require
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
 #: of ISO/TS 15066 for a person's lower arm, which is 160 N.
@@ -56,24 +56,13 @@ class SafetyLimits:
 
     def __post_init__(self) -> None:
         for name in ("max_speed", "torso_force", "hand_force"):
-            value = getattr(self, name)
-            if not 0 < value < np.inf:
-                raise ValueError(f"{name}={value!r}: must be above 0")
-        if not 0 <= self.clearance < np.inf:
-            raise ValueError(f"clearance={self.clearance!r}: must be 0 m or more")
+            require(name, getattr(self, name), 0 < getattr(self, name) < np.inf, "above 0")
+        require("clearance", self.clearance, 0 <= self.clearance < np.inf, "0 m or more")
 
     @property
     def longest(self) -> float:
         """The longest displacement of a set-point in one action, metres."""
         return self.max_speed * ACTION_DURATION
-
-    def joint_travel(self, robot: Robot) -> Floats:
-        """Return what each joint may turn in one action at most, (dof,) radians.
-
-        Joints may exceed their rated speed by the same factor as the tool.
-        """
-        factor = JOINT_EXCESS * self.max_speed / RATED_SPEED
-        return np.asarray(robot.joint_speed_limits) * ACTION_DURATION * factor
 
     def freedom(self, hand_force: Floats, torso_force: float) -> Floats:
         """Return the factor by which forces scale the set-point lead limit.
@@ -87,38 +76,6 @@ class SafetyLimits:
         used = np.maximum(hand_force / self.hand_force, torso_force / self.torso_force)
         free: Floats = np.clip((1 - used) / (1 - YIELDING), 0.0, 1.0)
         return free
-
-
-def limited_set_point(
-    previous: Floats,
-    motion: Floats,
-    tool: Floats,
-    limits: SafetyLimits,
-    workspace: Workspace,
-    held_height: float | None,
-    freedom: Floats,
-) -> tuple[Floats, set[str]]:
-    """Move set-points by an action, within the limits.
-
-    Without contact forces this equals the environments' rule.
-
-    :param previous: (arms, 3) last set-points, metres, base frames.
-    :param motion: (arms, 3) displacement as a fraction of the longest.
-    :param tool: (arms, 3) positions of the tools, metres.
-    :param limits: gives the longest displacement.
-    :param workspace: region of the set-points.
-    :param held_height: constant height of the set-points (m), or None.
-    :param freedom: (arms,) factor of the set-point lead limit.
-    :return: (arms, 3) new set-points, and the names of the limits that changed them.
-    """
-    rule = SetPointRule(workspace, limits.longest, held_height)
-    moved = rule.unclipped(previous, motion, tool, freedom[:, None])
-    inside = workspace.clip(moved)
-    applied = {
-        "force": bool((freedom < 1).any()),
-        "workspace": bool((np.abs(inside - moved) > 1e-9).any()),
-    }
-    return inside, {name for name, changed in applied.items() if changed}
 
 
 def kept_clear(
@@ -151,7 +108,10 @@ class TargetLimits:
 
     def __init__(self, geometry: BenchGeometry, limits: SafetyLimits) -> None:
         self._geometry, self._limits = geometry, limits
-        self._travel = limits.joint_travel(geometry.robot)
+        # Joints may exceed their rated speed by the same factor as the tool.
+        factor = JOINT_EXCESS * limits.max_speed / RATED_SPEED
+        #: What each joint may turn in one action at most, (dof,) radians.
+        self._travel = np.asarray(geometry.robot.joint_speed_limits) * ACTION_DURATION * factor
         self._shape = len(geometry.base_position), len(self._travel)
 
     def broken(self, targets: Floats, arms: ArmReading, hips: Floats | None) -> str:

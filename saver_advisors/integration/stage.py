@@ -43,11 +43,6 @@ class Mailbox:
         self.history.append(message)
         self.arrivals += 1
 
-    def clear(self) -> None:
-        """Remove all messages."""
-        self.history.clear()
-        self.arrivals = 0
-
     @property
     def latest(self) -> Message | None:
         """The newest message, None before the first."""
@@ -102,6 +97,20 @@ class Inputs:
         raise StageFault(f"message {sequence} of topic {topic!r} is not available")
 
 
+def check_latency(stage: str, latency: Latency) -> None:
+    """Check a latency.
+
+    :param stage: that has it.
+    :param latency: seconds, or ``"measured"``.
+    :raises ValueError: for another text, or a number that is negative or not finite.
+    """
+    if isinstance(latency, str):
+        if latency != MEASURED:
+            raise ValueError(f"latency={latency!r} of {stage!r}: seconds, or {MEASURED!r}")
+    elif not 0 <= latency < math.inf:
+        raise ValueError(f"latency={latency!r} of {stage!r}: must be 0 s or more")
+
+
 @dataclass(eq=False)
 class LoopStage(ABC):
     """Process messages: one step on the way from the camera to the servos.
@@ -125,16 +134,12 @@ class LoopStage(ABC):
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        name, rate, latency = self.name, self.rate, self.latency
+        name, rate = self.name, self.rate
         if rate is None and not self.inputs:
             raise ValueError(f"rate=None: {name!r} has no inputs, so it needs a rate in Hz")
         if rate is not None and not 0 < rate < math.inf:
             raise ValueError(f"rate={rate!r} of {name!r}: must be above 0 Hz")
-        if isinstance(latency, str):
-            if latency != MEASURED:
-                raise ValueError(f"latency={latency!r} of {name!r}: seconds, or {MEASURED!r}")
-        elif not 0 <= latency < math.inf:
-            raise ValueError(f"latency={latency!r} of {name!r}: must be 0 s or more")
+        check_latency(name, self.latency)
 
     @abstractmethod
     def process(self, inputs: Inputs, now: float) -> Message | None:

@@ -78,7 +78,6 @@ class ProcessLoop:
     ) -> None:
         self._computers_stages = _checked(settings, computers)
         elsewhere = [name for stages in self._computers_stages.values() for name in stages]
-        self.settings = settings
         self.loop: ControlLoop = build_loop(settings, bench, elsewhere=elsewhere)
         topics = self.loop.graph.boxes.keys() & KINDS.keys()
         self.hub = Hub(Wire(bench.geometry), topics, [OUTPUTS[name] for name in elsewhere])
@@ -89,7 +88,7 @@ class ProcessLoop:
 
     def __enter__(self) -> ProcessLoop:
         try:
-            self.start()
+            self._start()
         except BaseException:
             self.close()
             raise
@@ -98,7 +97,7 @@ class ProcessLoop:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def start(self) -> None:
+    def _start(self) -> None:
         """Start all processes and wait until they are ready.
 
         :raises SupervisorError: for a process that does not start.
@@ -128,16 +127,12 @@ class ProcessLoop:
         while graph.now < end - 1e-9:
             self._poll()
             self._watch()
-            graph.run_until(min(graph.now + LOOK_EVERY, end), bench)
+            graph.run_until(min(graph.now + LOOK_EVERY, end), bench.advance_to)
             ahead = graph.now - start - (time.monotonic() - begin)
             if ahead > 0:
                 time.sleep(ahead)
             elif ahead < -0.1:  # slower than real time: do not catch up
                 begin, start = time.monotonic(), graph.now
-
-    def process_of(self, computer: str) -> int:
-        """Return the process id of a computer, by its name."""
-        return self._computers[computer].process.pid
 
     def close(self) -> None:
         """End all processes and close the sockets."""
@@ -150,7 +145,7 @@ class ProcessLoop:
         keys = self.hub.admit({OUTPUTS[stage]: stage for stage in stages})
         job = {
             "stages": stages,
-            "settings": self.settings.to_mapping(),
+            "settings": self.loop.settings.to_mapping(),
             "geometry": self.loop.bench.geometry.to_mapping(),
             "keys": keys,
             "parent": os.getpid(),

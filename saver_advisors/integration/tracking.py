@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats, Person, SpacePose
-from saver_advisors.integration.stage import Inputs, Latency, LoopStage, StageFault
-from saver_envs.cameras.rgbd import BENCH_POSE
+from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
+from saver_envs.validation import require
 
 #: The person's side at each arm: the right arm's base is at negative y, on the right of a person
 #: who lies on the back with the head towards -x.
@@ -60,15 +60,13 @@ class FilterSettings:
     arm_radius: float = 0.10
 
     def __post_init__(self) -> None:
-        for name in ("wrist_gain", "hip_gain"):
-            if not 0 < getattr(self, name) <= 1:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be above 0, at most 1")
-        for name in ("jump", "top_speed", "reacquire", "arm_radius"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be above 0")
-        for name in ("wrist_speed_gain", "hold", "hold_hidden", "hold_hip"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name}={getattr(self, name)!r}: must be 0 or more")
+        for name, value in vars(self).items():
+            if name in ("wrist_gain", "hip_gain"):
+                require(name, value, 0 < value <= 1, "above 0, at most 1")
+            elif name in ("jump", "top_speed", "reacquire", "arm_radius"):
+                require(name, value, 0 < value < np.inf, "above 0")
+            else:
+                require(name, value, 0 <= value < np.inf, "0 or more")
 
 
 @dataclass
@@ -157,35 +155,23 @@ class FilterStage(LoopStage):
     stage is faulty and the arms hold still. For wrists this time is 0 by default, and a wrist that
     an arm of the robot occludes can have a time of its own.
 
-    :param base_position: (arms, 3) of the arms' bases, metres.
+    :param geometry: of the bench.
     :param settings: of the filter.
-    :param camera_position: (3,) metres, bench frame.
-    :param latency: see `LoopStage`.
     """
 
-    def __init__(
-        self,
-        base_position: NDArray[np.float64],
-        settings: FilterSettings = FilterSettings(),
-        camera_position: NDArray[np.float64] = BENCH_POSE.position,
-        latency: Latency = 0.0,
-    ) -> None:
-        super().__init__("filter", "person", ("bench_pose", "arms"), None, latency)
-        self._base = base_position
+    def __init__(self, geometry: BenchGeometry, settings: FilterSettings) -> None:
+        super().__init__("filter", "person", ("bench_pose", "arms"))
+        self._base, self._camera = geometry.base_position, geometry.camera_pose.position
         self._settings = settings
-        self._camera = camera_position
         self.reset()
 
     def reset(self) -> None:
         """Forget all joints."""
         settings = self._settings
-
-        def tracks(gain: float, speed_gain: float) -> list[Track]:
-            return [Track(gain, speed_gain, settings) for _ in SIDES]
-
-        self._wrists = tracks(settings.wrist_gain, settings.wrist_speed_gain)
-        self._elbows = tracks(settings.wrist_gain, settings.wrist_speed_gain)
-        self._hips = tracks(settings.hip_gain, 0.0)
+        gains = settings.wrist_gain, settings.wrist_speed_gain
+        self._wrists = [Track(*gains, settings) for _ in SIDES]
+        self._elbows = [Track(*gains, settings) for _ in SIDES]
+        self._hips = [Track(settings.hip_gain, 0.0, settings) for _ in SIDES]
 
     def process(self, inputs: Inputs, now: float) -> Person:
         """Process the joints of one picture."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saver_advisors.integration.assembly import ControlLoop
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.health import STOPPED, Event
-from saver_advisors.integration.messages import Message, ServoCommand
+from saver_advisors.integration.messages import ServoCommand
 from saver_advisors.integration.tracking import SIDES
 from saver_advisors.integration.wrist_bench import WristBench, wrist_bench
 from saver_envs.episodes import ACTION_DURATION
@@ -34,7 +34,6 @@ class TrialRecord:
     :param torso_force: (T + 1,) peak since the last sample, newtons.
     :param torso_displacement: (T + 1,) peak since the last sample, metres.
     :param hand_force: (T + 1, arms) contact force at each hand, newtons.
-    :param speed: (T + 1, arms) of the tools, m/s.
     :param holding: (T + 1,) whether the arms were held still.
     :param log: of the stages' health.
     :param diverged: whether the simulation diverged.
@@ -45,7 +44,6 @@ class TrialRecord:
     torso_force: NDArray[np.float64]
     torso_displacement: NDArray[np.float64]
     hand_force: NDArray[np.float64]
-    speed: NDArray[np.float64]
     holding: NDArray[np.bool_]
     log: tuple[Event, ...]
     diverged: bool = False
@@ -133,29 +131,19 @@ def run_trial(
     :raises TypeError: for a loop with another bench.
     """
     bench = wrist_bench(loop.bench)
+    advance = advance or (lambda end: loop.graph.run_until(end, bench.advance_to))
     samples: list[dict[str, Any]] = []
-    held = False
-
-    def watch(topic: str, message: Message, now: float) -> None:
-        nonlocal held
-        if isinstance(message, ServoCommand):
-            held = message.holding
-
     loop.reset(seed)
     loop.stop.release()
-    loop.graph.observers.append(watch)
-    try:
-        for action in range(actions + 1):
-            now = action * ACTION_DURATION
-            if action and advance is not None:
-                advance(now)
-            elif action:
-                loop.graph.run_until(now, bench)
-            samples.append({**_sample(bench), "holding": held})
-            if look is not None:
-                look(now)
-    finally:
-        loop.graph.observers.remove(watch)
+    for action in range(actions + 1):
+        now = action * ACTION_DURATION
+        if action:
+            advance(now)
+        command = loop.graph.boxes["servo"].latest
+        held = isinstance(command, ServoCommand) and command.holding
+        samples.append({**_sample(bench), "holding": held})
+        if look is not None:
+            look(now)
     columns: dict[str, Any] = {
         name: np.array([one[name] for one in samples]) for name in samples[0]
     }
@@ -171,5 +159,4 @@ def _sample(bench: WristBench) -> dict[str, Any]:
         "torso_force": force,
         "torso_displacement": displacement,
         "hand_force": arms.hand_force,
-        "speed": np.linalg.norm(arms.tool_velocity, axis=-1),
     }

@@ -1,9 +1,9 @@
 """Messages between processes: a JSON header and the arrays' bytes; nothing is unpickled.
 
 A message contains its topic and a zero byte, the header's length and the header, and the arrays.
-The header contains stamp, plain fields and the sender's time. Class, types and shapes follow from
-the topic and the bench, so that a message of another size is refused before anything is allocated
-for it. It is a single ZeroMQ part: the rest of one in several parts might never arrive.
+The header contains stamp and the sender's time. Class, types and shapes follow from the topic and
+the bench, so that a message of another size is refused before anything is allocated for it. It is
+a single ZeroMQ part: the rest of one in several parts might never arrive.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, get_args, get_origin, get_type_hints
+from typing import Any, Final, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ KINDS: Final[Mapping[str, type[Message]]] = {
     "action": kinds.Action,
     "set_points": kinds.SetPoints,
     "joint_targets": kinds.JointTargets,
-    "servo": kinds.ServoCommand,
 }
 #: Longest header or sign of life (bytes).
 LONGEST_TEXT: Final = 2**16
@@ -73,7 +72,7 @@ class _ArrayKind:
             and not (np.isfinite(values) | (self.nan and np.isnan(values))).all()
         ):
             raise WireError(f"{self.name}: every value must be finite{' or NaN' * self.nan}")
-        return np.ascontiguousarray(values, self.dtype)
+        return values.astype(self.dtype, order="C", copy=False)
 
 
 class Wire:
@@ -86,17 +85,14 @@ class Wire:
         camera = geometry.camera
         sizes = {"height": camera.height, "width": camera.width}
         sizes |= {"arms": len(geometry.base_position), "dof": len(geometry.robot.arm_joints)}
-        self._arrays: dict[str, dict[str, _ArrayKind]] = {}
-        self._plain: dict[str, dict[str, type]] = {}
-        for topic, kind in KINDS.items():
-            hints = get_type_hints(kind, include_extras=True)
-            del hints["stamp"]
-            self._plain[topic] = {n: h for n, h in hints.items() if get_origin(h) is not Annotated}
-            self._arrays[topic] = {
+        self._arrays = {
+            topic: {
                 name: _array_kind(f"{kind.__name__}.{name}", hint, sizes)
-                for name, hint in hints.items()
-                if name not in self._plain[topic]
+                for name, hint in get_type_hints(kind, include_extras=True).items()
+                if name != "stamp"
             }
+            for topic, kind in KINDS.items()
+        }
 
     def longest(self, topics: Collection[str]) -> int:
         """Return the bytes of the longest message of these topics, or of a sign of life."""
@@ -110,15 +106,13 @@ class Wire:
         :param message: of its class.
         :param now: the sender's time, seconds of the trial.
         :return: its bytes.
-        :raises WireError: for another topic or class, or a field that must not be sent.
+        :raises WireError: for another topic or class, or a value that must not be sent.
         """
         if type(message) is not KINDS.get(topic):
             raise WireError(f"topic {topic!r} with a message of {type(message).__name__}")
-        plain = {name: getattr(message, name) for name in self._plain[topic]}
         stamp = [message.stamp.time, message.stamp.sequence, message.stamp.source]
-        self._check_plain(topic, plain)
         _stamp(stamp)
-        header = json.dumps({"now": now, "stamp": stamp, "plain": plain}).encode()
+        header = json.dumps({"now": now, "stamp": stamp}).encode()
         arrays = self._arrays[topic].items()
         parts = [kind.checked(getattr(message, name)).tobytes() for name, kind in arrays]
         return b"".join([topic.encode() + b"\0", len(header).to_bytes(4), header, *parts])
@@ -145,24 +139,13 @@ class Wire:
             count = math.prod(kind.shape)
             array = np.frombuffer(message, kind.dtype, count, offset).reshape(kind.shape)
             # The copy is writable and does not keep the message alive.
-            values[name] = kind.checked(array.copy())
+            values[name] = kind.checked(array.copy())[()]
             offset += kind.size
-        plain: Any = header.get("plain")
         now: Any = header.get("now")
-        self._check_plain(topic, plain)
         if not _is_number(now):
             raise WireError(f"now={now!r}: must be a time")
         stamp = _stamp(header.get("stamp"))
-        return topic, KINDS[topic](stamp=stamp, **values, **plain), float(now)
-
-    def _check_plain(self, topic: str, plain: Any) -> None:
-        fields = self._plain[topic]
-        if not isinstance(plain, dict) or plain.keys() != fields.keys():
-            raise WireError(f"{topic!r} with plain={plain!r}: must have {sorted(fields)}")
-        for name, kind in fields.items():
-            value = plain[name]
-            if not (_is_number(value) if kind is float else isinstance(value, kind)):
-                raise WireError(f"{topic!r} with {name}={value!r}: must be {kind.__name__}")
+        return topic, KINDS[topic](stamp=stamp, **values), float(now)
 
 
 def read_json(part: bytes) -> dict[str, Any]:
@@ -234,6 +217,6 @@ def _stamp(value: Any) -> Stamp:
 
 def _array_kind(name: str, hint: Any, sizes: Mapping[str, int]) -> _ArrayKind:
     array, shape, *nan = get_args(hint)
-    scalar = get_args(get_args(array)[1])[0]
+    scalar = float if array is float else get_args(get_args(array)[1])[0]
     numbers = tuple(sizes[size] if size in sizes else int(size) for size in shape.split())
     return _ArrayKind(name, np.dtype(scalar), numbers, bool(nan))

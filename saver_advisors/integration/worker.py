@@ -30,13 +30,6 @@ ORPHANED: Final = 60.0
 _NOTHING_LATER: Final = 1e-6
 
 
-class _NoPlant:
-    """A plant without anything to simulate."""
-
-    def advance_to(self, time: float) -> None:
-        """Do nothing."""
-
-
 class Worker:
     """Run stages on the clock of the incoming messages.
 
@@ -88,7 +81,7 @@ class Worker:
                 now = 0.0
             now = max(now, sent)
             self._graph.publish(topic, message, now)
-        self._graph.run_until(now + _NOTHING_LATER, _NoPlant())
+        self._graph.run_until(now + _NOTHING_LATER, lambda time: None)
 
     def _send(self, topic: str, message: Message, now: float) -> None:
         if topic not in self._own:
@@ -118,15 +111,14 @@ class Worker:
         self._outputs.send(ALIVE + json.dumps(sign).encode())
 
 
-def main() -> int:
+def main() -> None:
     """Read the job from standard input and run it."""
     from saver_advisors.training.threads import one_thread_of_algebra
 
     job = json.load(sys.stdin)
     with one_thread_of_algebra():
         Worker(job).run()
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -36,7 +36,6 @@ class WristBench(EpisodesBench):
         self._body = -1
         self._data: mujoco.MjData | None = None
         self._random = np.random.default_rng()
-        self._force = 0.0
         #: Peak force (N) and displacement (m) of the torso since the last :meth:`taken_peaks`.
         self._peaks = 0.0, 0.0
         #: The peak force that the last call of :meth:`taken_peaks` returned, for drawing.
@@ -46,26 +45,22 @@ class WristBench(EpisodesBench):
         """Begin a trial, drawn from a seed, with the camera's noise."""
         super().reset(seed)
         self._random = np.random.default_rng(seed + _CAMERA_SEED)
-        self._force = self.last_peak = 0.0
+        self.torso_force = self.last_peak = 0.0
         self._peaks = 0.0, 0.0
 
     def _after_substeps(self) -> None:
         if self.substeps % _SAMPLE_EVERY:
             return
         readings = self._patient.readings(self.episodes.memory)
-        self._force = float(readings["torso_force"][0])
+        self.torso_force = float(readings["torso_force"][0])
         displacement = float(readings["torso_displacement"][0])
-        self._peaks = max(self._peaks[0], self._force), max(self._peaks[1], displacement)
+        self._peaks = max(self._peaks[0], self.torso_force), max(self._peaks[1], displacement)
 
     def taken_peaks(self) -> tuple[float, float]:
         """Return the peak torso force (N) and displacement (m) since the last call."""
         peaks, self._peaks = self._peaks, (0.0, 0.0)
         self.last_peak = peaks[0]
         return peaks
-
-    def torso_force(self) -> float:
-        """Return the present contact force on the person's torso, newtons."""
-        return self._force
 
     def _hips(self, targets: Floats) -> Floats:
         return self._patient.hips()[0]

@@ -29,6 +29,8 @@ COMMAND_VARIABLE = "SAVER_COMMAND"
 COMMIT_VARIABLE = "SAVER_COMMIT"
 """Environment variable with the commit, for files without a repository, as on a cluster's node."""
 REPOSITORY = Path(__file__).resolve().parents[2]
+TOLD = {"MuJoCo": "mujoco", "PyTorch": "torch", "Stable-Baselines3": "sb3"}
+"""Packages whose versions a page tells: name on the page -> key of a :func:`provenance`."""
 VECTOR_INSTRUCTIONS = {
     "avx2": "AVX2",
     "avx512f": "AVX-512",
@@ -73,6 +75,23 @@ def machine_in_words(machine: Mapping[str, Any]) -> str:
     told = [f"{machine['cpu']} with {vectors}" if vectors else str(machine["cpu"])]
     told.append(f"{machine['cores']} cores")
     return ", ".join([*told, *([machine["gpu"]] if "gpu" in machine else [])])
+
+
+def measured_at(figures: Mapping[str, Any], packages: Mapping[str, str] = TOLD) -> str:
+    """Say when, at which commit, how and on which machine figures were measured.
+
+    :param figures: content of a result file
+    :param packages: whose versions are told, see :data:`TOLD`
+    :return: a sentence; empty without provenance
+    """
+    origin = figures.get("provenance")
+    if not origin:
+        return ""
+    versions = [f"{name} {origin['versions'][key]}" for name, key in packages.items()]
+    return (
+        f"Measured {origin['time']} at commit `{origin['commit']}` with `{origin['command']}` on "
+        f"{', '.join([machine_in_words(origin['machine']), *versions])}."
+    )
 
 
 def load_averages() -> list[float] | None:

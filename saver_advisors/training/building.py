@@ -148,10 +148,8 @@ def demonstration_steps(config: RunConfig, horizon: int) -> int:
         return 0
     block = horizon * config.n_envs
     steps = -(-config.advice.demonstration_steps // block) * block
-    for name, limit in (
-        ("advice.budget", config.advice.budget),
-        ("total_steps", config.total_steps),
-    ):
+    limits = {"advice.budget": config.advice.budget, "total_steps": config.total_steps}
+    for name, limit in limits.items():
         if steps > limit:
             raise ValueError(
                 f"advice.demonstration_steps={config.advice.demonstration_steps} are {steps} in "
@@ -173,8 +171,7 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     assert advice is not None
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
-    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
-    if any(map(names_code, teachers)):
+    if any(map(names_code, advice.teachers)):
         named["n_arms"] = getattr(task_of(env), "n_arms", None)
     advisor = make_advisor(
         **named,

@@ -61,7 +61,7 @@ def load_policy(path: str | Path, policy: th.nn.Module) -> None:
         raise ValueError(f"{path} does not fit this policy: {error}") from error
 
 
-def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[str, Any]) -> None:
+def save_checkpoint(folder: Path, model: GoalLearnerMixin, extra: dict[str, Any]) -> None:
     """Write the whole state of a run, in place of an older checkpoint.
 
     :param folder: of the checkpoint.
@@ -69,14 +69,14 @@ def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[s
     :param extra: JSON-able values that ``load_checkpoint`` returns.
     :raises OSError: if it cannot be written; the older checkpoint is then intact.
     """
-    folder = Path(folder)
     partial = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     try:
         partial.mkdir(parents=True)
         save_policy(partial / POLICY_FILE, model.policy)
         write_weights(partial / TRAINING_FILE, KIND, _training_tensors(model), {})
-        _buffer(model).save_npz(partial / REPLAY_FILE)
+        assert isinstance(model.replay_buffer, GoalReplayBuffer)  # the mixin checks it
+        model.replay_buffer.save_npz(partial / REPLAY_FILE)
         files = {path.name: _file_checksum(path) for path in sorted(partial.iterdir())}
         # Through JSON, as it is read back: tuples become lists, numbers as keys text.
         state = json.loads(json.dumps({**_counters(model), "extra": extra, "files": files}))
@@ -92,21 +92,18 @@ def save_checkpoint(folder: str | Path, model: OffPolicyAlgorithm, extra: dict[s
         ) from error
 
 
-def find_checkpoint(folder: str | Path) -> Path | None:
+def find_checkpoint(folder: Path) -> Path | None:
     """Find the checkpoint to resume from.
 
     :param folder: as passed to ``save_checkpoint``.
     :return: that folder, or the older one if the process ended while it was being replaced; None if
         there is neither.
     """
-    folder = Path(folder)
-    for candidate in (folder, folder.with_name(f".{folder.name}.previous")):
-        if (candidate / STATE_FILE).exists():
-            return candidate
-    return None
+    candidates = (folder, folder.with_name(f".{folder.name}.previous"))
+    return next((one for one in candidates if (one / STATE_FILE).exists()), None)
 
 
-def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, Any]:
+def load_checkpoint(folder: Path, model: GoalLearnerMixin) -> dict[str, Any]:
     """Restore the state of a model that was built with the same arguments.
 
     :param folder: from ``find_checkpoint``.
@@ -115,12 +112,11 @@ def load_checkpoint(folder: str | Path, model: OffPolicyAlgorithm) -> dict[str, 
     :raises FileNotFoundError: if a file is missing.
     :raises ValueError: if a file is damaged or does not fit the model.
     """
-    folder = Path(folder)
     state = read_state(folder)
     load_policy(folder / POLICY_FILE, model.policy)
     _load_training_tensors(folder / TRAINING_FILE, model)
-    _buffer(model).load_npz(folder / REPLAY_FILE)
-    assert isinstance(model, GoalLearnerMixin)
+    assert isinstance(model.replay_buffer, GoalReplayBuffer)
+    model.replay_buffer.load_npz(folder / REPLAY_FILE)
     random = state["random"]
     try:
         model.num_timesteps, model._n_updates, model._episode_num = (
@@ -167,14 +163,7 @@ def _file_checksum(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _buffer(model: OffPolicyAlgorithm) -> GoalReplayBuffer:
-    if not isinstance(model.replay_buffer, GoalReplayBuffer):
-        raise TypeError(f"model={type(model).__name__} must be a goal learner with its own buffer")
-    return model.replay_buffer
-
-
-def _counters(model: OffPolicyAlgorithm) -> dict[str, Any]:
-    assert isinstance(model, GoalLearnerMixin)
+def _counters(model: GoalLearnerMixin) -> dict[str, Any]:
     # Goal learners have their own generators; optional parts of SB3 use NumPy's global one.
     numpy_state: Any = np.random.get_state(legacy=False)  # noqa: NPY002
     numpy_state["state"]["key"] = numpy_state["state"]["key"].tolist()

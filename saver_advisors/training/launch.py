@@ -10,25 +10,20 @@ A run is a folder::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import MaybeCallback
-from stable_baselines3.common.vec_env import VecEnv
 
-from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_advisors.training.building import build_env, build_model
 from saver_advisors.training.checkpoint import POLICY_FILE, load_policy, read_tensors
-from saver_advisors.training.run import Evaluate, Run, RunResult, find_own_checkpoint
+from saver_advisors.training.run import Run, RunResult, find_own_checkpoint
 from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
 from saver_advisors.training.threads import threads_of_algebra
-
-EnvFactory = Callable[[RunConfig], VecEnv]
 
 
 def train(
@@ -39,8 +34,6 @@ def train(
     progress: bool = True,
     threads: int = 1,
     stop_after_steps: int | None = None,
-    env_factory: EnvFactory | None = None,
-    evaluate: Evaluate | None = None,
     callback: MaybeCallback = None,
 ) -> RunResult:
     """Start a run, or resume one.
@@ -54,8 +47,6 @@ def train(
     :param progress: show a progress bar.
     :param threads: see ``open_run``.
     :param stop_after_steps: stop with a checkpoint after this many steps of the whole run.
-    :param env_factory: see ``open_run``.
-    :param evaluate: see ``open_run``.
     :param callback: SB3 callbacks; their start and end hooks are called once per block.
     :return: the state of the run.
     :raises FileExistsError: if the folder holds a run and ``resume`` is false.
@@ -68,21 +59,12 @@ def train(
     """
     # First the folder: the settings of a run may name code, which is imported when it is built.
     find_own_checkpoint(Path(output_dir), config, resume)
-    with open_run(
-        config, output_dir, threads=threads, env_factory=env_factory, evaluate=evaluate
-    ) as run:
+    with open_run(config, output_dir, threads) as run:
         return run.train(resume, progress, stop_after_steps, callback)
 
 
 @contextmanager
-def open_run(
-    config: RunConfig,
-    output_dir: str | Path,
-    *,
-    threads: int = 1,
-    env_factory: EnvFactory | None = None,
-    evaluate: Evaluate | None = None,
-) -> Iterator[Run]:
+def open_run(config: RunConfig, output_dir: str | Path, threads: int = 1) -> Iterator[Run]:
     """Build a run's environment and learner, and close the environment at the end.
 
     Every mistake in the settings raises here, before ``Run.train`` writes the first file.
@@ -91,29 +73,19 @@ def open_run(
     :param output_dir: the run's folder.
     :param threads: threads of the simulation, whose results do not depend on them, and of torch,
         whose sums may differ in the last bit.
-    :param env_factory: builds the vector env; ``SaverVecEnv`` if None.
-    :param evaluate: called as ``evaluate_policy``, which is used if None.
     :return: the run, for use within the context.
     :raises ValueError: for settings that do not fit together, or less than one thread.
     :raises TypeError: for unknown arguments of the environment or unsuitable teachers.
     """
-    with (
-        threads_of_algebra(threads),
-        closing((env_factory or partial(build_env, threads=threads))(config)) as env,
-    ):
-        yield Run(
-            config, Path(output_dir), env, evaluate or partial(evaluate_policy, threads=threads)
-        )
+    with threads_of_algebra(threads), closing(build_env(config, threads)) as env:
+        yield Run(config, Path(output_dir), env, threads)
 
 
-def load_trained(
-    output_dir: str | Path, which: str = "best", *, env_factory: EnvFactory | None = None
-) -> OffPolicyAlgorithm:
+def load_trained(output_dir: str | Path, which: str = "best") -> OffPolicyAlgorithm:
     """Load the learner of a run with trained networks, for prediction or export.
 
     :param output_dir: the run's folder.
     :param which: ``best`` or ``latest``.
-    :param env_factory: see ``open_run``.
     :return: the learner, without advisor and with an empty replay buffer.
     :raises FileNotFoundError: if the run has no such policy.
     :raises ValueError: for a damaged file.
@@ -124,7 +96,7 @@ def load_trained(
     values = read_record(output_dir)["config"]
     config = replace(RunConfig.from_mapping(values), advice=None, n_envs=1)
     read_tensors(output_dir / which / POLICY_FILE)  # verified before an environment's module runs
-    with closing((env_factory or build_env)(config)) as env:
+    with closing(build_env(config)) as env:
         model = build_model(config, env)
     load_policy(output_dir / which / POLICY_FILE, model.policy)
     return model

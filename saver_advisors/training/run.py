@@ -8,13 +8,7 @@ run equals an uninterrupted one.
 
 from __future__ import annotations
 
-import signal
-import sys
-import threading
 import time
-import types
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor, names_code
-from saver_advisors.evaluation.episodes import EpisodeOutcomes
+from saver_advisors.evaluation.episodes import Observation, evaluate_policy
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
@@ -46,16 +40,12 @@ from saver_advisors.training.checkpoint import (
 from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_curve, write_curve
 from saver_advisors.training.run_folder import RECORD_FILE, locked, read_record
 from saver_advisors.training.settings import RunConfig, naming
+from saver_advisors.training.stopping import Stop
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
 #: Entries of an evaluation that only tasks with a constraint have.
 RATES = ("goal_success_rate", "constraint_met_rate")
-
-Observation = dict[str, npt.NDArray[Any]]
-
-
-Evaluate = Callable[..., EpisodeOutcomes]
 
 
 @dataclass(frozen=True)
@@ -86,17 +76,15 @@ class Run:
     :param config: settings of the run.
     :param output_dir: the run's folder.
     :param env: the vector env to train in.
-    :param evaluate: called as ``evaluate_policy``.
+    :param threads: of the simulation in evaluations.
     :raises ValueError: for settings that do not fit together.
     """
 
-    def __init__(
-        self, config: RunConfig, output_dir: Path, env: VecEnv, evaluate: Evaluate
-    ) -> None:
+    def __init__(self, config: RunConfig, output_dir: Path, env: VecEnv, threads: int = 1) -> None:
         self.config = config
         self.output_dir = output_dir
         self.env = env
-        self.evaluate = evaluate
+        self.threads = threads
         if (plain := _without_code(config)) is not None:
             # Everything else must fit before the code that the settings name is imported.
             build_model(plain, env)
@@ -141,16 +129,20 @@ class Run:
         """
         total = self.config.total_steps
         limit = total if stop_after_steps is None else min(total, stop_after_steps)
-        with locked(self.output_dir), _stop_requests() as stop:
+        stop = Stop()
+        # Blocks are never interrupted.
+        words = "stopping after this block; Ctrl-C again to stop at once"
+        with locked(self.output_dir), stop.on_signals(words):
             self._begin(resume)
             saved_at = self.steps
             with tqdm(total=total, initial=saved_at, unit="step", disable=not progress) as bar:
-                while self.steps < limit and not stop.is_set():
-                    before = self.steps
+                while self.steps < limit and not stop:
+                    before, start = self.steps, time.perf_counter()
                     if self.steps < self.demonstration_steps:
                         self._demonstrate_block()
                     else:
                         self._train_block(callback)
+                    self.wall_clock_s += time.perf_counter() - start
                     bar.update(self.steps - before)
                     done = self.steps >= total
                     rate = None
@@ -207,7 +199,6 @@ class Run:
 
     def _demonstrate_block(self) -> None:
         """Let the teachers play an episode in each environment; after the last, clone them."""
-        start = time.perf_counter()
         model: Any = self.model
         replay = model.replay_buffer
         assert isinstance(replay, DemonstrationReplayBuffer)
@@ -221,11 +212,9 @@ class Run:
                 batch_size=self.config.batch_size,
                 learning_rate=self.config.learning_rate,
             )
-        self.wall_clock_s += time.perf_counter() - start
 
     def _train_block(self, callback: MaybeCallback) -> None:
         """Play an episode in each environment, then do the gradient steps."""
-        start = time.perf_counter()
         # SB3 passes the schedule the progress of one `learn`, which here is a block.
         self.model.lr_schedule = ConstantSchedule(self.config.learning_rate_at(self.steps))
         self.model.learn(
@@ -234,7 +223,6 @@ class Run:
             log_interval=None,  # type: ignore[arg-type]  # None means no log; the hint omits it
             reset_num_timesteps=False,
         )
-        self.wall_clock_s += time.perf_counter() - start
 
     def _evaluate(self) -> float:
         """Evaluate the student alone, add a point to the curve, keep the best policy.
@@ -248,15 +236,16 @@ class Run:
             values.append(self.model.student_value(observation, action))
             return action
 
-        result = self.evaluate(
+        result = evaluate_policy(
             predict,
             self.config.env_id,
             episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
             env_kwargs=self.config.env_kwargs,
+            threads=self.threads,
         )
         best_before = self.best_success_rate
-        success_rate = float(np.mean(result.success))
+        success_rate = result.success_rate
         logged = self.model.logger.name_to_value
         averages = load_averages()
         point: dict[str, Any] = {
@@ -274,9 +263,9 @@ class Run:
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
         }
-        if getattr(result, "constraint_met_rate", None) is not None:
-            rates = {name: getattr(result, name, None) for name in RATES}
-            point |= {name: float(rate) for name, rate in rates.items() if rate is not None}
+        if result.constraint_met_rate is not None:
+            rates = {name: getattr(result, name) for name in RATES}
+            point |= {name: rate for name, rate in rates.items() if rate is not None}
         if self.stages is not None:
             point["stage"] = self.stages.stage.name
         append_point(self.output_dir, point)
@@ -364,42 +353,12 @@ def _without_code(config: RunConfig) -> RunConfig | None:
     advice = config.advice
     if advice is None:
         return None
-    teachers = (advice.teacher,) if isinstance(advice.teacher, str) else advice.teacher
-    if any(map(names_code, teachers)):
+    if any(map(names_code, advice.teachers)):
         return replace(config, advice=None)
     if ":" not in advice.strategy:
         return None
-    plain: dict[str, Any] = {
-        "strategy": "none",
-        "threshold": None,
-        "correcting": None,
-        "settings": {},
-    }
-    return replace(config, advice=replace(advice, **plain))
-
-
-@contextmanager
-def _stop_requests() -> Iterator[threading.Event]:
-    """Turn Ctrl-C and SIGTERM into an event, so that blocks are never interrupted."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        # Python delivers signals to the main thread only, which then decides.
-        yield stop
-        return
-
-    def request(number: int, frame: types.FrameType | None) -> None:
-        if stop.is_set() and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        stop.set()
-        print("stopping after this block; Ctrl-C again to stop at once", file=sys.stderr)
-
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    handlers = {number: signal.signal(number, request) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+    plain = replace(advice, strategy="none", threshold=None, correcting=None, settings={})
+    return replace(config, advice=plain)
 
 
 def _mean(parts: list[npt.NDArray[Any]]) -> float | None:

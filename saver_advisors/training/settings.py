@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final, TypeAlias, TypeVar
+from types import NoneType
+from typing import Annotated, Any, Final, TypeAlias, TypeVar, get_args, get_type_hints
 
 from saver_advisors.evaluation.protocol import check_selection, training_seed
-from saver_advisors.reporting.provenance import write_json_atomic
 from saver_advisors.variable_reward.replay import RELABELLINGS
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
 
-# Numbers in a range: `_RANGES` checks the fields that are declared by these names.
-PositiveInt: TypeAlias = int
-NonNegativeInt: TypeAlias = int
-PositiveFloat: TypeAlias = float
-NonNegativeFloat: TypeAlias = float
-UnitFloat: TypeAlias = float
-FloatBelowOne: TypeAlias = float
+# Numbers in a range, in words and as a condition, which `_check_fields` checks.
+PositiveInt: TypeAlias = Annotated[int, "positive", lambda value: value > 0]
+NonNegativeInt: TypeAlias = Annotated[int, "0 or more", lambda value: value >= 0]
+PositiveFloat: TypeAlias = Annotated[float, "positive", lambda value: value > 0]
+NonNegativeFloat: TypeAlias = Annotated[float, "0 or more", lambda value: value >= 0]
+UnitFloat: TypeAlias = Annotated[float, "in [0, 1]", lambda value: 0 <= value <= 1]
+FloatBelowOne: TypeAlias = Annotated[float, "in [0, 1)", lambda value: 0 <= value < 1]
 
 #: Prefixes of the settings' names in messages, as in `--set advice.budget=0`.
 _PREFIXES = {"RunConfig": "", "AdviceConfig": "advice.", "StageConfig": "stages."}
@@ -83,9 +83,13 @@ class AdviceConfig:
         possible = self.cloning_updates == 0 or self.demonstration_steps > 0
         wanted = "0 if advice.demonstration_steps is 0: there is nothing to clone"
         _require(possible, self, "cloning_updates", wanted)
-        teachers = (self.teacher,) if isinstance(self.teacher, str) else self.teacher
-        named = bool(teachers) and all(isinstance(one, str) and one for one in teachers)
+        named = bool(self.teachers) and all(isinstance(one, str) and one for one in self.teachers)
         _require(named, self, "teacher", "a name, or a list of one name per arm")
+
+    @property
+    def teachers(self) -> tuple[str, ...]:
+        """The names of all teachers."""
+        return (self.teacher,) if isinstance(self.teacher, str) else self.teacher
 
 
 @dataclass(frozen=True)
@@ -206,10 +210,8 @@ class RunConfig:
         training_seed(self.seed)  # raises if it has none
         check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
-        for name, used in (
-            ("advice.bootstrap", bootstrap),
-            ("per_arm_critics", self.per_arm_critics),
-        ):
+        of_td3 = {"advice.bootstrap": bootstrap, "per_arm_critics": self.per_arm_critics}
+        for name, used in of_td3.items():
             if used and self.algorithm != "td3":
                 raise ValueError(f"{name}=True needs algorithm='td3', not {self.algorithm!r}")
         known = self.constraint_relabelling in (None, *RELABELLINGS)
@@ -237,24 +239,8 @@ class RunConfig:
         if isinstance(values.get("advice"), Mapping):
             values["advice"] = _build(AdviceConfig, values["advice"])
         if isinstance(values.get("stages"), (list, tuple)):
-            values["stages"] = [
-                one if isinstance(one, StageConfig) else _build(StageConfig, one)
-                for one in values["stages"]
-            ]
+            values["stages"] = [_build(StageConfig, one) for one in values["stages"]]
         return _build(cls, values)
-
-    @classmethod
-    def from_file(cls, path: str | Path) -> RunConfig:
-        """Read a configuration from a YAML or JSON file.
-
-        :param path: the file.
-        :return: the configuration.
-        :raises ValueError: as ``from_mapping``, or for a file that is neither; it names the file.
-        :raises TypeError: for values of the wrong type; it names the file.
-        """
-        values = read_mapping(Path(path))
-        with naming(str(path)):
-            return cls.from_mapping(values)
 
     def learning_rate_at(self, steps: int) -> float:
         """Compute the learning rate at a point of the run.
@@ -270,19 +256,6 @@ class RunConfig:
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for ``from_mapping``, JSON and YAML."""
         return dict(json.loads(json.dumps(asdict(self))))
-
-    def to_file(self, path: str | Path) -> None:
-        """Write the configuration for ``from_file``.
-
-        :param path: the file; JSON if it ends in ``.json``, YAML otherwise.
-        """
-        import yaml
-
-        path = Path(path)
-        if path.suffix == ".json":
-            write_json_atomic(path, self.to_mapping())
-        else:
-            path.write_text(yaml.safe_dump(self.to_mapping(), sort_keys=False), encoding="utf-8")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -346,43 +319,36 @@ def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
 
 def _check_fields(config: RunConfig | AdviceConfig | StageConfig) -> None:
     """Check each value against the type and the range that its field declares."""
-    for f in fields(config):
-        value = getattr(config, f.name)
-        optional = str(f.type).endswith(" | None")
+    for name, hint in get_type_hints(type(config), include_extras=True).items():
+        value = getattr(config, name)
+        optional = NoneType in get_args(hint)
         if optional and value is None:
             continue
-        kind = str(f.type).removesuffix(" | None")
-        kind, wanted, within = _RANGES.get(kind, (kind, "", None))
-        types, words = _TYPES[kind]
+        hint = get_args(hint)[0] if optional else hint
+        limits = getattr(hint, "__metadata__", ())
+        types, words = _TYPES[get_args(hint)[0] if limits else hint]
         if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
             words += " or null" if optional else ""
             if isinstance(value, str) and float in types:
                 words += "; YAML reads 1e-3 as text, write 1.0e-3"
-            raise TypeError(f"{_PREFIXES[type(config).__name__]}{f.name}={value!r} must be {words}")
+            raise TypeError(f"{_PREFIXES[type(config).__name__]}{name}={value!r} must be {words}")
         if isinstance(value, float):
-            _require(math.isfinite(value), config, f.name, "finite")
-        if within is not None:
-            _require(within(value), config, f.name, wanted)
+            _require(math.isfinite(value), config, name, "finite")
+        if limits:
+            wanted, within = limits
+            _require(within(value), config, name, wanted)
 
 
-_TYPES: Final[dict[str, tuple[tuple[type, ...], str]]] = {
-    "str": ((str,), "a text"),
-    "int": ((int,), "a whole number"),
-    "bool": ((bool,), "true or false"),
-    "float": ((float, int), "a number"),
-    "dict[str, Any]": ((dict,), "a mapping"),
-    "tuple[int, ...]": ((tuple,), "a list of whole numbers"),
-    "str | tuple[str, ...]": ((str, tuple), "a text or a list of texts"),
-    "tuple[StageConfig, ...]": ((tuple,), "a list of stages"),
-    "AdviceConfig": ((AdviceConfig,), "a mapping of advice settings"),
-}
-_RANGES: Final[dict[str, tuple[str, str, Callable[[Any], bool] | None]]] = {
-    "PositiveInt": ("int", "positive", lambda value: value > 0),
-    "NonNegativeInt": ("int", "0 or more", lambda value: value >= 0),
-    "PositiveFloat": ("float", "positive", lambda value: value > 0),
-    "NonNegativeFloat": ("float", "0 or more", lambda value: value >= 0),
-    "UnitFloat": ("float", "in [0, 1]", lambda value: 0 <= value <= 1),
-    "FloatBelowOne": ("float", "in [0, 1)", lambda value: 0 <= value < 1),
+_TYPES: Final[dict[Any, tuple[tuple[type, ...], str]]] = {
+    str: ((str,), "a text"),
+    int: ((int,), "a whole number"),
+    bool: ((bool,), "true or false"),
+    float: ((float, int), "a number"),
+    dict[str, Any]: ((dict,), "a mapping"),
+    tuple[int, ...]: ((tuple,), "a list of whole numbers"),
+    str | tuple[str, ...]: ((str, tuple), "a text or a list of texts"),
+    tuple[StageConfig, ...]: ((tuple,), "a list of stages"),
+    AdviceConfig: ((AdviceConfig,), "a mapping of advice settings"),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 
 @contextmanager
@@ -27,12 +28,9 @@ def threads_of_algebra(threads: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-@contextmanager
-def one_thread_of_algebra() -> Iterator[None]:
-    """Let torch and NumPy's BLAS use one thread, in a context or, with ``@``, in a function.
+one_thread_of_algebra = partial(threads_of_algebra, 1)
+"""Let torch and NumPy's BLAS use one thread, in a context or, with ``@``, in a function.
 
-    Networks as small as these gain little from a second thread, and waiting for it takes a core
-    from the simulator or from another run.
-    """
-    with threads_of_algebra(1):
-        yield
+Networks as small as these gain little from a second thread, and waiting for it takes a core from
+the simulator or from another run.
+"""

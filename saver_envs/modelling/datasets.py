@@ -7,7 +7,6 @@ file is plain NumPy (``.npz``, nothing pickled) with the columns of `COLUMNS`, e
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from saver_envs.files import written_whole
+from saver_envs.files import cache_folder, written_whole
 from saver_envs.modelling.arms import Task, arm_named, arms_with_twins
 from saver_envs.modelling.arms.description import Campaign
 from saver_envs.modelling.chain import Chain, FloatArray
@@ -106,8 +105,7 @@ def twin_data_set(
     :raises ValueError: for an arm without a twin.
     """
     campaign = campaign_of(name)
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    path = Path(root) / "saver-envs" / "modelling" / f"{name}-seed{seed}-v{VERSION}.npz"
+    path = cache_folder("modelling") / f"{name}-seed{seed}-v{VERSION}.npz"
     if not path.exists():
         save_recordings(path, name, record_twin(name, campaign, seed, progress))
     recordings = load_recordings(path, name)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from test_advisor import observation, students
+from tiny_runs import read_config, write_settings
 from toy_arms import ACTION, make_teacher
 from toy_runs import BLOCK, advisor_state, settings, start, steps_taken
 from toy_runs import save_teacher as save
@@ -50,8 +51,8 @@ def test_a_run_advises_some_arms_by_teachers_of_their_own(tmp_path: Path) -> Non
     config = settings(advice)
     assert config.advice is not None
     assert config.advice.teacher == (left, right)
-    config.to_file(tmp_path / "run.yaml")
-    assert type(config).from_file(tmp_path / "run.yaml") == config
+    write_settings(config, tmp_path / "run.yaml")
+    assert read_config(tmp_path / "run.yaml") == config
     start(config, tmp_path / "run")
     state = advisor_state(tmp_path / "run")
     assert state["teachers"] == ["left", "right"]

@@ -183,11 +183,14 @@ def test_cloning_makes_the_student_act_as_the_teachers(tmp_path: Path, algorithm
     assert all(one.grad is None or not one.grad.any() for one in model.actor.parameters())
 
 
-def test_a_cloned_run_evaluates_the_clone(tmp_path: Path) -> None:
+def test_a_cloned_run_evaluates_the_clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the first gradient step of its own, the student is what was cloned."""
     given = advice(tmp_path, demonstration_steps=4 * BLOCK, budget=4 * BLOCK, cloning_updates=300)
     start(settings(given), tmp_path / "run", stop_after_steps=4 * BLOCK)
-    student = load_trained(tmp_path / "run", "latest", env_factory=lambda c: make_vec_env(c.n_envs))
+    monkeypatch.setattr(
+        "saver_advisors.training.launch.build_env", lambda config: make_vec_env(config.n_envs)
+    )
+    student = load_trained(tmp_path / "run", "latest")
     untrained = build_model(settings(None), make_vec_env(4))
     pair = side_by_side(load_teacher(given["teacher"]), N_ARMS)
     env = make_vec_env(20)

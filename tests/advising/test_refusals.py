@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from stable_baselines3 import A2C, PPO
+from tiny_runs import read_config, write_settings
 from toy_arms import GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, save_teacher, settings, start, steps_taken
 
@@ -132,8 +133,8 @@ def test_configurations_come_back_from_files(tmp_path: Path) -> None:
         ),
     )
     for name in ("run.yaml", "run.json"):
-        config.to_file(tmp_path / name)
-        assert RunConfig.from_file(tmp_path / name) == config
+        write_settings(config, tmp_path / name)
+        assert read_config(tmp_path / name) == config
     assert np.isclose(config.advice.demonstration_fraction, 0.5)  # type: ignore[union-attr]
 
 

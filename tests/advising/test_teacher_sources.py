@@ -15,7 +15,7 @@ import torch
 from sb3_contrib import TQC
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
-from tiny_runs import TINY_RUN
+from tiny_runs import TINY_RUN, write_settings
 from torch import nn
 
 from saver_advisors.advising import make_advisor
@@ -225,7 +225,7 @@ def test_every_kind_of_teacher_works_in_settings_and_commands(
         )
         assert isinstance(config.advice, AdviceConfig)
         assert train(config, tmp_path / f"settings{number}", progress=False).finished
-        config.to_file(tmp_path / "run.yml")
+        write_settings(config, tmp_path / "run.yml")
         words = ["train", "--config", tmp_path / "run.yml", "--output", tmp_path / f"c{number}"]
         words += ["--teacher", teacher, "--no-progress"]
         assert main([str(word) for word in words]) == 0

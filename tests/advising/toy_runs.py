@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from safetensors.torch import load_file
+from tiny_runs import outcomes
 from toy_arms import make_teacher, make_vec_env
 
 from saver_advisors.policies import save_policy
@@ -64,7 +65,7 @@ def start(config: RunConfig, folder: Path, **arguments: Any) -> RunResult:
     rates = iter(arguments.pop("rates", ()))
     envs: list[Any] = arguments.pop("envs", [])
 
-    def make(wanted: RunConfig) -> Any:
+    def make(wanted: RunConfig, threads: int = 1) -> Any:
         envs.append(make_vec_env(wanted.n_envs, **wanted.env_kwargs))
         return envs[-1]
 
@@ -73,10 +74,12 @@ def start(config: RunConfig, folder: Path, **arguments: Any) -> RunResult:
         env.seed(0)
         predict(env.reset())
         reached = round(episodes * next(rates, 0.0))
-        return SimpleNamespace(success=np.arange(episodes) < reached, cost_sums={})
+        return outcomes(np.arange(episodes) < reached, {})
 
-    named = {"env_factory": make, "evaluate": evaluate, "progress": False}
-    return train(config, folder, **(named | arguments))
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setattr("saver_advisors.training.launch.build_env", make)
+        changed.setattr("saver_advisors.training.run.evaluate_policy", evaluate)
+        return train(config, folder, **({"progress": False} | arguments))
 
 
 def steps_taken(env: Any) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from reproduction.ecosystem.ecosystem_command import LIBRARIES, PROGRAMS, Library, render, tried
-from saver_advisors.benchmark.peers.suites import default_cache
+from saver_envs.files import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = [one for one in LIBRARIES if not one.requirements and not one.unresolved]
@@ -35,7 +35,7 @@ def test_a_library_that_comes_with_us_works(library: Library, tmp_path: Path) ->
 @pytest.mark.long
 @pytest.mark.parametrize("library", BESIDE, ids=name)
 def test_a_library_that_installs_with_us_works(library: Library) -> None:
-    row = tried(library, default_cache())
+    row = tried(library, cache_folder("peers"))
     assert [run["result"] for run in row["programs"]] == ["ok"] * len(library.programs)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import torch
 from gymnasium.utils import seeding
-from tiny_runs import TINY_RUN
+from tiny_runs import TINY_RUN, write_settings
 
 from saver_advisors.cli import main
 from saver_advisors.evaluation.protocol import (
@@ -21,7 +21,8 @@ from saver_advisors.evaluation.protocol import (
     TRAINING_SEED,
     training_seed,
 )
-from saver_advisors.experiments import ExperimentRun, worker
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun
 from saver_advisors.training.launch import train
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.episodes import Episodes
@@ -78,7 +79,7 @@ def resumed(folder: Path) -> None:
 
 def command(folder: Path) -> None:
     path = folder / "run.yml"
-    CONFIG.to_file(path)
+    write_settings(CONFIG, path)
     words = ["train", "--config", path, "--output", folder / "run", "--no-progress"]
     assert main([str(word) for word in words]) == 0
 

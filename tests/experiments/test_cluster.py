@@ -8,16 +8,17 @@ from pathlib import Path
 import pytest
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.experiments import read_grid
+from saver_advisors.experiments.grid import read_grid
 from saver_advisors.experiments.results import read_result
-from saver_advisors.experiments.scheduler import LocalProcesses, Places, Stop, work_off
+from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
+from saver_advisors.training.stopping import Stop
 
 
 @pytest.mark.long
 def test_two_nodes_do_what_one_machine_does(
     grid_file: GridFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
     from saver_advisors.experiments.cluster import RayCluster
@@ -38,11 +39,11 @@ def test_two_nodes_do_what_one_machine_does(
         try:
             progress = work_off(grid, there, backend, Stop(), lambda _: None)
         finally:
-            backend.close()
+            ray.shutdown()
     finally:
         cluster.shutdown()
     assert not progress.failed, progress.failed
-    assert progress.done == {run.name for run in grid.runs}
+    assert progress.words == {run.name: "done" for run in grid.runs}
     for run in grid.runs:
         ours, theirs = read_result(here.result(run)), read_result(there.result(run))
         assert theirs["final"] == ours["final"]

@@ -10,8 +10,7 @@ from tiny_grids import GridFile, tiny_grid
 
 from saver_advisors.cli import main
 from saver_advisors.evaluation.protocol import EVALUATE_EVERY
-from saver_advisors.experiments import ExperimentRun, read_grid
-from saver_advisors.experiments.grid import check_rows
+from saver_advisors.experiments.grid import ExperimentRun, check_rows, read_grid
 from saver_advisors.experiments.recorder import BenchmarkPlan
 
 ALGORITHMS = Path(__file__).resolve().parents[1] / "benchmarks" / "algorithms.py"

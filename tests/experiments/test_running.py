@@ -17,18 +17,19 @@ import pytest
 from filelock import FileLock
 from tiny_grids import GridFile, tiny_grid
 
-from saver_advisors.experiments import ExperimentRun, Grid, read_grid, state_of, worker
+from saver_advisors.experiments import worker
+from saver_advisors.experiments.grid import ExperimentRun, Grid, read_grid
 from saver_advisors.experiments.progress import rows
-from saver_advisors.experiments.results import is_done, read_result, write_result
+from saver_advisors.experiments.results import is_done, read_result, state_of, write_result
 from saver_advisors.experiments.scheduler import (
     LocalProcesses,
     Places,
     Progress,
-    Stop,
     work_off,
 )
 from saver_advisors.training.curve_file import OF_THE_MACHINE
 from saver_advisors.training.release import evaluate_trained
+from saver_advisors.training.stopping import Stop
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ def without_clock(curve: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def test_a_run_leaves_a_result(run: ExperimentRun, places: Places) -> None:
     places.results.mkdir()
-    assert state_of(run, places.folder(run), places.results).state == "waiting"
+    assert state_of(run, places.folder(run), places.result(run)).state == "waiting"
     assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
     result = read_result(places.result(run))
     assert result["finished"]
@@ -58,7 +59,7 @@ def test_a_run_leaves_a_result(run: ExperimentRun, places: Places) -> None:
     assert result["curve"][-1]["steps"] == 160
     assert 0 < result["curve"][-1]["advice_spent"] <= 40
     assert result["provenance"]["versions"]["mujoco"]
-    state = state_of(run, places.folder(run), places.results)
+    state = state_of(run, places.folder(run), places.result(run))
     assert (state.state, state.steps) == ("done", 160)
     before = places.result(run).read_bytes()
     assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
@@ -70,7 +71,7 @@ def test_a_result_cut_short_is_made_again(run: ExperimentRun, places: Places) ->
     worker.execute(run, places.folder(run), places.result(run))
     whole = places.result(run).read_text()
     places.result(run).write_text(whole[: len(whole) // 2])
-    assert not is_done(places.results, run)
+    assert not is_done(places.result(run), run)
     with pytest.raises(ValueError, match=f"{places.result(run).name} is truncated"):
         read_result(places.result(run))
     assert worker.execute(run, places.folder(run), places.result(run)) == worker.DONE
@@ -87,8 +88,8 @@ def test_a_result_without_a_curve_does_not_count(
     point = {"steps": 160, "success_rate": 0.5, "wall_clock_s": 1.0}
     for content, done in (([point], True), (curve, False)):
         places.result(run).write_text(json.dumps({**whole, "curve": content}))
-        assert is_done(places.results, run) is done
-    assert state_of(run, places.folder(run), places.results).state == "waiting"
+        assert is_done(places.result(run), run) is done
+    assert state_of(run, places.folder(run), places.result(run)).state == "waiting"
 
 
 def test_a_result_of_other_settings_does_not_count(
@@ -97,8 +98,8 @@ def test_a_result_of_other_settings_does_not_count(
     places.results.mkdir()
     worker.execute(run, places.folder(run), places.result(run))
     longer = read_grid(grid_file(tiny_grid(total_steps=240))).named(run.name)
-    assert is_done(places.results, run)
-    assert not is_done(places.results, longer)
+    assert is_done(places.result(run), run)
+    assert not is_done(places.result(longer), longer)
 
 
 def test_a_part_of_a_run_is_no_whole_one(run: ExperimentRun, places: Places) -> None:
@@ -109,8 +110,8 @@ def test_a_part_of_a_run_is_no_whole_one(run: ExperimentRun, places: Places) -> 
     result = write_result(run, places.folder(run), places.result(run))
     assert not result["finished"]
     assert result["final"] is None
-    assert not is_done(places.results, run)
-    assert state_of(run, places.folder(run), places.results).state == "started"
+    assert not is_done(places.result(run), run)
+    assert state_of(run, places.folder(run), places.result(run)).state == "started"
 
 
 def test_a_run_that_somebody_has_is_left_alone(run: ExperimentRun, places: Places) -> None:
@@ -143,15 +144,16 @@ def test_a_failure_is_told_and_the_others_go_on(
     progress = work_off(grid, places, LocalProcesses(places, 2), Stop(), lambda _: None)
     assert set(progress.failed) == {first.name}
     assert "state.json" in progress.failed[first.name]
-    assert progress.done == {run.name for run in grid.runs[1:]}
+    assert {run.name for run in grid.runs if progress.words[run.name] == "done"} == {
+        run.name for run in grid.runs[1:]
+    }
 
 
 def test_time_is_over_at_once(grid_file: GridFile, places: Places) -> None:
     grid = read_grid(grid_file(tiny_grid()))
     seen: list[Progress] = []
     progress = work_off(grid, places, LocalProcesses(places, 1), Stop(0.0), seen.append)
-    assert not progress.done
-    assert not progress.running
+    assert not progress.words
     assert seen, "whoever looks is told"
 
 
@@ -206,17 +208,17 @@ def test_final_episodes_outlive_an_interruption(
     with pytest.raises(KeyboardInterrupt):
         worker.execute(run, folder, result)
     assert not result.exists()
-    state = state_of(run, folder, places.results)
+    state = state_of(run, folder, places.result(run))
     assert (state.state, state.steps) == ("final episodes 64 of 70", 160)
     assert "final episodes 64 of 70" in rows(Grid("", (run,)), places)[0]
-    running = rows(Grid("", (run,)), places, Progress(running={run.name}))[0]
+    running = rows(Grid("", (run,)), places, Progress({run.name: "running"}))[0]
     assert "running final episodes 64 of 70" in running
     played.clear()
     assert worker.execute(run, folder, result) == worker.DONE
     assert played == [64], "only those that were left"
     whole = evaluate_trained(folder, "latest", episodes=70, seed=0)
     assert read_result(result)["final"] == whole.summary()
-    assert state_of(run, folder, places.results).state == "done"
+    assert state_of(run, folder, places.result(run)).state == "done"
 
 
 def third_party_grid(steps: int) -> dict[str, Any]:
@@ -229,15 +231,15 @@ def third_party_grid(steps: int) -> dict[str, Any]:
 def test_a_third_party_algorithm_is_run_in_a_grid(grid_file: GridFile, places: Places) -> None:
     grid = read_grid(grid_file(third_party_grid(80)))
     progress = work_off(grid, places, LocalProcesses(places, 1), Stop(), lambda _: None)
-    assert progress.done == {"push-mine-seed0"}, progress
+    assert progress.words == {"push-mine-seed0": "done"}
     result = read_result(places.result(grid.runs[0]))
     assert (result["row"], result["group"], result["finished"]) == ("mine", "push", True)
     assert [point["steps"] for point in result["curve"]] == [40, 80]
     assert result["final"]["episodes"] == 2
-    state = state_of(grid.runs[0], places.folder(grid.runs[0]), places.results)
+    state = state_of(grid.runs[0], places.folder(grid.runs[0]), places.result(grid.runs[0]))
     assert (state.state, state.steps) == ("done", 80)
     longer = read_grid(grid_file(third_party_grid(160))).runs[0]
-    assert not is_done(places.results, longer)
+    assert not is_done(places.result(longer), longer)
 
 
 def test_a_stopped_third_party_run_starts_again(grid_file: GridFile, places: Places) -> None:
@@ -248,8 +250,8 @@ def test_a_stopped_third_party_run_starts_again(grid_file: GridFile, places: Pla
     wait_until(steps.exists, 120, "the first steps")
     process.terminate()
     assert process.wait(timeout=60) == worker.STOPPED
-    assert not is_done(places.results, run)
-    state = state_of(run, places.folder(run), places.results)
+    assert not is_done(places.result(run), run)
+    state = state_of(run, places.folder(run), places.result(run))
     assert state.state == "started"
     assert state.steps > 0
     short = read_grid(grid_file(third_party_grid(80))).runs[0]

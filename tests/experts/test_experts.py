@@ -31,7 +31,6 @@ def success(
         episodes=episodes,
         seed=seed,
         env_kwargs=options,
-        n_envs=episodes,
     ).success_rate
 
 

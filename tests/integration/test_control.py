@@ -18,10 +18,9 @@ from saver_advisors.integration.safety import (
     SafetyLimits,
     TargetLimits,
     kept_clear,
-    limited_set_point,
 )
 from saver_advisors.pretrained import load_policy
-from saver_envs.control import LEAD_LIMIT
+from saver_envs.control import LEAD_LIMIT, SetPointRule
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO, MICO
@@ -45,7 +44,7 @@ def test_without_latency_the_loop_is_the_environment(make_loop: Callable[..., Sm
     reference.set_generator(0, seeding.np_random(0)[0])
     reference.reset()
     for step in range(20):
-        loop.graph.run_until((step + 1) * ACTION_DURATION, loop.bench)
+        loop.graph.run_until((step + 1) * ACTION_DURATION, loop.bench.advance_to)
         seen = reference.observation().as_dict()
         seen["observation"] = translated_fingers(
             seen["observation"], reference.task.observation_layout, MICO, JACO
@@ -75,7 +74,8 @@ def test_no_set_point_leaves_the_limits(
     limits = SafetyLimits(max_speed=0.5)
     tool = WORKSPACE.clip(tool + np.array([0.4, 0.0, 0.1]))
     freedom = limits.freedom(force, torso)
-    position, by = limited_set_point(previous, motion, tool, limits, WORKSPACE, None, freedom)
+    rule = SetPointRule(WORKSPACE, limits.longest)
+    position = WORKSPACE.clip(rule.unclipped(previous, motion, tool, freedom[:, None]))
     lower, upper = WORKSPACE.lower, WORKSPACE.upper
     assert (position >= lower - 1e-9).all()
     assert (position <= upper + 1e-9).all()
@@ -85,7 +85,6 @@ def test_no_set_point_leaves_the_limits(
     assert (ahead <= LEAD_LIMIT * limits.longest * freedom + 0.02).all()
     if torso >= limits.torso_force:
         np.testing.assert_allclose(position, tool, atol=1e-9)
-        assert "force" in by
 
 
 @pytest.mark.parametrize(
@@ -112,19 +111,19 @@ def test_nothing_moves_while_the_emergency_stop_is_pressed(
     make_loop: Callable[..., SmallLoop],
 ) -> None:
     loop = make_loop(Push((1.0, 0.0, 0.0)))
-    loop.graph.run_until(0.3, loop.bench)
+    loop.graph.run_until(0.3, loop.bench.advance_to)
     assert speed(loop) > 0.2
     loop.stop.press("a person came near")
-    loop.graph.run_until(0.4, loop.bench)
+    loop.graph.run_until(0.4, loop.bench.advance_to)
     assert speed(loop) < 0.02
     before = loop.bench.joint_position()
-    loop.graph.run_until(1.4, loop.bench)
+    loop.graph.run_until(1.4, loop.bench.advance_to)
     np.testing.assert_allclose(loop.bench.joint_position(), before, atol=5e-3)
     told = [str(event) for event in loop.health.log]
     assert len(told) == 1
     assert "emergency stop: a person came near" in told[0]
     loop.stop.release()
-    loop.graph.run_until(1.7, loop.bench)
+    loop.graph.run_until(1.7, loop.bench.advance_to)
     assert loop.health.log[-1].kind == "resumed"
     assert speed(loop) > 0.05
 
@@ -152,13 +151,13 @@ def test_what_the_policy_cannot_mean_stops_the_arms(
 ) -> None:
     policy = Push((1.0, 0.0, 0.0))
     loop = make_loop(policy)
-    loop.graph.run_until(0.3, loop.bench)
+    loop.graph.run_until(0.3, loop.bench.advance_to)
     policy.motion = np.array(motion)
-    loop.graph.run_until(0.4, loop.bench)
+    loop.graph.run_until(0.4, loop.bench.advance_to)
     assert speed(loop) < 0.02
     assert words in str(loop.health.log[0])
     policy.motion = np.array([-1.0, 0.0, 0.0])
-    loop.graph.run_until(0.6, loop.bench)
+    loop.graph.run_until(0.6, loop.bench.advance_to)
     assert [event.kind for event in loop.health.log] == ["stopped", "resumed"]
     assert speed(loop) > 0.1
 

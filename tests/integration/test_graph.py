@@ -23,35 +23,35 @@ def graph(*stages: Source | Relay, silence: dict[str, float] | None = None) -> G
 def test_a_source_works_at_its_rate() -> None:
     source = Source("camera", "frame", rate=30.0)
     loop = graph(source)
-    loop.run_until(1.0, Clock())
+    loop.run_until(1.0, Clock().advance_to)
     assert source.count == 30
 
 
 def test_results_are_seen_after_the_latency() -> None:
     relay = Relay("pose", "poses", ("frame",))
     loop = graph(Source("camera", "frame", rate=10.0, latency=0.025), relay)
-    loop.run_until(0.3, Clock())
+    loop.run_until(0.3, Clock().advance_to)
     assert [round(time, 6) for time, _ in relay.got] == [0.025, 0.125, 0.225]
 
 
 def test_a_chain_without_latency_is_passed_through_at_once() -> None:
     last = Relay("c", "z", ("y",))
     loop = graph(Source("a", "x", rate=10.0), Relay("b", "y", ("x",)), last)
-    loop.run_until(0.15, Clock())
+    loop.run_until(0.15, Clock().advance_to)
     assert [time for time, _ in last.got] == pytest.approx([0.0, 0.1])
 
 
 def test_a_slow_stage_takes_the_newest_of_what_waits() -> None:
     slow = Relay("pose", "poses", ("frame",), latency=0.35)
     loop = graph(Source("camera", "frame", rate=10.0), slow)
-    loop.run_until(1.0, Clock())
+    loop.run_until(1.0, Clock().advance_to)
     assert slow.got == [(0.0, 1), (pytest.approx(0.35), 4), (pytest.approx(0.7), 8)]
 
 
 def test_a_triggered_stage_keeps_to_its_rate() -> None:
     policy = Relay("policy", "action", ("arms",), 25.0)
     loop = graph(Source("encoders", "arms", rate=100.0), policy)
-    loop.run_until(0.2, Clock())
+    loop.run_until(0.2, Clock().advance_to)
     assert [time for time, _ in policy.got] == pytest.approx([0.0, 0.04, 0.08, 0.12, 0.16])
 
 
@@ -59,7 +59,7 @@ def test_measured_latency_is_that_of_the_call() -> None:
     seen: list[float] = []
     loop = graph(Source("camera", "frame", rate=10.0, latency=MEASURED))
     loop.observers.append(lambda topic, message, now: seen.append(now))
-    loop.run_until(0.05, Clock())
+    loop.run_until(0.05, Clock().advance_to)
     assert seen == pytest.approx(loop.seconds["camera"][:1])
 
 
@@ -69,11 +69,11 @@ def test_a_fault_is_told_until_the_next_success() -> None:
             raise StageFault("too dark")
 
     loop = graph(Source("camera", "frame", rate=10.0), Relay("pose", "poses", ("frame",), act=fail))
-    loop.run_until(0.5, Clock())
+    loop.run_until(0.5, Clock().advance_to)
     cause = loop.health.cause(0.5)
     assert cause is not None
     assert (cause.stage, cause.reason) == ("pose", "too dark")
-    loop.run_until(0.7, Clock(0.5))
+    loop.run_until(0.7, Clock(0.5).advance_to)
     assert loop.health.cause(0.7) is None
 
 
@@ -84,7 +84,7 @@ def test_a_crashed_stage_is_started_again() -> None:
 
     relay = Relay("pose", "poses", ("frame",), act=crash)
     loop = graph(Source("camera", "frame", rate=10.0), relay)
-    loop.run_until(1.0, Clock())
+    loop.run_until(1.0, Clock().advance_to)
     assert [event.kind for event in loop.health.log] == ["crashed", "restarted"]
     assert "division by zero" in loop.health.log[0].reason
     times = [time for time, _ in relay.got]
@@ -108,10 +108,10 @@ def test_the_cause_is_the_silent_stage_nearest_to_the_camera() -> None:
 def test_a_second_trial_runs_like_the_first() -> None:
     relay = Relay("pose", "poses", ("frame",), latency=0.013)
     loop = graph(Source("camera", "frame", rate=30.0, latency=0.004), relay)
-    loop.run_until(0.5, Clock())
+    loop.run_until(0.5, Clock().advance_to)
     first, relay.got = relay.got, []
     loop.reset()
-    loop.run_until(0.5, Clock())
+    loop.run_until(0.5, Clock().advance_to)
     assert relay.got == first
 
 
@@ -137,7 +137,7 @@ def test_nothing_is_seen_too_early_or_out_of_order(
     )
     clock = Clock()
     for stop in np.linspace(0, 1, stops + 1)[1:]:
-        loop.run_until(float(stop), clock)
+        loop.run_until(float(stop), clock.advance_to)
     assert all(now >= taken + first + second - 1e-6 for now, taken, _ in seen)
     assert [number for *_, number in seen] == sorted({number for *_, number in seen})
     # As many as the slower of the two lets through, but for the ends.

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.control_stages import as_cubes
 from saver_advisors.integration.messages import ArmReading, SpacePose, Stamp
 from saver_advisors.integration.stage import Inputs, Mailbox, StageFault
@@ -21,9 +22,13 @@ from saver_advisors.integration.tracking import (
     Track,
     segment_distance,
 )
+from saver_envs.robots import MICO
+from saver_envs.scenes import Arms
+from saver_envs.tasks.regions import regions
 from saver_envs.tasks.wrist_push import STANDOFF
 
 BASE = np.array([[0.0, -0.36, 0.0], [0.0, 0.36, 0.0]])
+GEOMETRY = BenchGeometry(MICO, BASE, regions(Arms(MICO, 2)).workspace, None)
 PERIOD = 1 / 30
 #: Longer than the default, to see that it is a limit.
 HOLD_HIDDEN = 0.5
@@ -51,7 +56,7 @@ class Feed:
     """A filter, and pictures at 30 Hz."""
 
     def __init__(self, tool: tuple[float, float, float] = (0.6, 0.0, 0.3)) -> None:
-        self.stage = FilterStage(BASE, settings=FilterSettings(hold_hidden=HOLD_HIDDEN))
+        self.stage = FilterStage(GEOMETRY, FilterSettings(hold_hidden=HOLD_HIDDEN))
         self.boxes = {"bench_pose": Mailbox(), "arms": Mailbox()}
         self.boxes["arms"].put(reading(tool))
         self.number = 0
@@ -116,7 +121,7 @@ def test_a_wrist_under_the_robots_arm_is_held_for_a_while() -> None:
 
 def test_by_default_a_hidden_wrist_stops_at_once_in_any_case() -> None:
     feed = Feed(tool=(0.28, -0.45, 0.06))
-    feed.stage = FilterStage(BASE)
+    feed.stage = FilterStage(GEOMETRY, FilterSettings())
     feed(joints())
     with pytest.raises(StageFault, match="the right wrist is hidden"):
         feed(joints((np.nan, np.nan, np.nan)))

@@ -31,7 +31,6 @@ def record(
         torso_force=np.linspace(0, force, steps),
         torso_displacement=np.linspace(0, displacement, steps),
         hand_force=np.zeros((steps, 2)),
-        speed=np.zeros((steps, 2)),
         holding=np.arange(steps) < held * steps,
         log=(event,) if held else (),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from typing import get_type_hints
 
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from saver_advisors.integration.bench import EpisodesBench
 from saver_advisors.integration.messages import (
+    ArmReading,
     JointTargets,
     Message,
     Picture,
@@ -26,7 +28,8 @@ from saver_advisors.integration.wire import KINDS, SignOfLife, Wire, WireError
 from saver_envs.registration import make_episodes
 
 STAMP = Stamp(1.25, 7, "camera")
-GEOMETRY = EpisodesBench(make_episodes("DualMicoPush-v0")).geometry
+BENCH = EpisodesBench(make_episodes("DualMicoPush-v0"))
+GEOMETRY = BENCH.geometry
 WIRE = Wire(GEOMETRY)
 HEIGHT, WIDTH = GEOMETRY.camera.height, GEOMETRY.camera.width
 POSE = SpacePose(STAMP, np.full((14, 3), np.nan), np.ones(14))
@@ -65,15 +68,17 @@ def test_pictures_arrive() -> None:
     assert found.depth.dtype == np.float32
 
 
-def test_plain_fields_arrive() -> None:
-    command = ServoCommand(STAMP, np.zeros((2, 4)), True, "pose: no person found")
-    _, found, _ = WIRE.decode(WIRE.encode("servo", command, 0.0))
-    assert isinstance(found, ServoCommand)
-    assert (found.holding, found.cause) == (True, "pose: no person found")
+def test_numbers_arrive() -> None:
+    reading = replace(BENCH.reading(STAMP), torso_force=3.25)
+    _, found, _ = WIRE.decode(WIRE.encode("arms", reading, 0.0))
+    assert isinstance(found, ArmReading)
+    assert isinstance(found.torso_force, float)
+    assert found.torso_force == 3.25
+    np.testing.assert_array_equal(found.jacobian, reading.jacobian)
 
 
-def test_every_kind_of_message_has_a_topic() -> None:
-    assert set(KINDS.values()) == set(Message.__subclasses__())
+def test_every_kind_of_message_but_the_bench_s_own_has_a_topic() -> None:
+    assert {*KINDS.values(), ServoCommand} == set(Message.__subclasses__())
     for kind in KINDS.values():
         assert get_type_hints(kind)["stamp"] is Stamp
 
@@ -96,21 +101,11 @@ def test_every_kind_of_message_has_a_topic() -> None:
         (sent(stamp=[float("inf"), 0, ""]), "stamp="),
         (sent(now="soon"), "now='soon'"),
         (sent(now=True), "now=True"),
-        (sent(plain={"shell": "true"}), "plain="),
-        (sent(plain=None), "plain=None"),
     ],
 )
 def test_what_is_no_message_is_refused(content: bytes, words: str) -> None:
     with pytest.raises(WireError, match=words):
         WIRE.decode(content)
-
-
-@pytest.mark.parametrize("changes", [{"holding": 1}, {"cause": 3}, {"joints": 1}])
-def test_plain_fields_of_another_type_are_refused(changes: dict[str, object]) -> None:
-    plain = {"holding": True, "cause": "", **changes}
-    header = json.dumps({"now": 0, "stamp": [0, 1, "servos"], "plain": plain}).encode()
-    with pytest.raises(WireError, match="servo"):
-        WIRE.decode(b"servo\0" + len(header).to_bytes(4) + header + bytes(64))
 
 
 @settings(max_examples=200, deadline=None)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny_runs import TINY_RUN
+from tiny_runs import TINY_RUN, write_settings
 
 from saver_advisors.cli import main
 from saver_advisors.training.checkpoint import _checksum, _file_checksum, read_state
@@ -118,13 +118,16 @@ def test_without_its_checkpoint_a_run_is_not_begun_afresh(
     assert content_of(run) == before
 
 
-def test_a_run_has_a_checkpoint_from_its_first_step(tmp_path: Path) -> None:
+def test_a_run_has_a_checkpoint_from_its_first_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def crash(*_: Any, **__: Any) -> Any:
         assert (tmp_path / "curve.jsonl").read_text() == ""
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        train(CONFIG, tmp_path, progress=False, evaluate=crash)
+    with monkeypatch.context() as changed, pytest.raises(KeyboardInterrupt):
+        changed.setattr("saver_advisors.training.run.evaluate_policy", crash)
+        train(CONFIG, tmp_path, progress=False)
     assert read_state(tmp_path / "latest")["steps"] == 0
     assert resume(tmp_path, CONFIG).finished
     assert [one["from_steps"] for one in read_record(tmp_path)["sessions"]] == [0, 0]
@@ -349,7 +352,7 @@ def test_a_run_on_a_disk_that_fills_up_says_so(tmp_path: Path) -> None:
         "sys.exit(main(sys.argv[1:]))"
     )
     path = tmp_path / "run.yml"
-    CONFIG.to_file(path)
+    write_settings(CONFIG, path)
     words = ["train", "--config", str(path), "--output", str(tmp_path / "run"), "--no-progress"]
     done = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False

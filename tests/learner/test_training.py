@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ import pytest
 import torch as th
 from safetensors.torch import load_file
 from stable_baselines3.common.callbacks import BaseCallback
+from tiny_runs import outcomes, read_config, write_settings
 
 from saver_advisors.cli import main as saver
 from saver_advisors.learner import GoalTD3
@@ -51,11 +51,17 @@ class Crash(RuntimeError):
 
 
 @pytest.fixture
-def start(make_env: Any) -> Start:
+def start(make_env: Any, monkeypatch: pytest.MonkeyPatch) -> Start:
     """A function (config, folder, ...) that trains on the point."""
 
     def evaluate(
-        predict: Any, env_id: str, *, episodes: int, seed: int, env_kwargs: dict[str, Any]
+        predict: Any,
+        env_id: str,
+        *,
+        episodes: int,
+        seed: int,
+        env_kwargs: dict[str, Any],
+        threads: int,
     ) -> Any:
         assert (env_id, seed) == ("PointReach", 10_000)
         env = make_env(episodes, **env_kwargs)
@@ -68,17 +74,16 @@ def start(make_env: Any) -> Start:
             observation, _, _, infos = env.step(predict(observation))
             cost += [info["cost"] for info in infos]
         success = np.array([info["is_success"] for info in infos])
-        return SimpleNamespace(success=success, cost_sums={"cost": cost, "cost_extra": 2 * cost})
+        return outcomes(success, {"cost": cost, "cost_extra": 2 * cost})
 
-    def run(config: RunConfig, folder: Path, **arguments: Any) -> RunResult:
-        named: dict[str, Any] = {
-            "evaluate": evaluate,
-            "env_factory": lambda c: make_env(c.n_envs, **c.env_kwargs),
-            "progress": False,
-        }
-        return train(config, folder, **(named | arguments))
-
-    return run
+    monkeypatch.setattr("saver_advisors.training.run.evaluate_policy", evaluate)
+    monkeypatch.setattr(
+        "saver_advisors.training.launch.build_env",
+        lambda config, threads=1: make_env(config.n_envs, **config.env_kwargs),
+    )
+    return lambda config, folder, **arguments: train(
+        config, folder, **({"progress": False} | arguments)
+    )
 
 
 def curve(folder: Path) -> list[dict[str, Any]]:
@@ -327,10 +332,7 @@ def test_a_damaged_checkpoint_is_named(start: Start, tmp_path: Path, name: str) 
 
 def test_trained_policies_come_back(start: Start, tmp_path: Path, make_env: Any) -> None:
     start(CONFIG, tmp_path)
-    models = [
-        load_trained(tmp_path, which, env_factory=lambda c: make_env(c.n_envs))
-        for which in ("best", "latest")
-    ]
+    models = [load_trained(tmp_path, which) for which in ("best", "latest")]
     observation = make_env(3).reset()
     for model, folder in zip(models, ("best", "latest"), strict=True):
         saved = load_file(tmp_path / folder / "policy.safetensors")
@@ -384,8 +386,8 @@ def test_configurations_survive_a_file(tmp_path: Path, suffix: str) -> None:
         advice=AdviceConfig("mc-q", "jaco-push", 100, threshold=0.05),
     )
     path = tmp_path / f"run{suffix}"
-    config.to_file(path)
-    assert RunConfig.from_file(path) == config
+    write_settings(config, path)
+    assert read_config(path) == config
 
 
 @pytest.mark.parametrize(
@@ -411,14 +413,10 @@ def test_configurations_survive_a_file(tmp_path: Path, suffix: str) -> None:
     ],
 )
 def test_wrong_configurations_are_named(
-    values: dict[str, Any], error: type[Exception], message: str, tmp_path: Path
+    values: dict[str, Any], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
         RunConfig.from_mapping(values)
-    path = tmp_path / "run.json"
-    path.write_text(json.dumps(values))
-    with pytest.raises(error, match=rf"run\.json: .*{message}"):
-        RunConfig.from_file(path)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
@@ -458,7 +456,7 @@ def test_the_learning_rate_falls_through_the_last_third(start: Start, tmp_path: 
 def test_unreadable_configurations_are_named(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=name.replace(".", r"\.")):
-        RunConfig.from_file(tmp_path / name)
+        read_config(tmp_path / name)
 
 
 def test_every_field_is_documented() -> None:

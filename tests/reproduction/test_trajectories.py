@@ -40,7 +40,7 @@ def grasp(observation: Any) -> Any:
 
 def test_trials_are_the_episodes_of_an_evaluation() -> None:
     trials = run_trials(follow, PUSH, 5, seed=3, env_kwargs=OPTIONS)
-    outcomes = evaluate_policy(follow, PUSH, episodes=5, seed=3, env_kwargs=OPTIONS, n_envs=2)
+    outcomes = evaluate_policy(follow, PUSH, episodes=5, seed=3, env_kwargs=OPTIONS)
     assert [one.seed for one in trials] == [3, 4, 5, 6, 7]
     assert [one.success for one in trials] == outcomes.success.tolist()
     np.testing.assert_allclose(

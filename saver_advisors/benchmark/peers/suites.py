@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from saver_advisors.benchmark.peers.process import PeerProcess, run_quietly
+from saver_envs.files import cache_folder
 
 WORKER: Final = Path(__file__).with_name("worker.py")
 #: File in a virtual environment that marks a complete installation.
@@ -46,18 +47,12 @@ PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
 SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
 
 
-def default_cache() -> Path:
-    """Return the folder of the virtual environments, in the user's cache folder."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "saver-envs" / "peers"
-
-
 def add_peer_cache(parser: argparse.ArgumentParser) -> None:
     """Declare ``--peer-cache``."""
     parser.add_argument(
         "--peer-cache",
         type=Path,
-        default=default_cache(),
+        default=cache_folder("peers"),
         metavar="DIR",
         help="folder of the peers' virtual environments (default: %(default)s)",
     )
@@ -112,11 +107,11 @@ class RunningPeer(PeerProcess):
         self.modes: list[str] = ready["modes"]
         self.versions: dict[str, str] = ready["versions"]
 
-    def measure(self, mode: str, seconds: float) -> dict[str, float]:
+    def measure(self, mode: str, seconds: float) -> float:
         """Time a mode.
 
         :param mode: one of ``modes``
         :param seconds: shortest duration; at least one piece of work is done
-        :return: ``steps``, ``seconds`` and ``cpu_seconds``
+        :return: seconds per environment step
         """
-        return dict(self.ask(f"{mode} {seconds}"))
+        return float(self.ask(f"{mode} {seconds}"))

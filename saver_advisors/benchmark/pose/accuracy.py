@@ -102,7 +102,9 @@ def accuracy(estimates: Estimates, data: RenderedDataset) -> dict[str, Any]:
     apart = np.concatenate(in_space)
 
     def millimetres(*endings: str) -> float | None:
-        return _millimetres(apart[:, [name.endswith(endings) for name in JOINTS]])
+        chosen = apart[:, [name.endswith(endings) for name in JOINTS]]
+        seen = chosen[~np.isnan(chosen)]
+        return _finite(1e3 * float(np.median(seen))) if len(seen) else None
 
     return {
         "pck_0.2": summary.pck,
@@ -131,11 +133,6 @@ def _errors_in_space(
             distance = np.linalg.norm(space.positions[match] - labelled.positions[person], axis=-1)
             apart[person] = np.where(np.isfinite(distance), distance, np.inf)
     return np.where(labelled.visibility == Visibility.VISIBLE, apart, np.nan)
-
-
-def _millimetres(apart: NDArray[np.float64]) -> float | None:
-    seen = apart[~np.isnan(apart)]
-    return _finite(1e3 * float(np.median(seen))) if len(seen) else None
 
 
 def _finite(value: float) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tarfile
 import tempfile
-import zipfile
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +18,7 @@ WORKER: Final = Path(__file__).with_name("blazepose_worker.py")
 VARIANTS: Final = ("lite", "full", "heavy")
 #: The authors' package for web pages, Apache-2.0, which contains the models.
 PACKAGE: Final = "@mediapipe/pose@0.5.1675469404"
+DETECTOR: Final = "pose_detection.tflite"
 RUNTIME: Final = Peer(
     "BlazePose", "blazepose", 1, ("ai-edge-litert==2.3.0", "numpy==2.4.6", "pillow==11.3.0")
 )
@@ -36,41 +36,22 @@ def install_blazepose(cache: Path) -> tuple[Path, Path]:
     """
     python = install(RUNTIME, cache)
     models = cache / "blazepose-models"
-    if not (models / "pose_detection.tflite").is_file():
+    if not (models / DETECTOR).is_file():
         npm = shutil.which("npm")
         if npm is None:
             raise PeerError("BlazePose's models come with npm, which is not installed")
         with tempfile.TemporaryDirectory() as folder:
             command = [npm, "pack", "--silent", "--pack-destination", folder, PACKAGE]
             run_quietly(command, f"{PACKAGE} cannot be fetched")
-            _unpack(next(Path(folder).glob("*.tgz")), models)
+            models.mkdir(parents=True, exist_ok=True)
+            with tarfile.open(next(Path(folder).glob("*.tgz"))) as archive:
+                for member in archive.getmembers():
+                    # The only packed asset is the detector.
+                    name = DETECTOR if member.name.endswith("assets.data") else member.name
+                    file = archive.extractfile(member)
+                    if name.endswith(".tflite") and file is not None:
+                        (models / Path(name).name).write_bytes(file.read())
     return python, models
-
-
-def _unpack(archive: Path, models: Path) -> None:
-    models.mkdir(parents=True, exist_ok=True)
-    with tarfile.open(archive) as content:
-        for member in content.getmembers():
-            name = Path(member.name).name
-            file = content.extractfile(member)
-            if file is None:
-                continue
-            if name.endswith(".tflite"):
-                (models / name).write_bytes(file.read())
-            elif name == "pose_solution_packed_assets.data":
-                packed = models / name
-                packed.write_bytes(file.read())
-                _unpack_detector(packed, models / "pose_detection.tflite")
-
-
-def _unpack_detector(packed: Path, target: Path) -> None:
-    """Extract the detector from a bare model or an archive."""
-    if zipfile.is_zipfile(packed):
-        with zipfile.ZipFile(packed) as content:
-            name = next(one for one in content.namelist() if one.endswith("detection.tflite"))
-            target.write_bytes(content.read(name))
-    else:
-        shutil.copyfile(packed, target)
 
 
 class BlazePose(PeerProcess):

@@ -20,6 +20,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 DETECTOR_SIZE, LANDMARK_SIZE, LANDMARKS = 224, 256, 33
 #: Cells of the detector's maps: (stride, anchors in a cell).
 MAPS = ((8, 2), (16, 2), (32, 6))
@@ -36,7 +38,6 @@ class Blaze:
     """
 
     def __init__(self, folder: Path, variant: str) -> None:
-        self.np: Any = importlib.import_module("numpy")
         self.image: Any = importlib.import_module("PIL.Image")
         interpreter: Any = importlib.import_module("ai_edge_litert.interpreter").Interpreter
 
@@ -47,7 +48,7 @@ class Blaze:
 
         self.detector = load(folder / "pose_detection.tflite")
         self.landmark = load(folder / f"pose_landmark_{variant}.tflite")
-        self.anchors = self.np.array(
+        self.anchors = np.array(
             [
                 ((column + 0.5) * stride, (row + 0.5) * stride)
                 for stride, count in MAPS
@@ -59,7 +60,6 @@ class Blaze:
 
     def detect(self, picture: Any) -> tuple[float, Any]:
         """Return the score of the best detection and its two points in pixels of the picture."""
-        np = self.np
         height, width = picture.shape[:2]
         side = max(height, width)
         canvas = np.zeros((side, side, 3), np.uint8)
@@ -80,7 +80,6 @@ class Blaze:
 
     def __call__(self, picture: Any) -> Any:
         """Return landmarks (33, 3): x, y in pixels and visibility; NaN without a person."""
-        np = self.np
         nobody = np.full((LANDMARKS, 3), np.nan)
         score, (hips, outer) = self.detect(picture)
         if score < PRESENT:
@@ -114,7 +113,6 @@ class Blaze:
 def main(folder: str, variant: str) -> None:
     """Process lines until the input ends."""
     model = Blaze(Path(folder), variant)
-    np = model.np
     print(json.dumps({"ready": True}), flush=True)
     for line in sys.stdin:
         source, target = line.split()

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from saver_advisors.benchmark.machine import cores, timed
+from saver_advisors.training.threads import threads_of_algebra
 from saver_envs.perception.device_placement import MultiDeviceNetwork
 from saver_envs.perception.fields import encode
 from saver_envs.perception.network import ARCHITECTURES, PoseNetwork
@@ -51,41 +52,36 @@ def speed_rows(
 def _row(
     architecture: str, size: tuple[int, int], threads: int, limbs: tuple[str, ...], rounds: int
 ) -> dict[str, Any]:
-    before = torch.get_num_threads()
     network = PoseNetwork(ARCHITECTURES[architecture], limbs).eval()
     pictures = torch.randn(1, 3, *size, generator=torch.Generator().manual_seed(0))
-    with cores(threads), torch.inference_mode():
-        torch.set_num_threads(threads)
-        try:
-            features = network.backbone(pictures)
-            first = network.stage1(features)
-            joined = torch.cat([features, first], dim=1)
-            channels = network.stage2_channels
-            work: dict[str, Callable[[], object]] = {
-                "backbone": lambda: network.backbone(pictures),
-                "stage1": lambda: network.stage1(features),
-                "stage2": lambda: network.stage2(joined, channels),
-                "stage1_sequential": lambda: network.stage1.one_by_one(features),
-                "stage2_sequential": lambda: network.stage2.one_by_one(joined, channels),
-                "network": lambda: network(pictures),
-            }
-            exported = _exported(network, size, threads)
-            if exported is not None:
-                work["network_onnxruntime"] = partial(exported, pictures.numpy())
-            placed = None
-            if threads > 1 and len(limbs) >= threads:
-                torch.set_num_threads(1)
-                placed = MultiDeviceNetwork(network, ["cpu"] * threads)
-                work["network_branches_in_threads"] = lambda: placed(pictures)
-            spent: dict[str, list[float]] = {name: [] for name in work}
-            for _ in range(rounds + 1):
-                for name, one in work.items():
-                    torch.set_num_threads(1 if name.endswith("in_threads") else threads)
-                    spent[name].append(timed(one))
-            if placed is not None:
-                placed.close()
-        finally:
-            torch.set_num_threads(before)
+    with cores(threads), torch.inference_mode(), threads_of_algebra(threads):
+        features = network.backbone(pictures)
+        first = network.stage1(features)
+        joined = torch.cat([features, first], dim=1)
+        channels = network.stage2_channels
+        work: dict[str, Callable[[], object]] = {
+            "backbone": lambda: network.backbone(pictures),
+            "stage1": lambda: network.stage1(features),
+            "stage2": lambda: network.stage2(joined, channels),
+            "stage1_sequential": lambda: network.stage1.one_by_one(features),
+            "stage2_sequential": lambda: network.stage2.one_by_one(joined, channels),
+            "network": lambda: network(pictures),
+        }
+        exported = _exported(network, size, threads)
+        if exported is not None:
+            work["network_onnxruntime"] = partial(exported, pictures.numpy())
+        placed = None
+        if threads > 1 and len(limbs) >= threads:
+            torch.set_num_threads(1)
+            placed = MultiDeviceNetwork(network, ["cpu"] * threads)
+            work["network_branches_in_threads"] = lambda: placed(pictures)
+        spent: dict[str, list[float]] = {name: [] for name in work}
+        for _ in range(rounds + 1):
+            for name, one in work.items():
+                torch.set_num_threads(1 if name.endswith("in_threads") else threads)
+                spent[name].append(timed(one))
+        if placed is not None:
+            placed.close()
     return {
         "architecture": architecture,
         "height": size[0],

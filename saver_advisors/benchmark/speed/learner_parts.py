@@ -33,10 +33,9 @@ def replay_row(rounds: int) -> dict[str, Any]:
 
     episodes = make_episodes(TWO_ARM_ID)
     horizon, n_envs = episodes.settings.horizon, N_ENVS
-    space = observation_space(episodes)
     buffer = GoalReplayBuffer(
         REPLAY_ROWS,
-        space,
+        observation_space(episodes),
         action_space(episodes),
         device="cpu",
         n_envs=n_envs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from saver_advisors.reporting.provenance import machine_in_words
+from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, join_parts, markdown, row_cells, rows_table
 
 INTRODUCTION: Final = """\
@@ -116,12 +116,5 @@ def _origin(figures: Mapping[str, Any]) -> str:
         told = [f"{when} {one[0]:g}" for when, one in load.items() if one]
         if told:
             lines.append(f"The system's load average over a minute: {', '.join(told)}.")
-    origin = figures.get("provenance")
-    if origin:
-        versions = origin["versions"]
-        lines.append(
-            f"Measured {origin['time']} at commit `{origin['commit']}` with "
-            f"`{origin['command']}` on {machine_in_words(origin['machine'])}, Python "
-            f"{versions['python']}, MuJoCo {versions['mujoco']}."
-        )
-    return " ".join(lines)
+    lines.append(measured_at(figures, {"Python": "python", "MuJoCo": "mujoco"}))
+    return " ".join(lines).rstrip()

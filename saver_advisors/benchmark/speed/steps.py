@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -22,6 +22,8 @@ WAYS: Final = ("raw", "core", "gymnasium", "sb3")
 RESET_N_ENVS: Final = (1, 64)
 #: Timing ends this many actions before the end of an episode, so that it includes no reset.
 SPARE: Final = 5
+#: Linux's file with the memory of this process, in pages.
+MEMORY_FILE: Final = Path("/proc/self/statm")
 #: Stages of the simulator's calls of one action, as :class:`saver_envs.simulation.Simulation` asks
 #: for them.
 _STAGES: Final = [int(mjtStage.mjSTAGE_NONE)] * (CONTACT_SAMPLES - 1) + [int(mjtStage.mjSTAGE_VEL)]
@@ -97,13 +99,12 @@ class _Bench:
             self._raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
 
 
-def _per_item(work: Callable[[Any], object], items: Iterable[Any]) -> float:
+def _per_item(work: Callable[[Any], object], items: Collection[Any]) -> float:
     """Return the mean duration of ``work`` (s)."""
-    began, count = time.perf_counter(), 0
+    began = time.perf_counter()
     for item in items:
         work(item)
-        count += 1
-    return (time.perf_counter() - began) / count
+    return (time.perf_counter() - began) / len(items)
 
 
 def step_rows(
@@ -193,7 +194,7 @@ def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
     return {"env": env_id, "milliseconds_per_episode": found}
 
 
-def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float | None]:
+def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float]:
     """Measure in a new process how much memory each environment takes.
 
     :param env_id: a registered id
@@ -205,14 +206,14 @@ def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float | None
     from concurrent.futures import ProcessPoolExecutor
 
     counts = sorted({count for count in n_envs if count > 1})
-    if not counts or _resident() is None:
+    if not counts or not MEMORY_FILE.is_file():
         return {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
         return pool.submit(_memory_here, env_id, counts).result()
 
 
-def _memory_here(env_id: str, counts: list[int]) -> dict[int, float | None]:
+def _memory_here(env_id: str, counts: list[int]) -> dict[int, float]:
     from saver_envs.registration import make_episodes
 
     def grow(count: int) -> Any:
@@ -223,20 +224,15 @@ def _memory_here(env_id: str, counts: list[int]) -> dict[int, float | None]:
         return episodes
 
     kept = [grow(1)]  # loads the model and everything that environments share
-    found: dict[int, float | None] = {}
+    found = {}
     for count in counts:
         before = _resident()
         kept.append(grow(count))
-        after = _resident()
-        if before is not None and after is not None:
-            found[count] = (after - before) / count / 1e6
+        found[count] = (_resident() - before) / count / 1e6
     return found
 
 
-def _resident() -> int | None:
-    """Return the resident memory of this process in bytes, None if unknown."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except (OSError, ValueError, IndexError):
-        return None
+def _resident() -> int:
+    """Return the resident memory of this process in bytes."""
+    pages = int(MEMORY_FILE.read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")

@@ -44,24 +44,18 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
         stack.enter_context(cores(1))
         running = [stack.enter_context(RunningPeer(peer, pythons[peer])) for peer in PEERS]
         ours = {env_id: _whole_episodes(env_id) for env_id, *_ in COMPARISONS}
-        peer_times: dict[tuple[str, str], list[float]] = {}
+        peer_times: dict[str, dict[str, list[float]]] = {
+            one.peer.env: {mode: [] for mode in one.modes} for one in running
+        }
         our_times: dict[str, list[float]] = {env_id: [] for env_id in ours}
         with progress("peers", rounds) as advance:
             for _ in range(rounds):
                 for env_id, episodes in ours.items():
                     our_times[env_id].append(episodes(seconds))
                 for one in running:
-                    for mode in one.modes:
-                        told = one.measure(mode, seconds)
-                        per_step = told["seconds"] / told["steps"]
-                        peer_times.setdefault((one.peer.env, mode), []).append(per_step)
+                    for mode, times in peer_times[one.peer.env].items():
+                        times.append(one.measure(mode, seconds))
                 advance()
-    fastest = {
-        peer.env: min(
-            (times for (env, _), times in peer_times.items() if env == peer.env), key=median
-        )
-        for peer in PEERS
-    }
     return {
         "peers": [
             {
@@ -69,11 +63,11 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
                 "suite": one.peer.suite,
                 "mode": mode,
                 "n_envs": one.peer.n_envs,
-                "steps_per_second": 1 / median(peer_times[one.peer.env, mode]),
+                "steps_per_second": 1 / median(times),
                 "versions": one.versions,
             }
             for one in running
-            for mode in one.modes
+            for mode, times in peer_times[one.peer.env].items()
         ],
         "ours": [
             {"env": env_id, "n_envs": N_ENVS, "steps_per_second": 1 / median(times)}
@@ -83,7 +77,9 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
             {
                 "env": env_id,
                 "peer": peer.env,
-                "ratio": median_ratio(fastest[peer.env], our_times[env_id]),
+                "ratio": median_ratio(
+                    min(peer_times[peer.env].values(), key=median), our_times[env_id]
+                ),
                 "must": must,
                 "aim": aim,
             }
