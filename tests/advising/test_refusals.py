@@ -14,6 +14,7 @@ from toy_arms import GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, save_teacher, settings, start, steps_taken
 
 from saver_advisors.advising import AdvisingCallback, build_advised, make_advisor
+from saver_advisors.training.checkpoint import _checksum
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 
 NAN, INF = float("nan"), float("inf")
@@ -146,8 +147,8 @@ def test_a_checkpoint_from_before_a_setting_goes_on(tmp_path: Path) -> None:
     state = json.loads(path.read_text())
     for name in ("arms", "settings", "bootstrap", "demonstration_steps", "twin_minimum"):
         del state["extra"]["config"]["advice"][name]
-    del state["files"], state["sha256"]  # they are newer too
-    path.write_text(json.dumps(state))
+    del state["sha256"]
+    path.write_text(json.dumps({**state, "sha256": _checksum(state)}))
     other = settings({**advice(tmp_path, threshold=0.05), "twin_minimum": False})
     with pytest.raises(ValueError, match=r"has another configuration .*twin_minimum"):
         start(other, tmp_path / "run", resume=True)
