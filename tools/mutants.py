@@ -115,11 +115,11 @@ def behaviour(source: str) -> str:
 def mutant_at(path: Path, operator: str, occurrence: int) -> Mutant | None:
     """Return a mutant, or None where it is not Python or changes annotations only."""
     original = path.read_text()
-    mutated = mutate_code(original, get_operator(operator)(), occurrence)
     try:
+        mutated = mutate_code(original, get_operator(operator)(), occurrence)
         if mutated is None or behaviour(mutated) == behaviour(original):
             return None
-    except SyntaxError:
+    except (SyntaxError, AttributeError):  # Cosmic Ray cannot replace `except module.Error`
         return None
     changed = list(difflib.ndiff(original.splitlines(), mutated.splitlines()))
     before = [line[2:].strip() for line in changed if line.startswith("- ")]
