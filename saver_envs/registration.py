@@ -7,7 +7,6 @@ The rows of this package are registered like your own: see :func:`register_task`
 from __future__ import annotations
 
 import difflib
-import importlib
 import inspect
 import traceback
 from collections.abc import Iterable, Mapping
@@ -27,7 +26,7 @@ from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.wrist_push import WristPush
-from saver_envs.validation import require_kind
+from saver_envs.validation import import_named, require_kind
 
 #: Module whose ids need no prefix.
 PACKAGE = "saver_envs"
@@ -249,12 +248,7 @@ def row_of(env_id: str) -> EnvironmentRow:
     """
     module, _, name = env_id.rpartition(":")
     if name not in ENVIRONMENTS and module not in ("", PACKAGE):
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise ValueError(
-                f"env_id={env_id!r}: {module!r} cannot be imported: {error}"
-            ) from error
+        import_named(f"env_id={env_id!r}: {module!r}", module)
     if name in ENVIRONMENTS:
         return ENVIRONMENTS[name]
     raise ValueError(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from numbers import Integral, Real
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -55,6 +57,21 @@ def require_kind(name: str, value: Any, annotation: object) -> None:
     types, valid = _KINDS[kind]
     holds = isinstance(value, types) and (kind == "bool") == isinstance(value, bool | np.bool_)
     require(name, value, holds and (kind != "float" or abs(value) < math.inf), valid)
+
+
+def import_named(subject: str, module: str) -> ModuleType:
+    """Import a module that an argument names.
+
+    :param subject: the argument with its value, for the message.
+    :param module: its name.
+    :raises ValueError: if it cannot be imported; the message says how the current folder is found.
+    """
+    try:
+        return importlib.import_module(module)
+    except (ImportError, ValueError) as error:
+        raise ValueError(
+            f"{subject} cannot be imported: {error} (is its folder in PYTHONPATH?)"
+        ) from error
 
 
 def real_array(name: str, values: ArrayLike) -> NDArray[Any]:

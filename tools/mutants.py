@@ -329,7 +329,7 @@ def main() -> None:
     for mutant in equal:
         mutant.status = "equivalent"
     rest = [mutant for mutant in drawn if mutant.status == ""]
-    coverage = Coverage.measure(options.coverage, options.workers)
+    coverage = Coverage.measure(options.coverage.resolve(), options.workers)
     with tqdm(total=len(rest)) as bar:
         for mutant in judge_all(rest, coverage, options.workers, options.limit):
             bar.update()

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import math
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from saver_advisors.advising.context import (
     RunPlan,
 )
 from saver_advisors.learner.imitation import better_by_arm
+from saver_envs.validation import import_named
 
 DEFAULT_THRESHOLD: Final = 0.1
 """Default of t_I and alpha: the largest of the paper's 0.01, 0.05, 0.1, which advises least."""
@@ -439,9 +439,10 @@ def import_object(what: str, name: str) -> Any:
     :raises ValueError: if there is none; the message names it.
     """
     module, _, attribute = name.partition(":")
+    found = import_named(f"{what}={name!r}", module)
     try:
-        return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+        return getattr(found, attribute)
+    except AttributeError as error:
         raise ValueError(f"{what}={name!r} cannot be imported: {error}") from error
 
 
