@@ -201,6 +201,9 @@ class Coverage:
     def __init__(self, folder: Path) -> None:
         self.data = CoverageData(str(folder / "coverage"))
         self.data.read()
+        some = next(one for one in self.data.measured_files() if one.endswith(AREAS[0]))
+        #: Where the tests ran: the names of some contain it.
+        self.tree = some.removesuffix(f"/{AREAS[0]}")
         self.seconds = {
             f"{case.get('classname')}.{case.get('name')}": float(case.get("time", 0))
             for case in ElementTree.parse(folder / "junit.xml").iter("testcase")
@@ -232,10 +235,7 @@ class Coverage:
         What is executed by an import alone, such as a default or a constant, is tested by what
         tests the function, class or module around it.
         """
-        measured = next(
-            (f for f in self.data.measured_files() if f.endswith(f"/{mutant.file}")), ""
-        )
-        contexts = self.data.contexts_by_lineno(measured)
+        contexts = self.data.contexts_by_lineno(f"{self.tree}/{mutant.file}")
         for lines in _surroundings(ROOT / mutant.file, mutant.line):
             told = {one for line in lines for one in contexts.get(line, []) if one}
             if told:
@@ -275,7 +275,7 @@ def judge(mutant: Mutant, coverage: Coverage, tree: Path, limit: float) -> None:
     original = file.read_text()
     file.write_text(mutant.source)
     listed = tree / ".mutant-tests"
-    listed.write_text("\n".join(tests))
+    listed.write_text("\n".join(test.replace(coverage.tree, str(tree)) for test in tests))
     # A fault that hangs is noticed: nobody waits for it.
     status, output = pytest(tree, "-x", f"@{listed}", timeout=3 * limit + 60)
     file.write_text(original)
