@@ -16,11 +16,11 @@ from commands import TINY, tiny_train
 SAVER = (sys.executable, "-m", "saver_advisors.cli")
 
 
-def wait_for(path: Path, seconds: float) -> None:
-    """Wait until a file exists."""
+def wait_for_content(path: Path, seconds: float) -> None:
+    """Wait until a file has been written to."""
     deadline = time.monotonic() + seconds
-    while not path.exists():
-        assert time.monotonic() < deadline, f"{path} did not appear"
+    while not (path.exists() and path.stat().st_size):
+        assert time.monotonic() < deadline, f"nothing was written to {path}"
         time.sleep(0.1)
 
 
@@ -34,7 +34,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path) -> None:
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
-        wait_for(folder / "latest" / "state.json", 240)
+        wait_for_content(folder / "curve.jsonl", 240)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
     finally:
