@@ -123,6 +123,19 @@ def test_joints_are_the_mean_weighted_by_confidence() -> None:
     assert found.joints[0, elbow] == pytest.approx([60 + 8 * 0.2, 164], abs=0.3)
 
 
+@pytest.mark.parametrize(("x", "y"), [(4, 180), (364, 180), (180, 4), (180, 364)])
+def test_joints_at_the_border_are_found(x: int, y: int) -> None:
+    limb = limb_indices(["left_forearm"])[0]
+    joints = np.zeros((1, N_JOINTS, 2))
+    elbow, wrist = LIMBS[limb].proximal, LIMBS[limb].distal
+    joints[0, [elbow, wrist]] = (184, 184), (x, y)
+    known = np.zeros((1, N_JOINTS), dtype=bool)
+    known[:, [elbow, wrist]] = True
+    found = parse(encode(joints, known, SIZE, [limb]), [limb])
+    assert len(found) == 1
+    assert np.abs(found.joints[0, wrist] - (x, y)).max() < 4
+
+
 def test_who_is_sure_may_have_faint_joints_and_faint_joints_alone_are_nobody() -> None:
     joints = picture(3, 1)
     fields = encode(joints, np.ones((1, 14), bool), SIZE, ALL)
@@ -161,6 +174,12 @@ def test_noise_gives_no_exception_and_joints_inside_the_picture() -> None:
         found = parse(random.normal(0, 1, (13, 3, 27, 32)), ALL)
         assert (found.joints[found.found] >= 0).all()
         assert (found.joints[found.found] <= [256, 216]).all()
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 8, 8), (1, 2, 8, 8), (1, 4, 8, 8), (3, 8, 8)])
+def test_fields_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"must be \(1, 3, rows, columns\)"):
+        parse(np.zeros(shape), [0])
 
 
 def test_fields_of_other_limbs_are_refused() -> None:
