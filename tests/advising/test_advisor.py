@@ -133,6 +133,9 @@ def test_arguments_are_checked():
     teacher = make_teacher()
     with pytest.raises(ValueError, match="n_arms, or observation_space"):
         make_advisor("early", teacher, 10)
+    for space in ("observation_space", "action_space"):
+        with pytest.raises(ValueError, match="n_arms, or observation_space"):
+            make_advisor("early", teacher, 10, **{space: getattr(ToyArms(), space)})
     with pytest.raises(ValueError, match="compare='loud'"):
         make_advisor("early", teacher, 10, n_arms=2, compare="loud")
     with pytest.raises(ValueError, match="3 teachers for 2 arms"):

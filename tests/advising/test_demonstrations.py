@@ -124,6 +124,11 @@ def test_an_empty_buffer_gives_way_to_the_other() -> None:
     before: Any = env.reset()
     after, _, done, infos = env.step(np.zeros((N_ENVS, N_ARMS * ACTION), np.float32))
     step = (before, after, np.zeros((N_ENVS, N_ARMS * ACTION)), np.zeros(N_ENVS), done, infos)
+    student_alone = DemonstrationReplayBuffer(
+        100, env.observation_space, env.action_space, "cpu", demonstration_size=80, **named
+    )
+    student_alone.add(*step)
+    assert (student_alone.sample_transitions(8).slot < student_alone.n_slots).all()
     buffer.demonstrations.add(*step)
     assert (buffer.sample_transitions(8).slot >= buffer.n_slots).all()
     buffer.add(*step)

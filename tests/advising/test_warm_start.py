@@ -149,6 +149,13 @@ def test_critics_of_each_arm_are_exact_without_layer_norm() -> None:
         assert tensor.equal(model.actor_target.state_dict()[name])
 
 
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_critics_that_differ_in_layer_norm_start_fresh(layer_norm: bool) -> None:
+    teacher = without_layer_norm() if layer_norm else teacher_with_normaliser()
+    model = student(n_values=3, layer_norm=layer_norm, net_arch=(36, 32))
+    assert begin(model, teacher)[0] == "fresh"
+
+
 def test_critics_with_layer_norm_start_near() -> None:
     """The shipped teacher's critics, in the states of a scene of two arms."""
     env = SaverVecEnv("DualJacoPush-v0", n_envs=32, seed=0)

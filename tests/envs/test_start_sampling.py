@@ -16,6 +16,8 @@ from rollouts import CUBE_IDS, SPARSE_IDS, begun, cubes_of, objects_of, targets_
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
+from saver_envs.tasks.sampling import CLEARANCE_WIDTHS
+from saver_envs.tasks.table import TableTask, _sampler
 
 SEEDS = st.integers(0, 2**31)
 #: Greatest horizontal distance of objects and targets from the base (m).
@@ -202,3 +204,49 @@ def test_touching_sees_what_it_should() -> None:
     simulation.qpos[2, scene.joint_qpos[0, 1]] += 0.6  # an arm on or in the table
     assert touching(episodes, np.arange(4)).tolist() == [True, True, True, False]
     assert touching(episodes, np.array([3, 0])).tolist() == [False, True]
+
+
+#: Object and target of two arms (x, y), in metres: which of the arms can go first.
+WAYS = {
+    "ways apart": (((0.0, 0.0), (0.3, 0.0)), ((0.0, 0.4), (0.3, 0.4)), True),
+    "only the first: its target is clear of the second's way, and its own way is clear": (
+        *(((0.0, 0.0), (0.3, 0.0)), ((0.15, 0.3), (0.15, 0.02)), True),
+    ),
+    "only the second": (((0.15, 0.3), (0.15, 0.02)), ((0.0, 0.0), (0.3, 0.0)), True),
+    "the second's object lies in the first's way, and its target in the second's way": (
+        *(((0.0, 0.0), (0.3, 0.0)), ((0.15, 0.0), (0.45, 0.0)), True),
+    ),
+    "each object lies in the other's way": (
+        *(((0.0, 0.0), (0.3, 0.0)), ((0.2, 0.0), (-0.2, 0.0)), False),
+    ),
+    "each target lies in the other's way": (
+        *(((0.0, 0.0), (0.3, 0.0)), ((0.5, 0.0), (0.2, 0.0)), False),
+    ),
+    "first: target in the way; second: object in the way": (
+        *(((0.0, 0.0), (0.3, 0.0)), ((0.3, 0.3), (0.0, -0.3)), None),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_one_of_two_arms_can_go_first(name: str) -> None:
+    first, second, expected = WAYS[name]
+    episodes = make_episodes("DualJacoPush-v0")
+    assert isinstance(episodes.task, TableTask)
+    sampler = _sampler(episodes.task, episodes.scene)
+    ways = np.zeros((2, 1, 2, 3))
+    ways[0, 0, :, :2], ways[1, 0, :, :2] = first, second
+    found = bool(sampler._one_can_go_first(ways[0], ways[1])[0])
+    assert found == bool(sampler._one_can_go_first(ways[1], ways[0])[0]), "either order"
+    clear = CLEARANCE_WIDTHS * episodes.task.object_size
+
+    def gap(point: tuple[float, float], way: tuple[tuple[float, float], ...]) -> float:
+        along = np.linspace(way[0], way[1], 2001)
+        return float(np.linalg.norm(along - point, axis=-1).min())
+
+    by_hand = [
+        gap(other[0], own) >= clear and gap(own[1], other) >= clear
+        for own, other in ((first, second), (second, first))
+    ]
+    assert found == any(by_hand)
+    assert expected in (None, found)

@@ -126,6 +126,9 @@ def test_real_episodes_are_reproducible_one_by_one():
     few = {"env_kwargs": {"max_episode_steps": 8}}
     together = evaluate_policy(drift, "JacoPush-v0", episodes=4, seed=20, **few)
     alone = evaluate_policy(drift, "JacoPush-v0", episodes=1, seed=23, **few)
+    first = evaluate_policy(drift, "JacoPush-v0", episodes=1, **few)
+    zero = evaluate_policy(drift, "JacoPush-v0", episodes=1, seed=0, **few)
+    np.testing.assert_array_equal(first.final_distances, zero.final_distances)
     assert together.lengths.tolist() == [8] * 4
     assert len(np.unique(together.final_distances)) == 4
     np.testing.assert_allclose(alone.final_distances[0], together.final_distances[3], atol=1e-6)
