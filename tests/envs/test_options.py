@@ -205,6 +205,11 @@ def test_options_out_of_range(options: dict[str, Any], message: str) -> None:
         make_episodes("JacoPush-v0", **options)
 
 
+def test_episodes_are_one_by_default() -> None:
+    made = make_episodes("JacoPush-v0")
+    assert Episodes(made.task, made.settings).n == made.n == 1
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     task = make_episodes(
         "JacoPush-v0",

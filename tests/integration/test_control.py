@@ -20,7 +20,7 @@ from saver_advisors.integration.safety import (
     kept_clear,
 )
 from saver_advisors.pretrained import load_policy
-from saver_envs.control import LEAD_LIMIT, SetPointRule
+from saver_envs.control import LEAD_LIMIT, SetPointRule, least_squares_step
 from saver_envs.episodes import ACTION_DURATION
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO, MICO
@@ -92,6 +92,22 @@ def test_no_set_point_leaves_the_limits(
 )
 def test_force_shortens_the_leash(force: float, share: float) -> None:
     assert SafetyLimits().freedom(np.zeros(2), force) == pytest.approx([share, share])
+
+
+@pytest.mark.parametrize("env_id", ["DualJacoPickAndPlace-v0", "DualMicoPush-v0"])
+@pytest.mark.parametrize("way", range(3))
+def test_a_lead_that_is_too_long_is_refused(env_id: str, way: int) -> None:
+    """At a held height, only its level part counts: the hand may rise back to that height."""
+    bench = EpisodesBench(make_episodes(env_id))
+    bench.reset(0)
+    arms, limits = bench.reading(), SafetyLimits(max_speed=0.5, clearance=0.0)
+    rule = TargetLimits(bench.geometry, limits)
+    assert rule.broken(arms.joint_position, arms, None) == ""
+    lead = np.zeros((2, 3))
+    lead[:, way] = (1 if way == 2 else -1) * 1.5 * LEAD_LIMIT * limits.longest
+    targets = arms.joint_position + least_squares_step(arms.jacobian[:, :3], lead, 1e-6)
+    held = bench.geometry.held_height is not None
+    assert ("too far for its force" in rule.broken(targets, arms, None)) == (way < 2 or not held)
 
 
 def test_set_points_keep_clear_of_the_hips() -> None:
@@ -181,7 +197,7 @@ def test_commands_stay_within_the_speed_limits(
     assert (tool <= used * 0.2 * ACTION_DURATION + 1e-12).all()
     for arm in range(2):
         if used[arm] < left[arm]:
-            np.testing.assert_array_equal(command[arm], targets[arm])
+            np.testing.assert_allclose(command[arm], targets[arm], atol=1e-12)
     backwards, free = limits.slowed(0.5 * last, present, last, jacobian, np.zeros(2))
     np.testing.assert_array_equal(backwards, 0.5 * last)
     assert (free == 0).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -374,12 +375,12 @@ def test_an_episode_beyond_the_horizon_is_refused() -> None:
 
 @pytest.mark.parametrize("key", ["observation", "achieved_goal"])
 def test_values_that_are_not_finite_are_refused(key: str) -> None:
-    buffer = make_buffer(n_envs=2)
+    buffer = make_buffer(n_envs=3)
     recorder = Recorder(buffer)
     before, after = recorder.observation(), recorder.observation()
-    after[key][1, 0] = np.nan
+    after[key][1:, 0] = np.nan
     with pytest.raises(ValueError, match="environment 1 is not finite"):
-        buffer.add(before, after, np.zeros((2, 2)), np.zeros(2), np.zeros(2, bool), [{}, {}])
+        buffer.add(before, after, np.zeros((3, 2)), np.zeros(3), np.zeros(3, bool), [{}] * 3)
     assert buffer.size() == 0
 
 
@@ -447,6 +448,20 @@ def test_a_damaged_or_foreign_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"allow_pickle|[Oo]bject"):
         buffer.load_npz(path)
     np.testing.assert_array_equal(buffer.observation, observation)
+
+
+@pytest.mark.parametrize("name", ["used", "next_slot"])
+@pytest.mark.parametrize("value", [-1, 21, 1.0, True, "1", None])
+def test_a_header_out_of_range_is_named(tmp_path: Path, name: str, value: Any) -> None:
+    buffer, _ = filled()
+    path = tmp_path / "replay.npz"
+    buffer.save_npz(path)
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    header = json.loads(str(arrays["header"]))
+    np.savez(path, **arrays | {"header": np.array(json.dumps({**header, name: value}))})
+    with pytest.raises(ValueError, match=rf"replay\.npz: {name}={value!r} must lie from 0 to"):
+        buffer.load_npz(path)
 
 
 def test_a_file_of_another_shape_names_the_difference(tmp_path: Path) -> None:

@@ -123,6 +123,19 @@ def test_joints_are_the_mean_weighted_by_confidence() -> None:
     assert found.joints[0, elbow] == pytest.approx([60 + 8 * 0.2, 164], abs=0.3)
 
 
+def test_ends_without_an_affinity_between_them_are_no_limb() -> None:
+    limb = limb_indices(["left_forearm"])[0]
+    joints = np.zeros((1, N_JOINTS, 2))
+    joints[0, [LIMBS[limb].proximal, LIMBS[limb].distal]] = (100, 180), (260, 180)
+    fields = encode(joints, np.ones((1, N_JOINTS), dtype=bool), SIZE, [limb])
+    assert len(parse(fields, [limb])) == 1
+    fields[:, [k for k in range(3) if k != HEAT]] = 0
+    assert len(parse(fields, [limb])) == 0
+    turned = encode(joints[..., ::-1].copy(), np.ones((1, N_JOINTS), dtype=bool), SIZE, [limb])
+    fields[:, [k for k in range(3) if k != HEAT]] = turned[:, [k for k in range(3) if k != HEAT]]
+    assert len(parse(fields, [limb])) == 0
+
+
 @pytest.mark.parametrize(("x", "y"), [(4, 180), (364, 180), (180, 4), (180, 364)])
 def test_joints_at_the_border_are_found(x: int, y: int) -> None:
     limb = limb_indices(["left_forearm"])[0]
