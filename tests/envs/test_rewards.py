@@ -69,6 +69,8 @@ def test_rewards_are_the_formulas(achieved: np.ndarray, desired: np.ndarray) -> 
         shaped.reward(achieved, desired), f_g + 0.25 * (f_c - share), atol=1e-6
     )
     assert shaped.reward(achieved, desired).min() >= shaped.least_reward == -1.5
+    assert rewards["constrained"].least_reward == -1.0
+    assert Distance(2, reward_stage="goal", reward_combination="linear").least_reward == -1.0
 
 
 def test_success_is_per_object_and_not_of_the_whole_vector() -> None:

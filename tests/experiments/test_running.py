@@ -317,13 +317,17 @@ def test_kill_9_in_the_midst_of_a_run_and_of_a_grid(
     scheduler = saver(*command)
     try:
         # The worker of the first run, in its midst.
-        checkpoint = places.folder(first) / "latest" / "state.json"
-        wait_until(checkpoint.exists, 120, "a checkpoint of the first run")
+        curve = places.folder(first) / "curve.jsonl"
+        wait_until(
+            lambda: curve.exists() and curve.stat().st_size, 120, "an evaluation of the first run"
+        )
         for number in workers_of(places.folder(first)):
             os.kill(number, signal.SIGKILL)
         # The scheduler, in the midst of the second run.
-        checkpoint = places.folder(second) / "latest" / "state.json"
-        wait_until(checkpoint.exists, 120, "a checkpoint of the second run")
+        curve = places.folder(second) / "curve.jsonl"
+        wait_until(
+            lambda: curve.exists() and curve.stat().st_size, 120, "an evaluation of the second run"
+        )
         orphans = workers_of(places.folder(second))
         scheduler.kill()
         for number in orphans:
@@ -350,8 +354,8 @@ def test_workers_stop_when_their_scheduler_is_gone(grid_file: GridFile, places: 
     first = read_grid(path).runs[0]
     scheduler = saver("experiments", "run", path, "--output", places.output)
     try:
-        checkpoint = places.folder(first) / "latest" / "state.json"
-        wait_until(checkpoint.exists, 120, "a checkpoint")
+        curve = places.folder(first) / "curve.jsonl"
+        wait_until(lambda: curve.exists() and curve.stat().st_size, 120, "an evaluation")
     finally:
         scheduler.kill()
         scheduler.communicate()
