@@ -60,6 +60,20 @@ def test_a_registered_strategy_goes_by_its_name() -> None:
         make_strategy("every-nth", 0.1)
 
 
+class AnySettings(EveryNth):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__()
+        self.settings = settings
+
+
+def test_settings_are_checked_unless_the_class_takes_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    for one in (AnySettings, EveryNth):
+        monkeypatch.setitem(STRATEGIES, one.__name__, one)
+    assert make_strategy("AnySettings", settings={"pace": 3}).settings == {"pace": 3}
+    with pytest.raises(ValueError, match="takes no pace=3; its settings are n"):
+        make_strategy("EveryNth", settings={"pace": 3})
+
+
 def test_a_name_belongs_to_one() -> None:
     class Early:
         name = "early"

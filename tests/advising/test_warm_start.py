@@ -11,7 +11,7 @@ import torch as th
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 
-from saver_advisors.advising.warm_start import warm_start_from_teachers
+from saver_advisors.advising.warm_start import NORMALISER_COUNT, warm_start_from_teachers
 from saver_advisors.learner import GoalSAC, GoalTD3, GoalTQC
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
@@ -106,6 +106,18 @@ def test_any_student_acts_as_different_teachers_do(
     np.testing.assert_allclose(
         model.predict(rows(), deterministic=True)[0], expected, rtol=1e-5, atol=1e-5
     )
+
+
+def test_the_normaliser_goes_on_from_the_teachers_statistics() -> None:
+    teacher = teacher_with_normaliser(4)
+    model = student()
+    begin(model, teacher)
+    features = model.actor.features_extractor
+    of_arms = features.count > 0
+    variance = (features.squared_deviation / features.count)[of_arms]
+    np.testing.assert_allclose(variance.sqrt(), 1.0 / features.scale[of_arms], rtol=1e-5)
+    assert not np.allclose(variance, 1.0)
+    assert (features.count[of_arms] == NORMALISER_COUNT).all()
 
 
 @pytest.mark.parametrize("n_arms", [1, 3])
