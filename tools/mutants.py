@@ -30,6 +30,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from cosmic_ray.ast import ast_nodes, get_ast
@@ -313,6 +314,16 @@ def equivalents() -> set[tuple[str, str, str]]:
     return {(row["file"], row["before"], row["after"]) for row in rows}
 
 
+def keep_killed(drawn: Sequence[Mutant], rows: Sequence[dict[str, Any]]) -> None:
+    """Keep what an earlier run killed: tests that were added since cannot revive it."""
+    before = {(row["file"], row["before"], row["after"]): row for row in rows}
+    for mutant in drawn:
+        row = before.get((mutant.file, mutant.before, mutant.after), {})
+        if mutant.status == "" and row.get("status") == "killed":
+            mutant.status, mutant.tests = "killed", row["tests"]
+            mutant.killed_by = row["killed_by"]
+
+
 def main() -> None:
     """Draw mutants, run their tests, print those that survive and write them all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -321,13 +332,19 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=150.0, help="seconds of tests a mutant")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--coverage", type=Path, required=True, help="folder of the coverage run")
-    parser.add_argument("--json", type=Path, default=ROOT / "docs" / "results" / "mutants.json")
+    parser.add_argument("--json", type=Path, help="written; mutants.json in that folder by default")
+    parser.add_argument(
+        "--again", action="store_true", help="judge only what --json does not say is killed"
+    )
     options = parser.parse_args()
     listed = equivalents()
     drawn = draw(options.number, options.seed)
     equal = [mutant for mutant in drawn if (mutant.file, mutant.before, mutant.after) in listed]
     for mutant in equal:
         mutant.status = "equivalent"
+    file = options.json or options.coverage / "mutants.json"
+    if options.again:
+        keep_killed(drawn, json.loads(file.read_text())["mutants"])
     rest = [mutant for mutant in drawn if mutant.status == ""]
     coverage = Coverage.measure(options.coverage.resolve(), options.workers)
     with tqdm(total=len(rest)) as bar:
@@ -336,12 +353,13 @@ def main() -> None:
             if mutant.status != "killed":
                 bar.write(f"{mutant.status}: {mutant.file}:{mutant.line} {mutant.operator}")
                 bar.write(f"  - {mutant.before}\n  + {mutant.after}")
-    killed = sum(mutant.status == "killed" for mutant in rest)
-    print(f"{killed} of {len(rest)} killed ({killed / len(rest):.2f}), {len(equal)} equivalent")
+    killed = sum(mutant.status == "killed" for mutant in drawn)
+    judged = len(drawn) - len(equal)
+    print(f"{killed} of {judged} killed ({killed / judged:.3f}), {len(equal)} equivalent")
     rows = [{k: v for k, v in asdict(mutant).items() if k != "source"} for mutant in drawn]
     settings = {name: getattr(options, name) for name in ("number", "seed", "limit")}
-    found = {"killed": killed, "judged": len(rest), "equivalent": len(equal), "mutants": rows}
-    write_json_atomic(options.json, {"settings": settings, **found, "provenance": provenance()})
+    found = {"killed": killed, "judged": judged, "equivalent": len(equal), "mutants": rows}
+    write_json_atomic(file, {"settings": settings, **found, "provenance": provenance()})
 
 
 if __name__ == "__main__":

@@ -1,10 +1,16 @@
 import json
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 
-from saver_advisors.evaluation.episodes import evaluate_policy, play, run_episodes
+from saver_advisors.evaluation.episodes import (
+    SingleEpisodeEnv,
+    evaluate_policy,
+    play,
+    run_episodes,
+)
 from saver_envs.tasks.distance import Distance
 
 #: Reads the goals of two objects and a distance.
@@ -80,6 +86,28 @@ def test_episode_i_has_seed_plus_i_whatever_the_vector(n_envs):
     assert outcomes.goal_reached is not None
     assert outcomes.goal_reached.all()
     assert outcomes.episodes == 10
+
+
+def test_the_first_seed_is_0_by_default():
+    env = FakeVecEnv(2)
+    assert run_episodes(predict, env, TASK, env_id="fake", episodes=2).seed == 0
+    assert env.seeds_seen == [[0, 1]]
+
+
+def test_one_env_as_a_vector_keeps_the_last_observation_of_an_episode():
+    env = SingleEpisodeEnv(gymnasium.make("JacoPush-v0", max_episode_steps=2))
+    first = env.reset_episodes([3])
+    assert first["observation"].shape == (1, 28)
+    ends = []
+    for _ in range(2):
+        seen, rewards, dones, [info] = env.step(np.zeros((1, 3)))
+        ends.append("terminal_observation" in info)
+        assert rewards.shape == dones.shape == (1,)
+        assert dones.tolist() == [ends[-1]]
+    assert ends == [False, True]
+    np.testing.assert_array_equal(
+        info["terminal_observation"]["observation"], seen["observation"][0]
+    )
 
 
 def test_seeds_are_asked_for_in_order():

@@ -13,6 +13,8 @@ from hypothesis.extra.numpy import arrays
 from small_loops import Push, SmallLoop
 
 from saver_advisors.integration.bench import EpisodesBench
+from saver_advisors.integration.control_stages import ServoStage
+from saver_advisors.integration.health import Health
 from saver_advisors.integration.safety import (
     EmergencyStop,
     SafetyLimits,
@@ -108,6 +110,30 @@ def test_a_lead_that_is_too_long_is_refused(env_id: str, way: int) -> None:
     targets = arms.joint_position + least_squares_step(arms.jacobian[:, :3], lead, 1e-6)
     held = bench.geometry.held_height is not None
     assert ("too far for its force" in rule.broken(targets, arms, None)) == (way < 2 or not held)
+
+
+def test_a_braking_joint_is_held_where_it_turns_round() -> None:
+    class Joints(EpisodesBench):
+        position, velocity = np.zeros((2, 4)), np.zeros((2, 4))
+
+        def joint_position(self) -> np.ndarray:
+            return self.position.copy()
+
+        def joint_velocity(self) -> np.ndarray:
+            return self.velocity.copy()
+
+    bench = Joints(make_episodes("DualMicoPush-v0"))
+    gate = ServoStage(bench, Health((), {}), EmergencyStop(), SafetyLimits())
+    held = None
+    # (position, velocity) of a joint -> where it is held: it overshoots to 0.3, turns, goes back.
+    course = ((0.1, 2.0, 0.1), (0.3, 0.5, 0.1), (0.29, -0.1, 0.29), (0.2, -0.5, 0.29))
+    for sign in (1.0, -1.0):
+        held = None
+        for position, velocity, expected in course:
+            bench.position[:, 1], bench.velocity[:, 1] = sign * position, sign * velocity
+            held = gate._braked(held)
+            np.testing.assert_allclose(held[:, 1], sign * expected)
+            np.testing.assert_allclose(np.delete(held, 1, axis=1), 0.0)
 
 
 def test_set_points_keep_clear_of_the_hips() -> None:

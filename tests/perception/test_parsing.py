@@ -178,7 +178,10 @@ def test_noise_between_the_thresholds_adds_nobody(people: int) -> None:
 
 @pytest.mark.parametrize("value", [0.0, np.nan, 5.0])
 def test_empty_and_broken_fields_give_nobody(value: float) -> None:
-    assert len(parse(np.full((13, 3, 27, 32), value), ALL)) == 0
+    nobody = parse(np.full((13, 3, 27, 32), value), ALL)
+    assert len(nobody) == 0
+    assert (nobody.joints.shape, nobody.scores.shape) == ((0, N_JOINTS, 2), (0, N_JOINTS))
+    assert nobody.person_scores.shape == (0,)
 
 
 def test_noise_gives_no_exception_and_joints_inside_the_picture() -> None:
