@@ -96,6 +96,7 @@ LIBRARIES: Final = (
         _example("d3rlpy_offline.py"),
         (
             "gym",
+            "scikit-learn",
             "structlog",
             "dataclasses-json",
             "typing-extensions",
