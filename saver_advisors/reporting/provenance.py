@@ -29,8 +29,8 @@ COMMAND_VARIABLE = "SAVER_COMMAND"
 COMMIT_VARIABLE = "SAVER_COMMIT"
 """Environment variable with the commit, for files without a repository, as on a cluster's node."""
 REPOSITORY = Path(__file__).resolve().parents[2]
-TOLD = {"MuJoCo": "mujoco", "PyTorch": "torch", "Stable-Baselines3": "sb3"}
-"""Packages whose versions a page tells: name on the page -> key of a :func:`provenance`."""
+PAGE_VERSIONS = {"MuJoCo": "mujoco", "PyTorch": "torch", "Stable-Baselines3": "sb3"}
+"""Packages whose versions a page states: name on the page -> key in :func:`provenance`."""
 VECTOR_INSTRUCTIONS = {
     "avx2": "AVX2",
     "avx512f": "AVX-512",
@@ -77,11 +77,11 @@ def machine_in_words(machine: Mapping[str, Any]) -> str:
     return ", ".join([*told, *([machine["gpu"]] if "gpu" in machine else [])])
 
 
-def measured_at(figures: Mapping[str, Any], packages: Mapping[str, str] = TOLD) -> str:
+def measured_at(figures: Mapping[str, Any], packages: Mapping[str, str] = PAGE_VERSIONS) -> str:
     """Say when, at which commit, how and on which machine figures were measured.
 
     :param figures: content of a result file
-    :param packages: whose versions are told, see :data:`TOLD`
+    :param packages: packages whose versions to state, in the form of :data:`PAGE_VERSIONS`
     :return: a sentence; empty without provenance
     """
     origin = figures.get("provenance")
