@@ -93,6 +93,8 @@ class Outcome:
     :param reward: (n,) float32.
     :param truncated: (n,) the episode is over: its horizon is reached, or it diverged.
     :param success: (n,) ``is_success``.
+    :param safe_success: (n,) success in an episode without a step of ``cost_collision``, or of
+        ``cost`` for a task without that cost.
     :param reached: (n,) the goal is reached now.
     :param diverged: (n,) the simulation broke down in this step.
     :param cost: (n,) sum of the costs that the task names.
@@ -102,6 +104,7 @@ class Outcome:
     reward: NDArray[np.float32]
     truncated: NDArray[np.bool_]
     success: NDArray[np.bool_]
+    safe_success: NDArray[np.bool_]
     reached: NDArray[np.bool_]
     diverged: NDArray[np.bool_]
     cost: NDArray[np.float64]
@@ -111,6 +114,7 @@ class Outcome:
         """Return the entries of ``info``, an array of n each."""
         return {
             "is_success": self.success,
+            "safe_success": self.safe_success,
             "goal_reached": self.reached,
             "diverged": self.diverged,
             "cost": self.cost,
@@ -123,7 +127,10 @@ class Outcome:
 
 
 #: Attributes of :class:`Episodes` that change from step to step.
-_CHANGING = ("set_point", "goal", "elapsed", "_failed", "_observation", "_achieved", "memory")
+_CHANGING = (
+    *("set_point", "goal", "elapsed", "_failed", "_collided", "_observation", "_achieved"),
+    "memory",
+)
 
 
 @dataclass(frozen=True)
@@ -195,6 +202,7 @@ class Episodes:
         #: (n, goal size) desired goals.
         self.goal = np.zeros((n, self.goal_size))
         self._failed = np.zeros(n, dtype=bool)
+        self._collided = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
@@ -253,7 +261,7 @@ class Episodes:
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0
-        self._failed[rows] = False
+        self._failed[rows] = self._collided[rows] = False
         self._read(rows)
         self.simulation.collided[:] = False
         return self._outcome(np.zeros(self.n, dtype=bool))
@@ -396,14 +404,17 @@ class Episodes:
         reward, reached = task.reward_and_reached(achieved, desired)
         for name in task.hard:
             self._failed |= measured[f"cost_{name}"] > 0
-        costs = (measured[f"cost_{name}"] for name in task.summed)
+        cost = sum((measured[f"cost_{name}"] for name in task.summed), np.zeros(self.n))
+        self._collided |= measured.get("cost_collision", cost) > 0
+        success = reached & ~self._failed
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
-            success=reached & ~self._failed,
+            success=success,
+            safe_success=success & ~self._collided,
             reached=reached,
             diverged=diverged,
-            cost=sum(costs, np.zeros(self.n)),
+            cost=cost,
             measured=measured,
         )
 

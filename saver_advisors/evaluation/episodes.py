@@ -165,6 +165,19 @@ class EpisodeOutcomes:
         return float(self.success.mean())
 
     @property
+    def safe_success_rate(self) -> float:
+        """Fraction of episodes with success and without ``cost_collision`` at any step, or without
+        ``cost`` where collisions are not counted.
+        """
+        cost = self.cost_sums.get("cost_collision", self.cost_sums.get("cost", 0.0))
+        return float((self.success & np.equal(cost, 0.0)).mean())
+
+    @property
+    def success_rate_2cm(self) -> float:
+        """Fraction of episodes with success and every object within 2 cm of its target."""
+        return float((self.success & (self.final_distances <= 0.02).all(axis=1)).mean())
+
+    @property
     def confidence_interval(self) -> tuple[float, float]:
         """95% Wilson score interval of the success rate."""
         return success_interval(int(self.success.sum()), self.episodes)
@@ -192,6 +205,8 @@ class EpisodeOutcomes:
             "episodes": self.episodes,
             "success_rate": self.success_rate,
             "ci95": list(self.confidence_interval),
+            "safe_success_rate": self.safe_success_rate,
+            "success_rate_2cm": self.success_rate_2cm,
             "return_mean": float(self.returns.mean()),
             "length_mean": float(self.lengths.mean()),
             "final_distance_mean": self.final_distances.mean(axis=0).tolist(),

@@ -253,6 +253,8 @@ class Run:
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
             "success_rate": success_rate,
+            "safe_success_rate": result.safe_success_rate,
+            "success_rate_2cm": result.success_rate_2cm,
             # Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8.
             "mean_q": _mean(values),
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},

@@ -148,6 +148,24 @@ def test_the_distance_task_remembers_that_the_band_was_left() -> None:
     assert not episodes._failed.any()
 
 
+def test_a_success_is_safe_until_an_arm_touches_something() -> None:
+    episodes = begun("DualJacoPush-v0", 2, control="joints")
+    idle = np.zeros((2, episodes.action_size))
+    home = episodes.simulation.qpos[:, cubes_of(episodes).qpos].copy()
+    tool = episodes.scene.to_world(episodes.simulation.arm_state().tool_position)[0, 0]
+    episodes.simulation.qpos[0, cubes_of(episodes).qpos[1, :3]] = tool
+    assert episodes.step(idle).measured["cost_collision"].tolist() == [1, 0]
+    episodes.simulation.qpos[:, cubes_of(episodes).qpos] = home
+    episodes.simulation.qvel[:] = 0
+    episodes.goal[:] = objects_of(episodes).position.reshape(2, 6)
+    outcome = episodes.step(idle)
+    assert outcome.success.tolist() == [True, True]
+    assert outcome.safe_success.tolist() == [False, True]
+    assert outcome.info_of(0)["safe_success"] is False
+    episodes.reset([0])
+    assert not episodes._collided.any()
+
+
 def test_costs_that_an_id_names() -> None:
     named = {env_id: row.task.summed for env_id, row in ENVIRONMENTS.items()}
     for env_id, names in named.items():

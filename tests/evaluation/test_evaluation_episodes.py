@@ -1,11 +1,13 @@
 import json
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
 
 from saver_advisors.evaluation.episodes import (
+    EpisodeOutcomes,
     SingleEpisodeEnv,
     evaluate_policy,
     play,
@@ -132,6 +134,26 @@ def test_summary_and_rates():
     centre = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
     assert summary["ci95"] == pytest.approx([centre - half, centre + half])
+
+
+def test_safe_success_and_success_within_two_centimetres():
+    outcomes = EpisodeOutcomes(
+        env_id="fake",
+        seed=0,
+        success=np.array([True, True, True, False]),
+        returns=np.zeros(4),
+        cost_sums={"cost": np.ones(4), "cost_collision": np.array([0.0, 1.0, 0.0, 0.0])},
+        cost_maxima={},
+        final_distances=np.array([[0.02, 0.01], [0.01, 0.01], [0.021, 0.01], [0.0, 0.0]]),
+        lengths=np.full(4, 50),
+        diverged=np.zeros(4, bool),
+    )
+    assert (outcomes.safe_success_rate, outcomes.success_rate_2cm) == (0.5, 0.5)
+    rates = outcomes.summary()
+    assert (rates["safe_success_rate"], rates["success_rate_2cm"]) == (0.5, 0.5)
+    summed = {"cost": np.array([0.0, 1.0, 1.0, 0.0])}
+    assert replace(outcomes, cost_sums=summed).safe_success_rate == 0.25
+    assert replace(outcomes, cost_sums={}).safe_success_rate == 0.75
 
 
 def test_play_yields_the_reset_and_every_step_of_each_episode():
