@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -154,8 +154,8 @@ class DampedLeastSquares:
 class Workspace:
     """The region of valid set-points in base frames: a box within reach of the shoulder.
 
-    :param lower: (arms, 3), metres.
-    :param upper: (arms, 3), metres.
+    :param lower: (arms, 3) or (n, arms, 3), metres.
+    :param upper: likewise.
     :param hand_reach: greatest distance from the shoulder, metres; infinity if only the box limits
         it.
     :param shoulder_height: height of the shoulder above the base, metres.
@@ -165,6 +165,10 @@ class Workspace:
     upper: NDArray[np.float64]
     hand_reach: float = math.inf
     shoulder_height: float = 0.0
+
+    def raised(self, height: float) -> Workspace:
+        """Return the same region whose lower side is this much higher, metres."""
+        return replace(self, lower=self.lower + np.array([0.0, 0.0, height])) if height else self
 
     def clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points (..., arms, 3) moved into the box, then level towards the base's axis."""
@@ -201,13 +205,15 @@ class SetPointRule:
     """How a Cartesian action moves the tools' set-points.
 
     :param workspace: where set-points may be.
-    :param longest: displacement of a set-point in one action at top speed, metres.
-    :param held_height: of all set-points (m), or ``None`` where the action sets it.
+    :param longest: displacement of a set-point in one action at top speed, metres; one number, or
+        (n, 1, 1).
+    :param held_height: of all set-points (m), or ``None`` where the action sets it; one number, or
+        (n, 1).
     """
 
     workspace: Workspace
-    longest: float
-    held_height: float | None = None
+    longest: float | NDArray[np.float64]
+    held_height: float | NDArray[np.float64] | None = None
 
     def unclipped(
         self,

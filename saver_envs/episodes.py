@@ -15,22 +15,20 @@ from numpy.typing import NDArray
 from saver_envs.control import (
     DampedLeastSquares,
     InverseKinematics,
-    SetPointRule,
     bounded,
     checked_action,
 )
+from saver_envs.randomization.presets import NO_RANDOMIZATION, Randomization, Values
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, Scene, compose
-from saver_envs.simulation import SUBSTEPS, ArmState, Simulation
+from saver_envs.simulation import ACTION_DURATION, ArmState, Simulation
 from saver_envs.tasks.contract import Memory, Start, Task
 from saver_envs.tasks.layout import Layout
 from saver_envs.validation import require
-from saver_envs.world import TIMESTEP
+from saver_envs.worlds import Worlds
 
 Control = Literal["cartesian", "joints"]
 
-#: Duration of an action (s): 25 Hz.
-ACTION_DURATION = SUBSTEPS * TIMESTEP
 #: Top speeds of the set-point (m/s): ours by default, the makers' (Table 5.3) when rated.
 DEFAULT_SPEED, RATED_SPEED = 0.5, 0.2
 #: Largest lead of the targets over the joints in joint control (rad); at full speed it is 0.11.
@@ -50,6 +48,8 @@ class Settings:
     :param limit_joint_speed: keep the joints' targets within the makers' joint speed limits.
     :param control: ``cartesian`` (displacements of the tool) or ``joints`` (of the joint angles).
     :param bounded_observations: clip observations and goals to the limits of their parts.
+    :param randomization: what differs between episodes.
+    :param report_parameters: whether ``info`` has the values that were drawn.
     :raises ValueError: for a value out of range.
     """
 
@@ -59,6 +59,8 @@ class Settings:
     limit_joint_speed: bool = False
     control: Control = "cartesian"
     bounded_observations: bool = False
+    randomization: Randomization = NO_RANDOMIZATION
+    report_parameters: bool = False
 
     def __post_init__(self) -> None:
         speed, known = self.max_speed, self.control in get_args(Control)
@@ -99,6 +101,7 @@ class Outcome:
     :param diverged: (n,) the simulation broke down in this step.
     :param cost: (n,) sum of the costs that the task names.
     :param measured: name -> (n,) of every cost, ``cost_<name>``, and of the task's readings.
+    :param parameters: name -> (n, size) of what was drawn for the episode, where ``info`` has it.
     """
 
     reward: NDArray[np.float32]
@@ -109,6 +112,7 @@ class Outcome:
     diverged: NDArray[np.bool_]
     cost: NDArray[np.float64]
     measured: dict[str, NDArray[np.float64]]
+    parameters: Values | None = None
 
     def info(self) -> dict[str, NDArray[np.generic]]:
         """Return the entries of ``info``, an array of n each."""
@@ -121,9 +125,21 @@ class Outcome:
             **self.measured,
         }
 
-    def info_of(self, index: int) -> dict[str, bool | float]:
+    def info_of(self, index: int) -> dict[str, Any]:
         """Return the ``info`` of one episode, of plain Python values."""
-        return {name: values[index].item() for name, values in self.info().items()}
+        info: dict[str, Any] = {name: values[index].item() for name, values in self.info().items()}
+        return info | self.parameters_of(index)
+
+    def parameters_of(self, index: int) -> dict[str, Any]:
+        """Return the entry ``parameters`` of the ``info`` of one episode, if it has one."""
+        if self.parameters is None:
+            return {}
+        return {
+            "parameters": {
+                name: values[index].item() if values.shape[1] == 1 else values[index].copy()
+                for name, values in self.parameters.items()
+            }
+        }
 
 
 #: Attributes of :class:`Episodes` that change from step to step.
@@ -140,11 +156,13 @@ class EpisodesState:
     :param simulation: (n, state size) the simulations' state.
     :param changing: arrays with one row per episode, and the task's memory, by attribute.
     :param generators: the episodes' sources of randomness.
+    :param worlds: what differs between the episodes.
     """
 
     simulation: NDArray[np.float64]
     changing: dict[str, Any]
     generators: tuple[np.random.Generator, ...]
+    worlds: dict[str, Any]
 
 
 class Episodes:
@@ -177,9 +195,6 @@ class Episodes:
         self.simulation = Simulation(self.scene, n, threads, task.keeps_peaks)
         self._threads = threads
         self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)
-        self.set_point_rule = SetPointRule(
-            task.workspace(arms), settings.max_speed * ACTION_DURATION, task.held_height
-        )
         self._joint_lower = np.asarray(robot.joint_lower)
         self._joint_upper = np.asarray(robot.joint_upper)
         self._joint_speed = np.asarray(robot.joint_speed_limits)
@@ -190,6 +205,9 @@ class Episodes:
         self.action_size_per_arm = self._motion_size + self._has_gripper
         #: Size of an action, arm after arm.
         self.action_size = self.action_size_per_arm * task.n_arms
+        self.worlds = Worlds(
+            task, self.simulation, settings.randomization, settings.max_speed, self.action_size
+        )
         #: Size of an observation.
         self.observation_size = task.observation_layout.size
         #: Size of a goal.
@@ -223,7 +241,12 @@ class Episodes:
         """Return a copy of everything that the episodes' future depends on."""
         changing = {name: getattr(self, name) for name in _CHANGING}
         generators = tuple(copy.deepcopy(self._generators))
-        return EpisodesState(self.simulation.get_state(), copy.deepcopy(changing), generators)
+        return EpisodesState(
+            self.simulation.get_state(),
+            copy.deepcopy(changing),
+            generators,
+            self.worlds.get_state(),
+        )
 
     def set_state(self, state: EpisodesState) -> None:
         """Go back to a state that :meth:`get_state` returned; what follows is then the same.
@@ -233,6 +256,7 @@ class Episodes:
         """
         changing = copy.deepcopy(state.changing)
         self.memory = changing["memory"]
+        self.worlds.set_state(state.worlds)
         self.task.restore(self.simulation, self.memory)
         self.simulation.set_state(state.simulation)
         for name, values in changing.items():
@@ -256,7 +280,8 @@ class Episodes:
         :param ids: which of the n; all by default.
         :return: the outcome of all n, of which that of ``ids`` is new: cost 0, not truncated.
         """
-        rows = np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
+        rows = self._rows(ids)
+        self.worlds.draw(rows, self._generators)
         starts = self._begin(rows)
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
@@ -265,6 +290,10 @@ class Episodes:
         self._read(rows)
         self.simulation.collided[:] = False
         return self._outcome(np.zeros(self.n, dtype=bool))
+
+    def _rows(self, ids: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
+        """Return the indices (k,) of some episodes, or of all."""
+        return np.arange(self.n) if ids is None else np.asarray(ids, dtype=np.intp)
 
     def _begin(self, rows: NDArray[np.intp]) -> list[Start]:
         """Draw starts of episodes ``rows`` and place everything.
@@ -276,7 +305,9 @@ class Episodes:
         starts: dict[int, Start] = {}
         left = rows
         for _ in range(_MOST_REDRAWS):
-            drawn = [task.sample(self._generators[row], self.scene) for row in left]
+            drawn = [
+                self.worlds.tasks[row].sample(self._generators[row], self.scene) for row in left
+            ]
             starts.update(zip(left.tolist(), drawn, strict=True))
             task.place(simulation, self.memory, left, drawn)
             left = left[~task.valid(simulation, self.memory, left, drawn)]
@@ -300,9 +331,11 @@ class Episodes:
         :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
         :raises gymnasium.error.ResetNeeded: before the first reset of an episode.
         """
-        blocks = self.checked(actions).reshape(self.n, self.task.n_arms, -1)
+        checked = self.checked(actions)
         everything = slice(None) if ids is None else ids
         self.require_begun(everything)
+        arriving = self.worlds.arriving(checked, self._rows(ids))
+        blocks = arriving.reshape(self.n, self.task.n_arms, -1)
         self.task.drive(self.simulation, self.memory, everything)
         targets = self.simulation.ctrl.copy()
         arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
@@ -347,7 +380,7 @@ class Episodes:
         commanded = controls.take(self.scene.arm_ctrl, 1)
         if self.settings.control == "joints":
             # Joints may exceed their rated speed by the same factor as the tool.
-            scale = self.settings.max_speed / RATED_SPEED * ACTION_DURATION
+            scale = self.worlds.speed / RATED_SPEED * ACTION_DURATION
             wanted = commanded + motion * self._joint_speed * scale
         else:
             wanted = self.inverse_kinematics(self._arms, self.moved_set_point(motion))
@@ -369,18 +402,27 @@ class Episodes:
         :param motion: (n, arms, 3), in [-1, 1].
         :return: (n, arms, 3) in the base frames, metres.
         """
-        self.set_point = self.set_point_rule.moved(self.set_point, motion, self._arms.tool_position)
+        rule = self.worlds.set_points
+        self.set_point = rule.moved(self.set_point, motion, self._arms.tool_position)
         return self.set_point
 
-    def _read(self, rows: NDArray[np.intp] | None = None) -> None:
+    def _read(self, rows: NDArray[np.intp] | None = None, begins: bool = False) -> None:
         """Read observations and achieved goals of ``rows``, or of all.
 
         The others keep what was read before: a diverged episode its last good observation.
+
+        :param begins: whether these episodes begin now.
         """
         task, simulation = self.task, self.simulation
         self._arms = simulation.arm_state()
         seen = task.observe(simulation, self.memory, self._arms)
-        observation = self._clipped(task.observation_layout.join(seen), task.observation_layout)
+        every = self._rows(rows)
+        observation = self.worlds.measured(task.observation_layout.join(seen), every)
+        observation = self._clipped(observation, task.observation_layout)
+        if begins:
+            self.worlds.begin_delays(every, self._resting_actions()[every], observation[every])
+        else:
+            observation = self.worlds.arrived(observation, every)
         achieved = task.achieved(simulation, self.memory, seen)
         achieved = self._clipped(achieved, task.goal_layout)
         if rows is None:
@@ -388,6 +430,16 @@ class Episodes:
         else:
             self._observation[rows] = observation[rows]
             self._achieved[rows] = achieved[rows]
+
+    def _resting_actions(self) -> NDArray[np.float64]:
+        """Return actions (n, action size) that leave the arms where they are."""
+        blocks = np.zeros((self.n, self.task.n_arms, self.action_size_per_arm))
+        if self._has_gripper:
+            robot = self.settings.robot
+            finger = self.simulation.ctrl.take(self.scene.finger_ctrl, 1).mean(axis=-1)
+            closing = (finger - robot.finger_open) / (robot.finger_closed - robot.finger_open)
+            blocks[..., -1] = 1 - 2 * closing
+        return blocks.reshape(self.n, -1)
 
     def _clipped(self, values: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
         """Return values (k, size) within the layout's limits, if observations are bounded."""
@@ -416,6 +468,7 @@ class Episodes:
             diverged=diverged,
             cost=cost,
             measured=measured,
+            parameters=self.worlds.values if self.settings.report_parameters else None,
         )
 
     def observation(self) -> Observation:
@@ -436,5 +489,6 @@ class Episodes:
 
     def decorate(self, model: mujoco.MjModel, index: int) -> None:
         """Adapt a drawing model to episode ``index``: decorations and targets."""
-        self.task.decorate(model, self.memory, index)
+        self.worlds.tasks[index].decorate(model, self.memory, index)
+        self.worlds.decorate(model, index)
         model.site_pos[self.scene.target_site] = self.targets()[index]

@@ -17,6 +17,8 @@ from saver_envs.simulation import Simulation
 GRID_LOWER = (0.25, -0.50, 0.02)
 GRID_UPPER = (0.60, 0.50, 0.40)
 GRID_SHAPE = (8, 21, 8)
+#: Where arms reach the lowest layer of the grid, they also reach this far below it (m).
+BELOW_GRID = 0.015
 #: A point counts as reached within these residuals (m, rad).
 POSITION_TOLERANCE, ORIENTATION_TOLERANCE = 1e-3, 1e-2
 _COLD_ITERATIONS, _WARM_ITERATIONS = 60, 8
@@ -112,6 +114,10 @@ class ReachabilityMap:
 
     def reachable(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether all corners of the grid cells of points (..., 3), metres, are reached."""
+        lowest = self._origin[2]
+        height = points[..., 2:]
+        lifted = np.where(height >= lowest - BELOW_GRID, np.maximum(height, lowest), height)
+        points = np.concatenate([points[..., :2], lifted], axis=-1)
         scaled = (points - self._origin) * self._cells_per_metre
         inside = np.logical_and.reduce((scaled >= 0) & (scaled <= self._most_cells), axis=-1)
         cell = bounded(scaled, 0, self._most_cells - 1).astype(np.intp)

@@ -19,6 +19,8 @@ import pettingzoo
 
 from saver_envs.control import InverseKinematics
 from saver_envs.episodes import DEFAULT_SPEED, RATED_SPEED, Control, Episodes, Settings
+from saver_envs.randomization.parameters import COMMON, Parameter
+from saver_envs.randomization.presets import parse_randomization
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
 from saver_envs.tasks.contract import RewardType, Start, Task
@@ -74,6 +76,9 @@ class ControlOptions:
     :param control: ``cartesian`` displacements of the tool, or ``joints`` of the joint angles.
     :param bounded_observations: finite bounds of observations and goals, for libraries that need
         them; values beyond, which a regular episode does not have, are clipped.
+    :param randomization: what differs between episodes: ``none``, ``mild``, ``wide``,
+        ``held-out:NAME``, ``held-out:all``, or a mapping of parameters to distributions or numbers.
+    :param report_parameters: put what was drawn into ``info["parameters"]``.
     """
 
     n_arms: int | None = None
@@ -82,6 +87,8 @@ class ControlOptions:
     rated: bool = False
     control: Control = "cartesian"
     bounded_observations: bool = False
+    randomization: Any = "none"
+    report_parameters: bool = False
 
 
 #: Every id with its row, the dense twins behind the sparse ones.
@@ -324,7 +331,11 @@ def _described(
 ) -> tuple[Task, Settings]:
     n_arms = row.n_arms if control.n_arms is None else control.n_arms
     task = row.task(n_arms=n_arms, reward_type=row.reward_type, **of_task)
-    horizon = task.rated_horizon if control.rated else task.horizon
+    known = parameters_of(task)
+    randomization = parse_randomization(control.randomization, known)
+    speeds = randomization.distribution_of("max_speed")
+    slow = control.rated or (speeds is not None and speeds.ends[0] < DEFAULT_SPEED)
+    horizon = task.rated_horizon if slow else task.horizon
     speed = RATED_SPEED if control.rated else DEFAULT_SPEED
     return task, Settings(
         robot=ROBOTS[row.robot],
@@ -333,7 +344,14 @@ def _described(
         limit_joint_speed=control.rated,
         control=control.control,
         bounded_observations=control.bounded_observations,
+        randomization=randomization,
+        report_parameters=control.report_parameters,
     )
+
+
+def parameters_of(task: Task) -> tuple[Parameter, ...]:
+    """Return what may differ between the episodes of a task: its own parameters, then others."""
+    return (*task.parameters, *COMMON)
 
 
 def register_all() -> None:

@@ -82,6 +82,8 @@ class Content:
     variants: ClassVar[int] = 1
     #: Table under the arms, from behind a base to before it (m).
     table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
+    #: Height of the table above the arms' bases (m).
+    table_height: float = 0.0
 
     def scene_key(self) -> Hashable:
         """Return what identifies the scene: contents with equal keys build the same bodies."""
@@ -168,6 +170,9 @@ class Scene:
         targets = range(sum(name.startswith(TARGET) for name in sites))
         #: Ids of the sites that show targets.
         self.target_site = np.array([model.site(f"{TARGET}{k}").id for k in targets], np.intp)
+        pads = finger_geoms(robot, arms.fingers)
+        #: (arms, pads) ids of the geoms that touch what the hands hold.
+        self.finger_geom = self._ids(model.geom, pads)
         sensors = [model.sensor(index).name for index in range(model.nsensor)]
         counting = [index for index, name in enumerate(sensors) if name.startswith(COLLISION)]
         #: Addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
@@ -196,6 +201,21 @@ class Scene:
         are more. Callers share it and must not change it.
         """
         return _drawing_model(self._recipe, variant)
+
+
+@lru_cache(maxsize=32)
+def finger_geoms(robot: Robot, fingers: Fingers) -> tuple[str, ...]:
+    """Return the names of the collision geoms below a robot's hand, or of those of the hand.
+
+    The hand is the body of the tool's site; a gripper without fingers is one body.
+    """
+    hand = robot.build(fingers).site(robot.tool_site).parent
+    below = [geom for body in hand.find_all("body") for geom in body.geoms]
+    for geoms in (below, hand.geoms):
+        names = tuple(geom.name for geom in geoms if int(geom.group) == COLLISION_GROUP)
+        if names:
+            return names
+    return ()
 
 
 @dataclass(frozen=True)
@@ -294,7 +314,7 @@ def _physics_model(recipe: _Recipe, variant: int) -> mujoco.MjModel:
 def _specification(recipe: _Recipe, variant: int, decorated: bool) -> mujoco.MjSpec:
     arms, content = recipe.arms, recipe.content
     table = table_around(arms.position, arms.yaw, content.table_depth)
-    spec = new_world(table)
+    spec = new_world(table, content.table_height)
     spec.memory = MEMORY
     add_cameras(spec, table)
     for index in range(arms.n):

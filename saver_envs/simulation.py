@@ -13,14 +13,19 @@ from numpy.typing import NDArray
 
 from saver_envs.scenes import FreeBodies, Scene, rotate
 from saver_envs.validation import require, require_kind
+from saver_envs.world import TIMESTEP
 
 Kept = TypeVar("Kept")
 
 #: Substeps of 0.002 s in one action: 25 actions per second.
 SUBSTEPS = 20
+#: Duration of an action (s): 25 Hz.
+ACTION_DURATION = SUBSTEPS * TIMESTEP
 #: Contact samples per action (100 Hz), so that brief contacts are not missed.
 CONTACT_SAMPLES = 4
 
+#: Joints slower than this (rad/s) have viscous friction, which dry friction turns into at rest.
+SLOWEST_DRY = 0.02
 _VELOCITY_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 #: Warnings after which a simulation's state is meaningless, because MuJoCo has reset it: bad
@@ -131,6 +136,8 @@ class Simulation:
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
+        self._joint_friction = np.zeros((n, *scene.joint_dof.shape))
+        self._dry = False
 
     def step(
         self,
@@ -192,6 +199,8 @@ class Simulation:
         self, substeps: int, stage: int, ids: NDArray[np.intp] | None = None
     ) -> list[int]:
         """Make substeps, and return the simulations that failed."""
+        if self._dry:
+            self._damp_joints()
         try:
             self._batch.step(ids, substeps, stage)
         except SimulationError as error:
@@ -305,6 +314,42 @@ class Simulation:
         if field not in self._expanded:
             self._expanded[field] = self._batch.expand(field)
         return self._expanded[field]
+
+    def update_constants(self, ids: NDArray[np.intp]) -> None:
+        """Update what MuJoCo derives from the fields of models, after some were written.
+
+        The arms keep the inverse weights that the scene gave them.
+
+        :param ids: (k,) simulations whose fields were written.
+        """
+        model = self.scene.model
+        self._batch.set_const(ids)
+        weights = self.per_simulation("body_invweight0")
+        roots = model.body_rootid[model.jnt_bodyid[self.scene.joint_id[:, 0]]]
+        arms = np.flatnonzero(np.isin(model.body_rootid, roots))
+        weights[ids[:, None], arms] = model.body_invweight0[arms]
+
+    def give_joint_friction(self, ids: NDArray[np.intp], torque: NDArray[np.float64]) -> None:
+        """Give the arms' joints dry friction.
+
+        It acts as a damping that follows the joints' speeds, 100 times a second: MuJoCo's own
+        friction loss is a constraint, which takes a quarter of the speed.
+
+        :param ids: (k,) simulations.
+        :param torque: (k, arms, dof) against the motion, N m.
+        """
+        dofs = self.scene.joint_dof
+        self._joint_friction[ids] = torque
+        self.per_simulation("dof_damping")[ids[:, None, None], dofs] = self.scene.model.dof_damping[
+            dofs
+        ]
+        self._dry = bool(self._joint_friction.any())
+
+    def _damp_joints(self) -> None:
+        dofs = self.scene.joint_dof
+        speed = np.maximum(np.abs(self.qvel.take(dofs, 1)), SLOWEST_DRY)
+        damping = self.scene.model.dof_damping[dofs] + self._joint_friction / speed
+        self._expanded["dof_damping"][:, dofs] = damping
 
     def model_of(self, index: int, model: mujoco.MjModel | None = None) -> mujoco.MjModel:
         """Return the model of simulation ``index``, in ``model`` if one is given."""

@@ -57,8 +57,12 @@ def table_around(
     return TableArea(points.min(axis=0), points.max(axis=0))
 
 
-def new_world(table: TableArea) -> mujoco.MjSpec:
-    """Return a specification with options, lights, floor and table, without arms."""
+def new_world(table: TableArea, height: float = 0.0) -> mujoco.MjSpec:
+    """Return a specification with options, lights, floor and table, without arms.
+
+    :param table: where the table is.
+    :param height: of its surface above the arms' bases, metres.
+    """
     spec = mujoco.MjSpec()
     spec.modelname = "saver"
     spec.compiler.degree = False
@@ -83,6 +87,8 @@ def new_world(table: TableArea) -> mujoco.MjSpec:
     _add_materials(spec)
     _add_light(spec, table)
     _add_table(spec, table)
+    for geom in spec.worldbody.geoms:
+        geom.pos[2] += height
     _add_floor(spec)
     return spec
 
@@ -138,6 +144,7 @@ def draw_box(
     centre: tuple[float, ...],
     half: tuple[float, ...],
     colour: tuple[float, ...],
+    name: str = "",
 ) -> None:
     """Add a box that is only drawn.
 
@@ -145,10 +152,10 @@ def draw_box(
     :param centre: metres.
     :param half: half of its sides, metres.
     :param colour: red, green, blue.
+    :param name: of the geom.
     """
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half, rgba=(*colour, 1), **DRAWN_ONLY
-    )
+    shape = mujoco.mjtGeom.mjGEOM_BOX
+    body.add_geom(name=name, type=shape, pos=centre, size=half, rgba=(*colour, 1), **DRAWN_ONLY)
 
 
 def _add_light(spec: mujoco.MjSpec, table: TableArea) -> None:
@@ -178,18 +185,28 @@ def _add_table(spec: mujoco.MjSpec, table: TableArea) -> None:
         group=COLLISION_GROUP,
     )
     (x, y), (half_x, half_y) = table.centre, table.half
-    draw_box(world, (x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR)
+    draw_box(world, (x, y, -0.0215), (half_x, half_y, 0.02), TABLE_COLOUR, "table_slab")
     for side_x in (-1, 1):
         for side_y in (-1, 1):
             leg = (x + side_x * (half_x - 0.06), y + side_y * (half_y - 0.06), -0.396)
-            draw_box(world, leg, (0.03, 0.03, 0.355), (0.35, 0.36, 0.38))
+            name = f"table_leg_{side_x}_{side_y}"
+            draw_box(world, leg, (0.03, 0.03, 0.355), (0.35, 0.36, 0.38), name)
     world.add_geom(
+        name="table_grid",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=(x, y, -0.001),
         size=(half_x, half_y, 0.1),
         material="table",
         **DRAWN_ONLY,
     )
+
+
+def move_table(model: mujoco.MjModel, height: float) -> None:
+    """Move the table of a drawing model, so that its surface is this high (m)."""
+    shift = height - model.geom("table").pos[2]
+    for index in range(model.ngeom):
+        if model.geom(index).name.startswith("table"):
+            model.geom_pos[index, 2] += shift
 
 
 def _add_floor(spec: mujoco.MjSpec) -> None:

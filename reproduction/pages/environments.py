@@ -10,8 +10,9 @@ from typing import Any
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
-from saver_envs.episodes import ACTION_DURATION, Episodes
+from saver_envs.episodes import Episodes
 from saver_envs.registration import ControlOptions, default_options, make_episodes
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
 from saver_envs.tasks.layout import Layout, Part
 

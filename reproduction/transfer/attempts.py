@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from saver_envs.wrappers.sensor_noise import SensorNoise
+
 from reproduction.transfer.failures import Failure
 from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
 from saver_envs.robots import ROBOTS
-from saver_envs.wrappers.sensor_noise import SensorNoise
 
 ENVIRONMENTS: Final = {
     ("push", "jaco"): "DualJacoPush-v0",

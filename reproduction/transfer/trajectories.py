@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
+from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import make_episodes
@@ -16,7 +17,6 @@ from saver_envs.robots.description import Robot
 from saver_envs.tasks.arm_and_object import LINEAR_VELOCITY_SCALE
 from saver_envs.tasks.table import TableTask
 from saver_envs.wrappers.finger_readings import translated_fingers
-from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
 
 Observation = dict[str, NDArray[Any]]
 Predict = Callable[[Observation], NDArray[Any]]

@@ -30,9 +30,8 @@ from saver_advisors.integration.safety import (
 )
 from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_envs.control import InverseKinematics, SetPointRule, bounded
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.robots.description import Robot
-from saver_envs.simulation import ObjectState
+from saver_envs.simulation import ACTION_DURATION, ObjectState
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT, object_parts, three_fingers
 from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers

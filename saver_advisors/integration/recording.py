@@ -15,9 +15,9 @@ from saver_advisors.integration.trial import SUCCEEDED, TrialRecord
 from saver_advisors.integration.wrist_bench import wrist_bench
 from saver_advisors.reporting import video
 from saver_envs.cameras.rendering import SceneRenderer
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.parsing import Poses
+from saver_envs.simulation import ACTION_DURATION
 
 Frame = NDArray[np.uint8]
 #: Sizes (pixels) of the camera's view, of the scene on its right, and of a plot below.

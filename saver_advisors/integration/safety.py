@@ -11,7 +11,8 @@ from saver_advisors.integration.bench import BenchGeometry
 from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.messages import ArmReading, Floats
 from saver_envs.control import LEAD_LIMIT, bounded
-from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
+from saver_envs.episodes import RATED_SPEED
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.validation import require
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit

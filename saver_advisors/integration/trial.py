@@ -15,7 +15,7 @@ from saver_advisors.integration.health import STOPPED, Event
 from saver_advisors.integration.messages import ServoCommand
 from saver_advisors.integration.tracking import SIDES
 from saver_advisors.integration.wrist_bench import WristBench, wrist_bench
-from saver_envs.episodes import ACTION_DURATION
+from saver_envs.simulation import ACTION_DURATION
 
 #: A wrist that has moved this much (m) closer to its target has been reached and pushed.
 PUSHED: Final = 0.02

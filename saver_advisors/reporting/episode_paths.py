@@ -75,7 +75,7 @@ def follow(
     :return: its paths
     """
     from saver_envs.envs.goal_env import SaverGoalEnv
-    from saver_envs.episodes import ACTION_DURATION
+    from saver_envs.simulation import ACTION_DURATION
 
     with closing(SaverGoalEnv(env_id, **(env_kwargs or {}))) as env:
         episodes = env.episodes

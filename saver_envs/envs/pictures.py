@@ -6,7 +6,8 @@ from typing import Any
 
 from saver_envs.cameras.off_screen import camera_index, require_display
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
-from saver_envs.episodes import ACTION_DURATION, Episodes
+from saver_envs.episodes import Episodes
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.validation import require, require_kind
 
 RENDER_MODES = ("human", "rgb_array", "depth_array")

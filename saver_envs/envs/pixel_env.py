@@ -15,9 +15,8 @@ from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
 from saver_envs.envs.single_episode import SingleEpisode
 from saver_envs.envs.spaces import action_space
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.people.bench import CAMERA
-from saver_envs.simulation import CONTACT_SAMPLES
+from saver_envs.simulation import ACTION_DURATION, CONTACT_SAMPLES
 
 Picture = dict[str, NDArray[Any]]
 

@@ -124,7 +124,12 @@ class SaverVecEnv(GoalReward, BatchVecEnv):
     def _infos(self, outcome: Outcome) -> list[dict[str, Any]]:
         columns = {name: values.tolist() for name, values in outcome.info().items()}
         names = list(columns)
-        return [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        rows = zip(*columns.values(), strict=True)
+        infos = [dict(zip(names, row, strict=True)) for row in rows]
+        if outcome.parameters is not None:
+            for index, info in enumerate(infos):
+                info |= outcome.parameters_of(index)
+        return infos
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """Return a picture of every episode, (480, 640, 3) each."""

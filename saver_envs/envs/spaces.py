@@ -38,17 +38,20 @@ def action_space(episodes: Episodes) -> spaces.Box:
 
 
 def warn_if_short(episodes: Episodes, steps: int) -> None:
-    """Warn of rated episodes that end after the actions of unrated ones.
+    """Warn of slow episodes that end after the actions of fast ones.
 
     :param episodes: of the environment.
     :param steps: number of actions after which they end.
     """
-    task = episodes.task
-    rated = episodes.settings.limit_joint_speed
-    if rated and steps == task.horizon < task.rated_horizon:
+    task, settings = episodes.task, episodes.settings
+    speeds = settings.randomization.distribution_of("max_speed")
+    cause = "arms within the makers' limits" if settings.limit_joint_speed else ""
+    if speeds is not None and speeds.ends[0] < settings.max_speed:
+        cause = f"arms with a top speed from {speeds.ends[0]:g} m/s"
+    if cause and steps == task.horizon < task.rated_horizon:
         gymnasium.logger.warn(
-            f"rated=True: episodes end after {steps} actions, as registered, but arms within the "
-            f"makers' limits need more: pass max_episode_steps={task.rated_horizon} as well"
+            f"episodes end after {steps} actions, as registered, but {cause} need more: pass "
+            f"max_episode_steps={task.rated_horizon} as well"
         )
 
 

@@ -246,4 +246,10 @@ def _infos(outcome: Outcome, present: NDArray[np.bool_]) -> Infos:
     for name, values in outcome.info().items():
         infos[name] = np.where(present, values, np.zeros_like(values))
         infos[f"_{name}"] = present.copy()
+    if outcome.parameters is not None:
+        infos["parameters"], infos["_parameters"] = {}, present.copy()
+        for name, drawn in outcome.parameters.items():
+            own = np.where(present[:, None], drawn, 0.0)
+            infos["parameters"][name] = own[:, 0] if own.shape[1] == 1 else own
+            infos["parameters"][f"_{name}"] = present.copy()
     return infos

@@ -8,9 +8,10 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.episodes import ACTION_DURATION, DEFAULT_SPEED, Settings
+from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.geometry import FloatArray
+from saver_envs.simulation import ACTION_DURATION
 
 
 @dataclass(frozen=True)

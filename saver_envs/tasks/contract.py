@@ -8,14 +8,15 @@ Arrays lead with n, the number of episodes; a single environment is n = 1 of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import Workspace, length
+from saver_envs.randomization import Parameter
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Bases, Content, Scene
 from saver_envs.simulation import ArmState, Simulation
@@ -112,6 +113,8 @@ class Task(Content):
     expert: ClassVar[str | None] = None
     #: Whether the simulation keeps the highest sample of each sensor in an action.
     keeps_peaks: ClassVar[bool] = False
+    #: What may differ between episodes, besides what may in every task.
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
 
     def __post_init__(self) -> None:
         known = self.reward_type in ("sparse", "dense")
@@ -160,6 +163,31 @@ class Task(Content):
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
         raise NotImplementedError
+
+    # ---------------------------------------------------------------- worlds that vary
+
+    def varied(self, values: Mapping[str, Any]) -> Self:
+        """Return the task of an episode whose parameters have these values.
+
+        It draws the episode's start. By default the fields of these names are replaced.
+
+        :param values: parameter -> (size,).
+        """
+        names = {one.name for one in fields(self)} & values.keys()
+        own: dict[str, Any] = {name: float(values[name][0]) for name in names}
+        return replace(self, **own) if own else self
+
+    def vary(
+        self, simulation: Simulation, rows: Rows, values: Mapping[str, NDArray[np.float64]]
+    ) -> None:
+        """Write the values of :attr:`parameters` into the models of some simulations.
+
+        See :meth:`saver_envs.simulation.Simulation.per_simulation`. What MuJoCo derives from the
+        fields is updated afterwards.
+
+        :param rows: (k,) simulations.
+        :param values: parameter -> (k, size); those that vary, also others than the task's.
+        """
 
     # ---------------------------------------------------------------- episodes
 

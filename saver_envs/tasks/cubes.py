@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from saver_envs.randomization import Choice, LogUniform, Parameter, Uniform
+from saver_envs.randomization.presets import Values
 from saver_envs.scenes import (
     ARM_COLOURS,
     COLLISION,
@@ -15,11 +19,45 @@ from saver_envs.scenes import (
     Content,
     add_contact_sensor,
     add_target,
+    finger_geoms,
+    free_bodies,
 )
-from saver_envs.world import TABLE_BIT
+from saver_envs.simulation import Simulation
+from saver_envs.world import TABLE_BIT, move_table
 
-#: Edges of cubes (m) that these hands can push within their reach.
-CUBE_SIZE = (0.04, 0.12)
+#: What may differ between episodes; nominal values are those of the tasks' options.
+OBJECT_PARAMETERS = (
+    Parameter(
+        # Edges of cubes that these hands can push within their reach.
+        *("object_size", "m", "edge of the cubes", 0.056, (0.035, 0.12)),
+        wide=Uniform(0.04, 0.09),
+        held_out=Choice((Uniform(0.035, 0.04), Uniform(0.095, 0.11))),
+    ),
+    Parameter(
+        *("object_mass", "kg", "mass of a cube", 0.2, (0.001, 100.0)),
+        wide=LogUniform(0.05, 0.8),
+        held_out=Uniform(0.8, 1.2),
+    ),
+    Parameter(
+        *("object_friction", "", "sliding friction of cubes and table", 0.5, (0.0, 10.0)),
+        wide=Uniform(0.2, 1.0),
+        held_out=Choice((Uniform(0.1, 0.2), Uniform(1.0, 1.3))),
+    ),
+    Parameter(
+        *("finger_friction", "", "sliding friction of cubes and fingers", 1.5, (0.0, 10.0)),
+        wide=Uniform(0.5, 1.5),
+        held_out=Uniform(0.4, 0.5),
+    ),
+    Parameter(
+        *("object_damping", "N s/m", "linear damping of the cubes' motion", 0.0, (0.0, 1000.0)),
+        wide=Uniform(0.0, 2.0),
+        held_out=Uniform(2.0, 3.0),
+    ),
+    Parameter(
+        *("table_height", "m", "height of the table above the arms' bases", 0.0, (-0.05, 0.05)),
+        wide=Uniform(-0.01, 0.01),
+    ),
+)
 _COMPILED_X = 0.4  # m, where cubes are before an episode begins
 
 
@@ -35,10 +73,13 @@ class Cubes(Content):
     :param n: number of cubes.
     :param size: edge length, metres.
     :param mass: kilograms.
-    :param friction: sliding friction with the table and the hands, dimensionless.
+    :param friction: sliding friction with the table, dimensionless.
+    :param finger_friction: sliding friction with the fingers; ``None`` for the greater of the
+        pads' own and ``friction``.
     :param damping: viscous drag on the cube's motion, N s/m; 0 for free sliding. Its rotation is
         damped, in N m s/rad, as if the drag acted on one face: by this times the mean squared
         distance of the face's points from its centre, a sixth of the squared edge.
+    :param table_height: of its surface above the arms' bases, metres.
     """
 
     n: int
@@ -46,6 +87,8 @@ class Cubes(Content):
     mass: float = 0.2
     friction: float = 0.5
     damping: float = 0.0
+    finger_friction: float | None = None
+    table_height: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,7 +98,7 @@ class Cubes(Content):
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
         """Add cubes, targets, and sensors that count collisions."""
         for index, name in enumerate(self.names):
-            place = (_COMPILED_X, 0.1 * index, self.size / 2)
+            place = (_COMPILED_X, 0.1 * index, self.size / 2 + self.table_height)
             body = spec.worldbody.add_body(name=name, pos=place)
             body.add_freejoint(name=f"{name}_joint")
             if self.damping:
@@ -73,6 +116,11 @@ class Cubes(Content):
             )
             add_target(spec, index, self.size / 2, place)
         _add_collision_counters(spec, arms)
+        if self.finger_friction is not None:
+            for index, pad in product(range(arms.n), finger_geoms(arms.robot, arms.fingers)):
+                geom = spec.geom(f"arm{index}_{pad}")
+                # Of two geoms, that with the higher priority decides about their friction.
+                geom.priority, geom.friction[0] = 1, self.finger_friction
 
     def compiled(self, model: mujoco.MjModel) -> None:
         """Set the damping of the cubes' rotation.
@@ -82,6 +130,53 @@ class Cubes(Content):
         for name in self.names:
             turning = model.joint(f"{name}_joint").dofadr[0] + np.arange(3, 6)
             model.dof_damping[turning] = self.damping * self.size**2 / 6
+
+    def draw(self, model: mujoco.MjModel) -> None:
+        """Give a drawing model these cubes and this table."""
+        for name in self.names:
+            geom = model.geom(name)
+            geom.size[:] = self.size / 2
+            geom.rbound[:] = np.sqrt(3) * self.size / 2
+        move_table(model, self.table_height)
+
+    def vary(self, simulation: Simulation, rows: NDArray[np.intp], values: Values) -> None:
+        """Give some simulations cubes, pads and a table of their own.
+
+        :param simulation: of a scene with these cubes.
+        :param rows: (k,) which simulations.
+        :param values: parameter -> (k, 1).
+        """
+        scene, field, every = simulation.scene, simulation.per_simulation, rows[:, None]
+        own, base = free_bodies(scene, self.names), scene.model
+        geoms = np.array([base.geom(name).id for name in self.names])
+        bodies = base.geom_bodyid[geoms]
+
+        def value(name: str, nominal: float) -> NDArray[np.float64]:
+            return values.get(name, np.full((len(rows), 1), nominal))
+
+        size, mass = value("object_size", self.size), value("object_mass", self.mass)
+        table = value("table_height", self.table_height)
+        damping = value("object_damping", self.damping)[..., None]
+        half = size / 2
+        turning = damping * size[..., None] ** 2 / 6
+        # As MuJoCo's compiler has it, to the last bit.
+        inertia = mass * (half * half + half * half) / 3
+        field("geom_size")[every, geoms] = half[..., None]
+        field("body_mass")[every, bodies] = mass
+        field("body_inertia")[every, bodies] = inertia[..., None]
+        field("dof_damping")[every[..., None], own.dof[:, :3]] = damping
+        field("dof_damping")[every[..., None], own.dof[:, 3:]] = turning
+        field("geom_friction")[every, geoms, 0] = value("object_friction", self.friction)
+        field("geom_pos")[every, base.geom("table").id, 2] = table
+        field("body_pos")[every, bodies, 2] = half + table
+        for name in ("qpos0", "qpos_spring"):
+            field(name)[every, own.qpos[:, 2]] = half + table
+        field("site_pos")[every, scene.target_site, 2] = half + table
+        field("site_size")[every, scene.target_site, 0] = half
+        if "finger_friction" in values:
+            pads = scene.finger_geom.ravel()
+            field("geom_priority")[every, pads] = 1
+            field("geom_friction")[every, pads, 0] = values["finger_friction"]
 
 
 def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:

@@ -33,7 +33,7 @@ class Grasp:
     object_quaternion: NDArray[np.float64]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def settled_grasp(robot: Robot, cube: Cubes) -> Grasp:
     """Close the hand on a weightless cube between its fingers and read where both come to rest.
 

@@ -35,6 +35,7 @@ class CarryTask(TableTask):
         """Return the rules of a start: hands above the table, half of the targets in the air."""
         return StartRules(
             object_size=self.object_size,
+            table_height=self.table_height,
             hand_height=HAND_HEIGHT,
             air_share=AIR_SHARE,
             air_height=AIR_HEIGHT,

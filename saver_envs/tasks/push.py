@@ -37,6 +37,7 @@ class Push(TableTask):
         """Return the rules of a start: hands low, targets on the table, room to push."""
         return StartRules(
             object_size=self.object_size,
+            table_height=self.table_height,
             hand_height=(PUSH_HEIGHT, PUSH_HEIGHT),
             air_height=self.object_size / 2,
             success_threshold=self.success_threshold,

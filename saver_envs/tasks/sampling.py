@@ -61,11 +61,13 @@ class TableStart(Start):
     :param object: (arms, 3) cube centres.
     :param target: (arms, 3) target points.
     :param held: (arms,) whether the hand holds its cube, which is then not at ``object``.
+    :param object_size: edge of the cubes, metres.
     """
 
     object: FloatArray
     target: FloatArray
     held: NDArray[np.bool_]
+    object_size: float
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ class StartRules:
     :param contested_share: share of the starts of several arms in which the ways of two
         neighbours' hands meet.
     :param in_hand_probability: that an arm starts with its cube in hand.
+    :param table_height: height of the table above the arms' bases, metres.
     """
 
     object_size: float
@@ -94,6 +97,7 @@ class StartRules:
     separation: tuple[float, float] | None = None
     contested_share: float = 0.0
     in_hand_probability: float = 0.0
+    table_height: float = 0.0
 
 
 class StartSampler:
@@ -112,8 +116,8 @@ class StartSampler:
         self._regions = regions
         self._reachability = reachability
         self._rules = rules
-        #: Height of a resting cube's centre above the table, metres.
-        self._rest = rules.object_size / 2
+        #: Height of a resting cube's centre, metres.
+        self._rest = rules.object_size / 2 + rules.table_height
         self._n_arms = scene.n_arms
         self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
         # How far to its side an arm can have an object, where the box is nearest to it. Two arms
@@ -144,7 +148,8 @@ class StartSampler:
                     held = np.zeros(self._n_arms, dtype=bool)
                     if (probability := self._rules.in_hand_probability) > 0:
                         held = generator.random(self._n_arms) < probability
-                    return TableStart(hand[valid[0]], objects[candidate], target[candidate], held)
+                    size, places = self._rules.object_size, (objects[candidate], target[candidate])
+                    return TableStart(hand[valid[0]], *places, held, size)
         raise RuntimeError(
             f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
             f"objects of {self._rules.object_size} m leave no room in the regions"
@@ -180,13 +185,14 @@ class StartSampler:
         """Draw a target for each object (..., 3)."""
         rest = self._rest
         shape = objects.shape[:-1]
-        height = generator.uniform(rest, self._rules.air_height, shape)
+        height = generator.uniform(rest, self._rules.air_height + self._rules.table_height, shape)
         in_air = generator.random(shape) < self._rules.air_share
         return _at_distance(generator, objects, np.where(in_air, height, rest), OBJECT_TO_TARGET)
 
     def _draw_hands(self, generator: np.random.Generator, objects: FloatArray) -> FloatArray:
         """Draw a block of hand positions (block, arms, 3) for one candidate's objects (arms, 3)."""
         height = generator.uniform(*self._rules.hand_height, (_BLOCK, self._n_arms))
+        height += self._rules.table_height
         centres = np.broadcast_to(objects, (_BLOCK, *objects.shape))
         return _at_distance(generator, centres, height, HAND_TO_OBJECT)
 
@@ -255,7 +261,7 @@ class StartSampler:
             standoff = self._rules.object_size / 2 + PUSH_STANDOFF
             unit = way / np.maximum(distance, 1e-9)[..., None]
             behind = ways - (standoff * unit)[:, None]
-            behind[..., 2] = self._rules.hand_height[0]
+            behind[..., 2] = self._rules.hand_height[0] + self._rules.table_height
             per_start &= np.logical_and.reduce(self._hand_can_be_at(behind[:, 0]), axis=-1)
             if self._ordered:
                 # The last centimetres of a push need not be made. Round the table arms face one

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
+from saver_envs.randomization import Parameter
 from saver_envs.reachability import reachability_map
 from saver_envs.scenes import Arms, Bases, FreeBodies, Scene, free_bodies
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.arm_and_object import ArmAndObjectTask, hand_parts, object_parts
 from saver_envs.tasks.contract import Memory, Rows, Seen, TaskPage
-from saver_envs.tasks.cubes import CUBE_SIZE, Cubes
+from saver_envs.tasks.cubes import OBJECT_PARAMETERS, Cubes
 from saver_envs.tasks.grasping import settled_grasp
 from saver_envs.tasks.regions import OVERLAP, Regions, regions
 from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart
 from saver_envs.tasks.table_page import table_page
 from saver_envs.validation import require
+
+#: Cubes whose edges differ by less (m) are held alike.
+_GRASP_STEP = 0.002
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,11 @@ class TableTask(ArmAndObjectTask):
 
     :param object_size: edge of the cubes, m.
     :param object_mass: mass of a cube, kg.
-    :param object_friction: sliding friction of the cubes.
+    :param object_friction: sliding friction of cubes and table.
+    :param finger_friction: sliding friction of cubes and fingers; by default the greater of the
+        pads' own, 1.5, and ``object_friction``.
     :param object_damping: linear damping of the cubes' motion, N s/m.
+    :param table_height: height of the table above the arms' bases, m.
     :param layout: bases in a ``row`` or a ``ring`` round the table.
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     """
@@ -39,26 +47,34 @@ class TableTask(ArmAndObjectTask):
     object_size: float = Cubes.size
     object_mass: float = Cubes.mass
     object_friction: float = Cubes.friction
+    finger_friction: float | None = Cubes.finger_friction
     object_damping: float = Cubes.damping
+    table_height: float = Cubes.table_height
     layout: Bases = "row"
     overlap: float = OVERLAP
 
+    parameters: ClassVar[tuple[Parameter, ...]] = OBJECT_PARAMETERS
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        least, greatest = CUBE_SIZE
-        size, mass = self.object_size, self.object_mass
-        friction, damping = self.object_friction, self.object_damping
-        require("object_size", size, least <= size <= greatest, f"{least} to {greatest} m")
-        require("object_mass", mass, 0.001 <= mass <= 100, "0.001 to 100 kg")
-        require("object_friction", friction, 0 <= friction <= 10, "0 to 10")
-        require("object_damping", damping, 0 <= damping <= 1000, "0 to 1000 N s/m")
+        for one in self.parameters:
+            value = getattr(self, one.name)
+            if value is not None:
+                require(one.name, value, one.allows(value), one.valid)
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
 
     @cached_property
     def cubes(self) -> Cubes:
         """The cubes of the scene."""
-        size, mass = self.object_size, self.object_mass
-        return Cubes(self.n_arms, size, mass, self.object_friction, self.object_damping)
+        return Cubes(
+            self.n_arms,
+            size=self.object_size,
+            mass=self.object_mass,
+            friction=self.object_friction,
+            damping=self.object_damping,
+            finger_friction=self.finger_friction,
+            table_height=self.table_height,
+        )
 
     @property
     def bases(self) -> Bases:
@@ -90,11 +106,18 @@ class TableTask(ArmAndObjectTask):
 
     def regions(self, arms: Arms) -> Regions:
         """Return the boxes of hands, cubes and targets."""
-        return regions(arms, self.overlap)
+        found = regions(arms, self.overlap)
+        return replace(found, workspace=found.workspace.raised(self.table_height))
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
         return self.regions(arms).workspace
+
+    def vary(
+        self, simulation: Simulation, rows: Rows, values: Mapping[str, NDArray[np.float64]]
+    ) -> None:
+        """Give some simulations their own cubes and table."""
+        self.cubes.vary(simulation, rows, dict(values))
 
     # ---------------------------------------------------------------- episodes
 
@@ -115,10 +138,11 @@ class TableTask(ArmAndObjectTask):
         quaternion = np.zeros((len(rows), self.n_arms, 4))
         quaternion[..., 0] = 1
         if held.any():
-            grasp = settled_grasp(robot, replace(self.cubes, n=1))
-            position[held] = hand[held] + grasp.object_offset
-            quaternion[held] = grasp.object_quaternion
-            fingers[held] = grasp.finger_position
+            for index, arm in np.argwhere(held):
+                grasp = settled_grasp(robot, self._grasped(starts[index].object_size))
+                position[index, arm] = hand[index, arm] + grasp.object_offset
+                quaternion[index, arm] = grasp.object_quaternion
+                fingers[index, arm] = grasp.finger_position
         simulation.reset(rows, joints.reshape(len(rows), self.n_arms, -1), fingers)
         poses = np.concatenate([scene.to_world(position), quaternion], axis=-1)
         simulation.qpos[rows[:, None, None], self._cubes(simulation).qpos] = poses
@@ -127,6 +151,12 @@ class TableTask(ArmAndObjectTask):
             episode, arm = np.nonzero(held)
             controls = scene.finger_ctrl[arm]
             simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
+
+    def _grasped(self, size: float) -> Cubes:
+        """Return the cube whose grasp is that of a cube of this size, or of a similar one."""
+        if size != self.object_size:
+            size = round(size / _GRASP_STEP) * _GRASP_STEP
+        return replace(self.cubes, n=1, size=size)
 
     def valid(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[TableStart]
@@ -143,6 +173,10 @@ class TableTask(ArmAndObjectTask):
 
     def _cubes(self, simulation: Simulation) -> FreeBodies:
         return free_bodies(simulation.scene, self.resting)
+
+    def decorate(self, model: mujoco.MjModel, memory: Memory, row: int) -> None:
+        """Show cubes and table as they are in the episode."""
+        self.cubes.draw(model)
 
     # ---------------------------------------------------------------- the page
 

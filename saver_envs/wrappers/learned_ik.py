@@ -11,9 +11,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from saver_envs.control import checked_action
-from saver_envs.episodes import ACTION_DURATION, RATED_SPEED
+from saver_envs.episodes import RATED_SPEED
 from saver_envs.modelling.kinematics import REFINEMENT, LearnedInverseKinematics
 from saver_envs.modelling.models import InverseModel
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.wrappers.sensor_noise import episodes_of
 
 #: Entries of ``info``: which arms' set-points are out of reach, and the distance to them that

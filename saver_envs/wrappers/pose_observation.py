@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, Camera, camera_of, measured_depth, pose_of
 from saver_envs.envs.vector_env import reset_mask, seed_each
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import limb_indices
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.validation import require
 from saver_envs.wrappers.pose_stream import SHAPES, PoseReading, PoseStream
 

@@ -23,10 +23,10 @@ from saver_advisors.integration.safety import (
 )
 from saver_advisors.pretrained import load_policy
 from saver_envs.control import LEAD_LIMIT, SetPointRule, least_squares_step
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.registration import make_episodes
 from saver_envs.robots import JACO, MICO
 from saver_envs.scenes import Arms
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.regions import regions
 from saver_envs.wrappers.finger_readings import translated_fingers
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from saver_envs.episodes import ACTION_DURATION
 from saver_envs.perception.parsing import Poses
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.wrappers.pose_observation import (
     KEYS,
     NEVER,

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
+from saver_envs.wrappers.sensor_noise import SensorNoise
 
 from reproduction.transfer.trajectories import run_trials
 from saver_advisors.evaluation.episodes import evaluate_policy
@@ -14,8 +16,6 @@ from saver_envs.robots import ROBOTS
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT
 from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
-from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
-from saver_envs.wrappers.sensor_noise import SensorNoise
 
 PUSH, PICK = "DualMicoPush-v0", "DualMicoPickAndPlace-v0"
 OPTIONS = {"max_episode_steps": 12, "object_size": 0.07}

@@ -11,6 +11,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
+from saver_envs.wrappers.sensor_noise import (
+    NoisySensors,
+    NoisyVectorSensors,
+    SensorErrors,
+    SensorNoise,
+)
 
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.envs.vector_env import SaverVectorEnv
@@ -19,13 +26,6 @@ from saver_envs.robots import ROBOTS
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT
 from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
-from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
-from saver_envs.wrappers.sensor_noise import (
-    NoisySensors,
-    NoisyVectorSensors,
-    SensorErrors,
-    SensorNoise,
-)
 
 PICK, PUSH = "DualMicoPickAndPlace-v0", "DualMicoPush-v0"
 HORIZON = 6

@@ -1,0 +1,177 @@
+"""Distributions of what differs between episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.validation import require
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Real numbers between two ends, all equally likely.
+
+    :param low: lower end.
+    :param high: upper end.
+    :raises ValueError: for ends that are not finite numbers, or in the wrong order.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_ends(self.low, self.high)
+
+    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
+        """Return numbers (size,)."""
+        return generator.uniform(self.low, self.high, size)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest number."""
+        return self.low, self.high
+
+    def as_json(self) -> Any:
+        """Return what :func:`parse_distribution` reads."""
+        return {"uniform": [self.low, self.high]}
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Positive numbers between two ends whose logarithms are equally likely.
+
+    :param low: lower end, above 0.
+    :param high: upper end.
+    :raises ValueError: for ends that are not finite numbers above 0, or in the wrong order.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_ends(self.low, self.high)
+        require("low", self.low, self.low > 0, "above 0, since its logarithm is drawn")
+
+    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
+        """Return numbers (size,)."""
+        drawn = np.exp(generator.uniform(math.log(self.low), math.log(self.high), size))
+        return np.clip(drawn, self.low, self.high)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest number."""
+        return self.low, self.high
+
+    def as_json(self) -> Any:
+        """Return what :func:`parse_distribution` reads."""
+        return {"log_uniform": [self.low, self.high]}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several values, all equally likely; a value may be a distribution itself.
+
+    :param values: numbers or distributions, at least one.
+    :raises ValueError: for no values, or one that is neither.
+    """
+
+    values: tuple[float | Uniform | LogUniform, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", tuple(self.values))
+        require("values", self.values, bool(self.values), "at least one")
+        for value in self.values:
+            known = isinstance(value, Uniform | LogUniform) or _is_number(value)
+            require("values", self.values, known, "finite numbers, Uniform or LogUniform")
+
+    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
+        """Return numbers (size,)."""
+        chosen = generator.integers(len(self.values), size=size).tolist()
+        values = [self.values[index] for index in chosen]
+        return np.array(
+            [
+                value.draw(generator, 1)[0] if isinstance(value, Uniform | LogUniform) else value
+                for value in values
+            ],
+            dtype=np.float64,
+        )
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The least and the greatest number."""
+        spans = [
+            value.ends if isinstance(value, Uniform | LogUniform) else (float(value), float(value))
+            for value in self.values
+        ]
+        return min(low for low, _ in spans), max(high for _, high in spans)
+
+    @property
+    def whole(self) -> bool:
+        """Whether every value is a whole number."""
+        return all(_is_number(value) and float(value).is_integer() for value in self.values)  # type: ignore[arg-type]
+
+    def as_json(self) -> Any:
+        """Return what :func:`parse_distribution` reads."""
+        values = [
+            value.as_json() if isinstance(value, Uniform | LogUniform) else value
+            for value in self.values
+        ]
+        return values[0] if len(values) == 1 and _is_number(values[0]) else {"choice": values}
+
+
+Distribution = Uniform | LogUniform | Choice
+
+_KINDS: dict[str, type[Uniform] | type[LogUniform]] = {
+    "uniform": Uniform,
+    "log_uniform": LogUniform,
+}
+#: What the messages call valid.
+VALID = (
+    "a number, [low, high], {uniform: [low, high]}, {log_uniform: [low, high]}, "
+    "{choice: [value, ...]}, or a Uniform, LogUniform or Choice"
+)
+
+
+def parse_distribution(name: str, value: Any) -> Distribution:
+    """Read a distribution from what YAML and JSON can hold.
+
+    :param name: of the parameter, for messages.
+    :param value: see :data:`VALID`.
+    :raises ValueError: for anything else; the message says what is valid.
+    """
+    try:
+        if isinstance(value, Uniform | LogUniform | Choice):
+            return value
+        if _is_number(value):
+            return Choice((float(value),))
+        if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
+            return Uniform(*value)
+        if isinstance(value, Mapping) and len(value) == 1:
+            kind, content = next(iter(value.items()))
+            if kind in _KINDS and isinstance(content, Sequence) and len(content) == 2:
+                return _KINDS[kind](*content)
+            if kind == "choice" and isinstance(content, Sequence):
+                values = [
+                    one if _is_number(one) else parse_distribution(name, one) for one in content
+                ]
+                return Choice(tuple(values))  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"randomization: {name}: {error}") from error
+    raise ValueError(f"randomization: {name}={value!r}: must be {VALID}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _require_ends(low: object, high: object) -> None:
+    for name, value in (("low", low), ("high", high)):
+        require(name, value, _is_number(value), "a finite number")
+    require("high", high, high >= low, f"at least low, {low!r}")  # type: ignore[operator]

@@ -1,0 +1,108 @@
+"""Which parameters an environment varies, and how: from a preset's name or a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.randomization.distributions import Distribution, parse_distribution
+from saver_envs.randomization.parameters import Parameter
+
+#: Name -> (k, size) values of k episodes.
+Values = dict[str, NDArray[np.float64]]
+
+PRESETS = ("none", "mild", "wide")
+HELD_OUT = "held-out:"
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class Randomization:
+    """What differs between episodes.
+
+    :param varied: each parameter with its distribution, in the order in which they are drawn.
+    """
+
+    varied: tuple[tuple[Parameter, Distribution], ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.varied)
+
+    def distribution_of(self, name: str) -> Distribution | None:
+        """Return the distribution of a parameter, or ``None`` if it does not vary."""
+        return next((one for parameter, one in self.varied if parameter.name == name), None)
+
+    def empty(self, n: int, n_arms: int) -> Values:
+        """Return the arrays (n, size) of the values of n episodes."""
+        return {one.name: np.zeros((n, _size(one, n_arms))) for one, _ in self.varied}
+
+    def draw(self, generator: np.random.Generator, n_arms: int) -> dict[str, NDArray[np.float64]]:
+        """Draw the values (size,) of an episode."""
+        return {
+            one.name: distribution.draw(generator, _size(one, n_arms))
+            for one, distribution in self.varied
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the mapping that :func:`parse_randomization` reads."""
+        return {one.name: distribution.as_json() for one, distribution in self.varied}
+
+
+#: All worlds are alike.
+NO_RANDOMIZATION = Randomization()
+
+
+def _size(parameter: Parameter, n_arms: int) -> int:
+    return parameter.size * (n_arms if parameter.per_arm else 1)
+
+
+def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization:
+    """Return what the option ``randomization`` of an environment says.
+
+    :param value: ``none``, ``mild``, ``wide``, ``held-out:NAME``, ``held-out:all``, or a mapping of
+        names to distributions or numbers; ``None`` is ``none``.
+    :param known: the parameters of the environment.
+    :raises ValueError: for an unknown name, or a distribution that the simulation cannot do.
+    """
+    by_name = {one.name: one for one in known}
+    if value is None or value == "none":
+        return NO_RANDOMIZATION
+    if isinstance(value, Randomization):
+        value = value.as_json()
+    if isinstance(value, Mapping):
+        chosen = {name: parse_distribution(str(name), one) for name, one in value.items()}
+    elif value in PRESETS:
+        chosen = {one.name: getattr(one, value) for one in known}
+    elif isinstance(value, str) and value.startswith(HELD_OUT):
+        chosen = _held_out(value, known)
+    else:
+        raise ValueError(
+            f"randomization={value!r}: must be one of {', '.join(PRESETS)}, "
+            f"{HELD_OUT}NAME, {HELD_OUT}{ALL}, or a mapping of names to distributions"
+        )
+    for name, distribution in chosen.items():
+        if name not in by_name:
+            raise ValueError(
+                f"randomization: {name!r} is not a parameter of this environment; valid names are "
+                f"{', '.join(by_name)}"
+            )
+        by_name[name].check(distribution)
+    return Randomization(tuple((one, chosen[one.name]) for one in known if one.name in chosen))
+
+
+def _held_out(value: str, known: Sequence[Parameter]) -> dict[str, Distribution]:
+    """Return the distributions that ``held-out:NAME`` means."""
+    ranges = {one.name: one.held_out for one in known if one.held_out is not None}
+    name = value.removeprefix(HELD_OUT)
+    if name == ALL:
+        return ranges
+    if name not in ranges:
+        raise ValueError(
+            f"randomization={value!r}: this environment has held-out ranges of "
+            f"{', '.join(ranges)}, and {HELD_OUT}{ALL}"
+        )
+    return {name: ranges[name]}
