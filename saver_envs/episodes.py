@@ -22,7 +22,7 @@ from saver_envs.randomization.presets import NO_RANDOMIZATION, Randomization, Va
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, Scene, compose
 from saver_envs.simulation import ACTION_DURATION, ArmState, Simulation
-from saver_envs.tasks.contract import Memory, Start, Task
+from saver_envs.tasks.contract import Memory, NoStart, Start, Task
 from saver_envs.tasks.layout import Layout
 from saver_envs.validation import require
 from saver_envs.worlds import Worlds
@@ -305,9 +305,7 @@ class Episodes:
         starts: dict[int, Start] = {}
         left = rows
         for _ in range(_MOST_REDRAWS):
-            drawn = [
-                self.worlds.tasks[row].sample(self._generators[row], self.scene) for row in left
-            ]
+            drawn = [self._sample(row) for row in left.tolist()]
             starts.update(zip(left.tolist(), drawn, strict=True))
             task.place(simulation, self.memory, left, drawn)
             left = left[~task.valid(simulation, self.memory, left, drawn)]
@@ -317,6 +315,20 @@ class Episodes:
         raise RuntimeError(
             f"{_MOST_REDRAWS} starts of the task {task.name!r} in a row were not valid; in the "
             f"last one {touching or 'nothing'} touched ({task})"
+        )
+
+    def _sample(self, row: int) -> Start:
+        """Draw the start of an episode, in another world where its own has none."""
+        for _ in range(_MOST_REDRAWS):
+            try:
+                return self.worlds.tasks[row].sample(self._generators[row], self.scene)
+            except NoStart:
+                if not self.settings.randomization:
+                    raise
+                self.worlds.draw(np.array([row]), self._generators)
+        raise NoStart(
+            f"{_MOST_REDRAWS} worlds of randomization={self.settings.randomization.as_json()} in a "
+            f"row have no start of the task {self.task.name!r}"
         )
 
     def step(self, actions: NDArray[np.floating], ids: NDArray[np.intp] | None = None) -> Outcome:

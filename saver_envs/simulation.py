@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import mujoco
@@ -322,12 +323,16 @@ class Simulation:
 
         :param ids: (k,) simulations whose fields were written.
         """
-        model = self.scene.model
         self._batch.set_const(ids)
-        weights = self.per_simulation("body_invweight0")
+        weights, arms = self.per_simulation("body_invweight0"), self.arm_bodies
+        weights[ids[:, None], arms] = self.scene.model.body_invweight0[arms]
+
+    @cached_property
+    def arm_bodies(self) -> NDArray[np.intp]:
+        """Ids (k,) of all bodies of all arms."""
+        model = self.scene.model
         roots = model.body_rootid[model.jnt_bodyid[self.scene.joint_id[:, 0]]]
-        arms = np.flatnonzero(np.isin(model.body_rootid, roots))
-        weights[ids[:, None], arms] = model.body_invweight0[arms]
+        return np.flatnonzero(np.isin(model.body_rootid, roots))
 
     def give_joint_friction(self, ids: NDArray[np.intp], torque: NDArray[np.float64]) -> None:
         """Give the arms' joints dry friction.

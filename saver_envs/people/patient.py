@@ -33,6 +33,7 @@ class People:
     :param elbow: (k, arms) angles of the elbows, radians.
     :param friction: (k,) sliding friction of arms and hands with what they touch.
     :param stiffness: (k,) factor of the friction and the damping in the joints of the arms.
+    :param mass: (k,) factor of the masses of all body parts.
     """
 
     body: NDArray[np.intp]
@@ -42,6 +43,7 @@ class People:
     elbow: NDArray[np.float64]
     friction: NDArray[np.float64]
     stiffness: NDArray[np.float64]
+    mass: NDArray[np.float64]
 
     @staticmethod
     def default(n: int) -> People:
@@ -54,6 +56,7 @@ class People:
             elbow=np.zeros((n, 2)),
             friction=np.full(n, 0.4),
             stiffness=np.ones(n),
+            mass=np.ones(n),
         )
 
 
@@ -94,6 +97,7 @@ class Patient:
             name: simulation.per_simulation(name) for name in (*self._bodies, _FRICTION, _DAMPING)
         }
         self._damping = self._scene.model.dof_damping[self._where.limb_dofs]
+        self._parts = np.setdiff1d(np.arange(1, self._scene.model.nbody), simulation.arm_bodies)
 
     def place(
         self,
@@ -145,6 +149,21 @@ class Patient:
         fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
         fields[_DAMPING][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
         fields[_FRICTION][rows[:, None], geoms, 0] = people.friction[:, None]
+        others = people.mass != 1
+        if others.any():
+            self._give_masses(rows[others], people.body[others], people.mass[others])
+
+    def _give_masses(
+        self, rows: NDArray[np.intp], body: NDArray[np.intp], factor: NDArray[np.float64]
+    ) -> None:
+        """Multiply the masses of bodies in simulations ``rows``, all (k,)."""
+        parts, every, fields = self._parts, rows[:, None], self._fields
+        fields["body_mass"][every, parts] *= factor[:, None]
+        fields["body_inertia"][every, parts] *= factor[:, None, None]
+        self._simulation.update_constants(rows)
+        # Those of the compiled bodies, which have parts that were fused.
+        weights = self._bodies["body_invweight0"][body[:, None], parts]
+        fields["body_invweight0"][every, parts] = weights / factor[:, None, None]
 
     def wrists(self) -> ObjectState:
         """Return the state of the wrists, which take the place of cubes.

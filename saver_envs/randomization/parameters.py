@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from saver_envs.randomization.distributions import Choice, Distribution, LogUniform, Uniform
@@ -77,6 +78,17 @@ class Parameter:
             )
         centre = (low + high) / 2 if self.nominal is None else self.nominal
         return Uniform(centre + (low - centre) / 3, centre + (high - centre) / 3)
+
+
+def require_allowed(task: object, parameters: Sequence[Parameter]) -> None:
+    """Check the options of a task that are named like its parameters.
+
+    :raises ValueError: for a value that the simulation cannot do.
+    """
+    for one in parameters:
+        value = getattr(task, one.name)
+        if value is not None:
+            require(one.name, value, one.allows(value), one.valid)
 
 
 #: Parameters of every task, besides those of its own.

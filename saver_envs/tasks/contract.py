@@ -51,6 +51,10 @@ class Start:
     hand: NDArray[np.float64]
 
 
+class NoStart(RuntimeError):
+    """No start keeps the rules: options or parameters leave no room."""
+
+
 @dataclass(frozen=True)
 class TaskPage:
     """What a task's page says, in Markdown; in the places of the page template.
@@ -200,6 +204,7 @@ class Task(Content):
 
         :param generator: the episode's source of randomness.
         :param scene: of these arms and this task.
+        :raises NoStart: where there is none; in worlds that vary, another world is drawn.
         """
         raise NotImplementedError
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from saver_envs.control import length
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
-from saver_envs.tasks.contract import Start
+from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.regions import Regions
 
 FloatArray = NDArray[np.float64]
@@ -131,7 +131,7 @@ class StartSampler:
 
         :param generator: the episode's source of randomness.
         :return: the start.
-        :raises RuntimeError: when no candidate of many blocks satisfies the rules: the regions or
+        :raises NoStart: when no candidate of many blocks satisfies the rules: the regions or
             the object size leave no room.
         """
         contest = self._draw_contest(generator)
@@ -150,7 +150,7 @@ class StartSampler:
                         held = generator.random(self._n_arms) < probability
                     size, places = self._rules.object_size, (objects[candidate], target[candidate])
                     return TableStart(hand[valid[0]], *places, held, size)
-        raise RuntimeError(
+        raise NoStart(
             f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
             f"objects of {self._rules.object_size} m leave no room in the regions"
         )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
 from saver_envs.randomization import Parameter
+from saver_envs.randomization.parameters import require_allowed
 from saver_envs.reachability import reachability_map
 from saver_envs.scenes import Arms, Bases, FreeBodies, Scene, free_bodies
 from saver_envs.simulation import ArmState, Simulation
@@ -57,10 +58,7 @@ class TableTask(ArmAndObjectTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for one in self.parameters:
-            value = getattr(self, one.name)
-            if value is not None:
-                require(one.name, value, one.allows(value), one.valid)
+        require_allowed(self, self.parameters)
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
 
     @cached_property

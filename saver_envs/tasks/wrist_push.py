@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import mujoco
 import numpy as np
@@ -22,6 +22,8 @@ from saver_envs.people.patient import (
     person_memory,
     place_stretcher,
 )
+from saver_envs.randomization import Choice, LogUniform, Parameter, Uniform
+from saver_envs.randomization.parameters import require_allowed
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Scene
@@ -40,11 +42,48 @@ from saver_envs.tasks.wrist_starts import (
     STIFFNESS,
     WRIST_TO_TARGET,
     YAW,
+    PersonOptions,
     WristStart,
     WristStartSampler,
 )
 from saver_envs.validation import require
 
+#: What may differ between people. By default all but the mass is drawn from narrower ranges.
+PERSON_PARAMETERS: Final = (
+    Parameter(
+        *("person_body", "", "which of the bodies lies there", None, (0, len(BODIES) - 1)),
+        wide=Choice(tuple(range(len(BODIES)))),
+        whole=True,
+    ),
+    Parameter(
+        *("person_friction", "", "sliding friction of the person's arms", None, (0.05, 2.0)),
+        wide=Uniform(0.2, 0.8),
+        held_out=Uniform(0.8, 1.0),
+    ),
+    Parameter(
+        *("person_stiffness", "", "factor of friction and damping in the arms' joints", None),
+        limits=(0.1, 10.0),
+        wide=LogUniform(0.33, 3.0),
+        held_out=LogUniform(3.0, 4.0),
+    ),
+    Parameter(
+        *("person_yaw", "rad", "turn of the person against the stretcher", None, (-0.2, 0.2)),
+        wide=Uniform(-0.08, 0.08),
+    ),
+    Parameter(
+        *("person_x", "m", "place along the stretcher", None, (-0.1, 0.1)),
+        wide=Uniform(-0.06, 0.06),
+    ),
+    Parameter(
+        *("person_y", "m", "place across the stretcher", None, (-0.1, 0.1)),
+        wide=Uniform(-0.04, 0.04),
+    ),
+    Parameter(
+        *("person_mass", "", "factor of the masses of all body parts", 1.0, (0.3, 3.0)),
+        wide=Uniform(0.75, 1.25),
+        held_out=Choice((Uniform(0.6, 0.75), Uniform(1.25, 1.5))),
+    ),
+)
 #: Readings of the load on the torso.
 READINGS: Final = ("torso_force", "torso_displacement")
 
@@ -57,9 +96,24 @@ class WristPush(ArmAndObjectTask):
     requires that the torso was never pressed too hard nor moved too far in the episode.
 
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
+    :param person_body: which of the bodies lies there; drawn by default, as are friction,
+        stiffness, turn and place.
+    :param person_friction: sliding friction of the person's arms and hands.
+    :param person_stiffness: factor of friction and damping in the joints of the person's arms.
+    :param person_yaw: turn of the person against the stretcher, rad.
+    :param person_x: place of the person along the stretcher, from its middle place, m.
+    :param person_y: place of the person across the stretcher, m.
+    :param person_mass: factor of the masses of all body parts.
     """
 
     overlap: float = OVERLAP
+    person_body: int | None = None
+    person_friction: float | None = None
+    person_stiffness: float | None = None
+    person_yaw: float | None = None
+    person_x: float | None = None
+    person_y: float | None = None
+    person_mass: float = 1.0
 
     name: ClassVar[str] = "wrist push"
     fingers: ClassVar[Fingers] = Fingers.LOCKED
@@ -73,6 +127,7 @@ class WristPush(ArmAndObjectTask):
     variants: ClassVar[int] = len(BODIES)
     table_depth: ClassVar[tuple[float, float]] = TABLE_DEPTH
     keeps_peaks: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = PERSON_PARAMETERS
     #: Limits of the force on the torso (N) and of its displacement (m), SPEC 5.6.
     torso_force_limit: ClassVar[float] = 50.0
     torso_displacement_limit: ClassVar[float] = 0.020
@@ -83,6 +138,13 @@ class WristPush(ArmAndObjectTask):
         super().__post_init__()
         require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2, one for each wrist")
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
+        require_allowed(self, self.parameters)
+
+    def varied(self, values: Mapping[str, NDArray[np.float64]]) -> Self:
+        """Return the task with the person of an episode."""
+        task = super().varied(values)
+        body = task.person_body
+        return task if body is None else replace(task, person_body=int(body))
 
     @property
     def resting(self) -> tuple[str, ...]:
@@ -111,7 +173,16 @@ class WristPush(ArmAndObjectTask):
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> WristStart:
         """Draw a person, targets beside the hips, and hands beside the wrists."""
-        return _sampler(scene, self.overlap).sample(generator)
+        person = PersonOptions(
+            body=self.person_body,
+            friction=self.person_friction,
+            stiffness=self.person_stiffness,
+            yaw=self.person_yaw,
+            x=self.person_x,
+            y=self.person_y,
+            mass=self.person_mass,
+        )
+        return _sampler(scene, self.overlap, person).sample(generator)
 
     def place(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[WristStart]
@@ -193,9 +264,9 @@ class WristPush(ArmAndObjectTask):
 
 
 @lru_cache(maxsize=8)
-def _sampler(scene: Scene, overlap: float) -> WristStartSampler:
+def _sampler(scene: Scene, overlap: float, person: PersonOptions) -> WristStartSampler:
     reachability = reachability_map(scene.robot)
-    return WristStartSampler(scene, regions(scene.arms, overlap), reachability)
+    return WristStartSampler(scene, regions(scene.arms, overlap), reachability, person)
 
 
 def _start_text() -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import mujoco
@@ -14,7 +14,7 @@ from saver_envs.people.bodies import PersonArm
 from saver_envs.people.patient import People, turned
 from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import Scene
-from saver_envs.tasks.contract import Start
+from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import Regions
 from saver_envs.tasks.sampling import HAND_TO_OBJECT, FloatArray, distance_to_segment
@@ -49,6 +49,8 @@ STIFFNESS: Final = (0.5, 2.0)
 _BLOCK: Final = 64
 _MOST_DISTANCES: Final = 12
 _MOST_PEOPLE: Final = 200
+#: Tries with a person who is given.
+_MOST_TRIES: Final = 20
 
 
 @dataclass(frozen=True)
@@ -63,15 +65,45 @@ class WristStart(Start):
     people: People
 
 
+@dataclass(frozen=True)
+class PersonOptions:
+    """Who lies on the bench and where; what is ``None`` is drawn anew for every start.
+
+    :param body: which of :data:`saver_envs.people.bodies.BODIES`.
+    :param friction: sliding friction of arms and hands.
+    :param stiffness: factor of the friction and the damping in the joints of the arms.
+    :param yaw: turn of the trunk, radians.
+    :param x: how far the middle between the hip joints is from its usual place, along x, metres.
+    :param y: likewise, along y.
+    :param mass: factor of the masses of all body parts.
+    """
+
+    body: int | None = None
+    friction: float | None = None
+    stiffness: float | None = None
+    yaw: float | None = None
+    x: float | None = None
+    y: float | None = None
+    mass: float = 1.0
+
+
 class WristStartSampler:
     """Draws starts for the bench with a person.
 
     :param scene: the bench.
     :param regions: gives the workspace of hands and the reach.
     :param reachability: the robot's map.
+    :param person: what is known of the person.
     """
 
-    def __init__(self, scene: Scene, regions: Regions, reachability: ReachabilityMap) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        regions: Regions,
+        reachability: ReachabilityMap,
+        person: PersonOptions,
+    ) -> None:
+        self._person = person
         self._arms = person_addresses(scene).arms
         self._base = scene.base_position
         self._regions = regions
@@ -82,14 +114,12 @@ class WristStartSampler:
 
         :param generator: the episode's source of randomness.
         :return: the start.
-        :raises RuntimeError: when no start is found; no combination of options leads to that.
+        :raises NoStart: when no start is found: a person who is given may be out of reach.
         """
-        for _ in range(_MOST_PEOPLE):
-            body = int(generator.integers(len(self._arms)))
-            hips = np.array(HIPS[:2]) + generator.uniform(-1, 1, 2) * HIPS_SPREAD
-            yaw = float(generator.uniform(-YAW, YAW))
-            friction = float(generator.uniform(*FRICTION))
-            stiffness = float(np.exp(generator.uniform(*np.log(STIFFNESS))))
+        tries = _MOST_PEOPLE if self._person.body is None else _MOST_TRIES
+        for _ in range(tries):
+            people = self._someone(generator)
+            body, hips, yaw = int(people.body[0]), people.hips[0], float(people.yaw[0])
             found: list[tuple[FloatArray, ...]] = []
             for arm in range(2):
                 # The person stays the same: if a distance leaves no room, another one is drawn.
@@ -104,17 +134,39 @@ class WristStartSampler:
                 target, hand, shoulder, elbow = (
                     np.stack(part) for part in zip(*found, strict=True)
                 )
-                people = People(
-                    body=np.array([body]),
-                    hips=hips[None],
-                    yaw=np.array([yaw]),
-                    shoulder=shoulder[None],
-                    elbow=elbow[None],
-                    friction=np.array([friction]),
-                    stiffness=np.array([stiffness]),
-                )
-                return WristStart(hand, target, people)
-        raise RuntimeError(f"none of {_MOST_PEOPLE} people has both wrists within reach")
+                lying = replace(people, shoulder=shoulder[None], elbow=elbow[None])
+                return WristStart(hand, target, lying)
+        raise NoStart(f"none of {tries} people has both wrists within reach")
+
+    def _someone(self, generator: np.random.Generator) -> People:
+        """Draw what is not known of a person, one row."""
+        known = self._person
+        body = known.body
+        if body is None:
+            body = int(generator.integers(len(self._arms)))
+        middle, spread = np.array(HIPS[:2]), np.asarray(HIPS_SPREAD)
+        hips = middle + generator.uniform(-1, 1, 2) * spread
+        drawn = (
+            generator.uniform(-YAW, YAW),
+            generator.uniform(*FRICTION),
+            np.exp(generator.uniform(*np.log(STIFFNESS))),
+        )
+        yaw, friction, stiffness = (
+            new if given is None else given
+            for new, given in zip(drawn, (known.yaw, known.friction, known.stiffness), strict=True)
+        )
+        for axis, place in enumerate((known.x, known.y)):
+            if place is not None:
+                hips[axis] = middle[axis] + place
+        return replace(
+            People.default(1),
+            body=np.array([body]),
+            hips=hips[None],
+            yaw=np.array([yaw]),
+            friction=np.array([friction]),
+            stiffness=np.array([stiffness]),
+            mass=np.array([known.mass]),
+        )
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
