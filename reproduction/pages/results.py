@@ -24,6 +24,7 @@ PAGES: Final = {
     "speed": "speed.md",
     "tracking": "modelling-tracking.md",
     "transfer": "transfer.md",
+    "worlds": "worlds-results.md",
 }
 """Pages of results, by the kind of the result file."""
 

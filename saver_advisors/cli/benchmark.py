@@ -25,6 +25,7 @@ KINDS: Final = {
         "train your own algorithm by the benchmark protocol",
     ),
     "compare": ("saver_advisors.cli.benchmark_compare", "compare your results with the baselines"),
+    "worlds": ("saver_advisors.cli.benchmark_worlds", "evaluate policies in worlds that vary"),
     "pose": ("saver_advisors.cli.benchmark_pose", "measure pose estimation, here and in BlazePose"),
 }
 

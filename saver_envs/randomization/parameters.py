@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from saver_envs.randomization.distributions import Choice, Distribution, LogUniform, Uniform
+from saver_envs.randomization.distributions import (
+    Choice,
+    Distribution,
+    LogUniform,
+    Uniform,
+    parse_distribution,
+)
 from saver_envs.validation import require
 
 
@@ -20,12 +27,13 @@ class Parameter:
     :param text: what it is, a clause.
     :param nominal: value of the default world; ``None`` where that draws it as well.
     :param limits: least and greatest value that the simulation can do.
-    :param wide: distribution of the preset ``wide``.
+    :param wide: distribution of the preset ``wide``; ``None`` where it leaves the nominal value.
     :param held_out: distribution of ``held-out:NAME``, outside ``wide``; ``None`` where there is
         none.
     :param size: how many numbers.
     :param per_arm: whether every arm has its own.
     :param whole: whether values are whole numbers.
+    :param names: of values that are not numbers but indices of these.
     """
 
     name: str
@@ -33,23 +41,51 @@ class Parameter:
     text: str
     nominal: float | None
     limits: tuple[float, float]
-    wide: Distribution
+    wide: Distribution | None = None
     held_out: Distribution | None = None
     size: int = 1
     per_arm: bool = False
     whole: bool = False
+    names: tuple[str, ...] = ()
 
     @property
     def valid(self) -> str:
         """The limits in words."""
+        if self.names:
+            return f"one of {', '.join(self.names)}"
         least, greatest = self.limits
         return f"{least:g} to {greatest:g} {self.unit}".rstrip()
+
+    def parse(self, value: Any) -> Distribution:
+        """Read a distribution from what YAML and JSON can hold; names stand for their indices.
+
+        :raises ValueError: for one that is not valid, or values that the simulation cannot do.
+        """
+        if self.names:
+            several = (
+                value["choice"] if isinstance(value, Mapping) and "choice" in value else [value]
+            )
+            known = all(one in self.names for one in several)
+            require(
+                f"randomization: {self.name}", value, known, f"{self.valid}, or a choice of them"
+            )
+            return Choice(tuple(self.names.index(one) for one in several))
+        distribution = parse_distribution(self.name, value)
+        self._check(distribution)
+        return distribution
+
+    def as_json(self, distribution: Distribution) -> Any:
+        """Return what :meth:`parse` reads."""
+        if not self.names or not isinstance(distribution, Choice):
+            return distribution.as_json()
+        chosen = [self.names[int(value)] for value in distribution.values]  # type: ignore[arg-type]
+        return chosen[0] if len(chosen) == 1 else {"choice": chosen}
 
     def allows(self, value: float) -> bool:
         """Return whether the simulation can do a value."""
         return self.limits[0] <= value <= self.limits[1]
 
-    def check(self, distribution: Distribution) -> None:
+    def _check(self, distribution: Distribution) -> None:
         """Check that the simulation can do every value of a distribution.
 
         :raises ValueError: otherwise; the message has the limits.
@@ -62,9 +98,11 @@ class Parameter:
             require(subject, distribution, choices, "a whole number, or a choice of whole numbers")
 
     @property
-    def mild(self) -> Distribution:
+    def mild(self) -> Distribution | None:
         """The third of ``wide`` around the nominal value."""
         wide = self.wide
+        if wide is None:
+            return None
         if isinstance(wide, Choice):
             centre = wide.ends[0] if self.nominal is None else self.nominal
             reach = max(abs(end - centre) for end in wide.ends) / 3
@@ -88,7 +126,8 @@ def require_allowed(task: object, parameters: Sequence[Parameter]) -> None:
     for one in parameters:
         value = getattr(task, one.name)
         if value is not None:
-            require(one.name, value, one.allows(value), one.valid)
+            holds = value in one.names if one.names else one.allows(value)
+            require(one.name, value, holds, one.valid)
 
 
 #: Parameters of every task, besides those of its own.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.randomization.distributions import Distribution, parse_distribution
+from saver_envs.randomization.distributions import Distribution
 from saver_envs.randomization.parameters import Parameter
 
 #: Name -> (k, size) values of k episodes.
@@ -49,7 +49,7 @@ class Randomization:
 
     def as_json(self) -> dict[str, Any]:
         """Return the mapping that :func:`parse_randomization` reads."""
-        return {one.name: distribution.as_json() for one, distribution in self.varied}
+        return {one.name: one.as_json(distribution) for one, distribution in self.varied}
 
 
 #: All worlds are alike.
@@ -74,9 +74,15 @@ def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization
     if isinstance(value, Randomization):
         value = value.as_json()
     if isinstance(value, Mapping):
-        chosen = {name: parse_distribution(str(name), one) for name, one in value.items()}
+        for name in value:
+            if name not in by_name:
+                raise ValueError(
+                    f"randomization: {name!r} is not a parameter of this environment; valid names "
+                    f"are {', '.join(by_name)}"
+                )
+        chosen = {name: by_name[name].parse(one) for name, one in value.items()}
     elif value in PRESETS:
-        chosen = {one.name: getattr(one, value) for one in known}
+        chosen = {one.name: getattr(one, value) for one in known if one.wide is not None}
     elif isinstance(value, str) and value.startswith(HELD_OUT):
         chosen = _held_out(value, known)
     else:
@@ -84,13 +90,6 @@ def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization
             f"randomization={value!r}: must be one of {', '.join(PRESETS)}, "
             f"{HELD_OUT}NAME, {HELD_OUT}{ALL}, or a mapping of names to distributions"
         )
-    for name, distribution in chosen.items():
-        if name not in by_name:
-            raise ValueError(
-                f"randomization: {name!r} is not a parameter of this environment; valid names are "
-                f"{', '.join(by_name)}"
-            )
-        by_name[name].check(distribution)
     return Randomization(tuple((one, chosen[one.name]) for one in known if one.name in chosen))
 
 

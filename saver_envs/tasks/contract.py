@@ -178,7 +178,11 @@ class Task(Content):
         :param values: parameter -> (size,).
         """
         names = {one.name for one in fields(self)} & values.keys()
-        own: dict[str, Any] = {name: float(values[name][0]) for name in names}
+        own: dict[str, Any] = {name: values[name][0].item() for name in names}
+        for one in self.parameters:
+            if one.name in own and one.whole:
+                index = int(own[one.name])
+                own[one.name] = one.names[index] if one.names else index
         return replace(self, **own) if own else self
 
     def vary(

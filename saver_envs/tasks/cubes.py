@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -57,7 +58,19 @@ OBJECT_PARAMETERS = (
         *("table_height", "m", "height of the table above the arms' bases", 0.0, (-0.05, 0.05)),
         wide=Uniform(-0.01, 0.01),
     ),
+    Parameter(
+        *("object_shape", "", "shape of the objects, as high as their edge", 0, (0, 3)),
+        whole=True,
+        names=("cube", "cylinder", "block", "post"),
+    ),
 )
+#: Shape -> its geom, and its width along x, along y and its height, as shares of the edge.
+SHAPES = {
+    "cube": (mujoco.mjtGeom.mjGEOM_BOX, (1.0, 1.0, 1.0)),
+    "cylinder": (mujoco.mjtGeom.mjGEOM_CYLINDER, (1.0, 1.0, 1.0)),
+    "block": (mujoco.mjtGeom.mjGEOM_BOX, (1.0, 0.6, 1.0)),
+    "post": (mujoco.mjtGeom.mjGEOM_BOX, (0.6, 0.6, 1.0)),
+}
 _COMPILED_X = 0.4  # m, where cubes are before an episode begins
 
 
@@ -80,6 +93,7 @@ class Cubes(Content):
         damped, in N m s/rad, as if the drag acted on one face: by this times the mean squared
         distance of the face's points from its centre, a sixth of the squared edge.
     :param table_height: of its surface above the arms' bases, metres.
+    :param shape: one of :data:`SHAPES`.
     """
 
     n: int
@@ -89,6 +103,7 @@ class Cubes(Content):
     damping: float = 0.0
     finger_friction: float | None = None
     table_height: float = 0.0
+    shape: str = "cube"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,8 +120,8 @@ class Cubes(Content):
                 body.joints[0].damping = (self.damping, 0, 0)
             body.add_geom(
                 name=name,
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                size=(self.size / 2,) * 3,
+                type=SHAPES[self.shape][0],
+                size=geom_sizes(np.array([self.size]), [self.shape])[0],
                 mass=self.mass,
                 friction=(self.friction, 0.02, 0.001),
                 condim=3,
@@ -135,7 +150,8 @@ class Cubes(Content):
         """Give a drawing model these cubes and this table."""
         for name in self.names:
             geom = model.geom(name)
-            geom.size[:] = self.size / 2
+            geom.type[:] = int(SHAPES[self.shape][0])
+            geom.size[:] = geom_sizes(np.array([self.size]), [self.shape])[0]
             geom.rbound[:] = np.sqrt(3) * self.size / 2
         move_table(model, self.table_height)
 
@@ -159,11 +175,17 @@ class Cubes(Content):
         damping = value("object_damping", self.damping)[..., None]
         half = size / 2
         turning = damping * size[..., None] ** 2 / 6
-        # As MuJoCo's compiler has it, to the last bit.
-        inertia = mass * (half * half + half * half) / 3
-        field("geom_size")[every, geoms] = half[..., None]
+        shapes = [self.shape] * len(rows)
+        if "object_shape" in values:
+            shapes = [list(SHAPES)[int(index)] for index in values["object_shape"][:, 0]]
+            field("geom_type")[every, geoms] = np.array([[int(SHAPES[one][0])] for one in shapes])
+        sizes = geom_sizes(size[:, 0], shapes)
+        inertia = np.stack(
+            [inertia_of(*one) for one in zip(mass[:, 0], sizes, shapes, strict=True)]
+        )
+        field("geom_size")[every, geoms] = sizes[:, None]
         field("body_mass")[every, bodies] = mass
-        field("body_inertia")[every, bodies] = inertia[..., None]
+        field("body_inertia")[every, bodies] = inertia[:, None]
         field("dof_damping")[every[..., None], own.dof[:, :3]] = damping
         field("dof_damping")[every[..., None], own.dof[:, 3:]] = turning
         field("geom_friction")[every, geoms, 0] = value("object_friction", self.friction)
@@ -177,6 +199,30 @@ class Cubes(Content):
             pads = scene.finger_geom.ravel()
             field("geom_priority")[every, pads] = 1
             field("geom_friction")[every, pads, 0] = values["finger_friction"]
+
+
+def geom_sizes(edge: NDArray[np.float64], shapes: Sequence[str]) -> NDArray[np.float64]:
+    """Return the sizes (k, 3) of the geoms of objects, as MuJoCo counts them.
+
+    :param edge: (k,) metres.
+    :param shapes: k of :data:`SHAPES`.
+    """
+    half = edge[:, None] / 2 * np.array([SHAPES[one][1] for one in shapes])
+    return np.stack(
+        [
+            (x, z, 0.0) if SHAPES[shape][0] == mujoco.mjtGeom.mjGEOM_CYLINDER else (x, y, z)
+            for (x, y, z), shape in zip(half, shapes, strict=True)
+        ]
+    )
+
+
+def inertia_of(mass: float, size: NDArray[np.float64], shape: str) -> NDArray[np.float64]:
+    """Return the diagonal (3,) of an object's inertia, kg m^2, as MuJoCo's compiler computes it."""
+    x, y, z = size
+    if SHAPES[shape][0] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        across = mass * (3 * x * x + 4 * y * y) / 12
+        return np.array([across, across, mass * x * x / 2])
+    return np.array([y * y + z * z, x * x + z * z, x * x + y * y]) * mass / 3
 
 
 def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:

@@ -41,6 +41,8 @@ class TableTask(ArmAndObjectTask):
         pads' own, 1.5, and ``object_friction``.
     :param object_damping: linear damping of the cubes' motion, N s/m.
     :param table_height: height of the table above the arms' bases, m.
+    :param object_shape: ``cube``, ``cylinder``, ``block`` (of 0.6 of the width along y) or ``post``
+        (of 0.6 of the width); all are as high as ``object_size``.
     :param layout: bases in a ``row`` or a ``ring`` round the table.
     :param overlap: how far an arm's box reaches beyond the middle line to its neighbour, m.
     """
@@ -51,6 +53,7 @@ class TableTask(ArmAndObjectTask):
     finger_friction: float | None = Cubes.finger_friction
     object_damping: float = Cubes.damping
     table_height: float = Cubes.table_height
+    object_shape: str = Cubes.shape
     layout: Bases = "row"
     overlap: float = OVERLAP
 
@@ -72,6 +75,7 @@ class TableTask(ArmAndObjectTask):
             damping=self.object_damping,
             finger_friction=self.finger_friction,
             table_height=self.table_height,
+            shape=self.object_shape,
         )
 
     @property

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, Final, Self
+from typing import ClassVar, Final
 
 import mujoco
 import numpy as np
@@ -139,12 +139,6 @@ class WristPush(ArmAndObjectTask):
         require("n_arms", self.n_arms, self.n_arms == 2, "exactly 2, one for each wrist")
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
         require_allowed(self, self.parameters)
-
-    def varied(self, values: Mapping[str, NDArray[np.float64]]) -> Self:
-        """Return the task with the person of an episode."""
-        task = super().varied(values)
-        body = task.person_body
-        return task if body is None else replace(task, person_body=int(body))
 
     @property
     def resting(self) -> tuple[str, ...]:
