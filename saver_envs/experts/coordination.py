@@ -20,7 +20,7 @@ from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.frozen import serves_all
-from saver_envs.experts.geometry import FloatArray, dot
+from saver_envs.experts.geometry import FloatArray, way_round
 from saver_envs.experts.skill import Skill
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.contract import Task
@@ -102,7 +102,7 @@ class Coordinator:
     #: longest.
     FAILS, CONTACT, MEAN_TIME = 200.0, 10.0, 0.3
     #: Weights of lighter contacts: a step of brushing another arm's cube, of two cubes touching.
-    BRUSH, CUBES = 0.05, 0.2
+    BRUSH, CUBES = 2.0, 0.0
     #: A hand that moved by more than this many steps at once belongs to a new episode.
     JUMP = 3.0
     #: Actions between comparisons of plans, and the margin by which another must be better.
@@ -168,16 +168,22 @@ class Coordinator:
 
     def _choose(self, view: ArmView, rows: NDArray[np.intp], fresh: NDArray[np.bool_]) -> None:
         """Compare plans in episodes ``rows``; ``fresh`` ones have no plan yet."""
-        cost = self.costs(self._spread(_rows(view, rows)))
+        left = self.steps - self._age[rows] % self.steps
+        cost = self.costs(self._spread(_rows(view, rows)), left)
         kept = np.take_along_axis(cost, self._chosen[rows, None], axis=1)[:, 0]
         better = fresh | (cost.min(axis=1) < kept - self.MARGIN)
         self._chosen[rows] = np.where(better, cost.argmin(axis=1), self._chosen[rows])
 
-    def costs(self, view: ArmView) -> FloatArray:
-        """Return the cost of each plan, (n, plans)."""
+    def costs(self, view: ArmView, left: NDArray[np.intp]) -> FloatArray:
+        """Return the cost of each plan, (n, plans).
+
+        :param view: what the arms see.
+        :param left: (n,) actions left in the episodes.
+        """
         n, count = len(view.tool), len(self._plans.waits)
         plan = _rows(self._plans, np.tile(np.arange(count), n))
-        return self._cost(_rows(view, np.repeat(np.arange(n), count)), plan).reshape(n, count)
+        index = np.repeat(np.arange(n), count)
+        return self._cost(_rows(view, index), plan, left[index]).reshape(n, count)
 
     def _all_plans(self, arms: int) -> Plan:
         """Return all orders, followers that go along or wait, and ways round for one arm."""
@@ -193,19 +199,21 @@ class Coordinator:
         shoves, waits, first, side = (np.array(part) for part in zip(*rows, strict=True))
         return Plan(first.reshape(len(rows), arms - 1), waits, shoves, side)
 
-    def _cost(self, view: ArmView, plan: Plan) -> FloatArray:
-        """Simulate plans; return their costs (n,)."""
+    def _cost(self, view: ArmView, plan: Plan, left: NDArray[np.intp]) -> FloatArray:
+        """Simulate plans for ``left`` (n,) actions; return their costs (n,)."""
         n, arms = view.tool.shape[:2]
         contact = np.zeros(n)
         time = np.zeros((n, arms))
-        for _ in range(self.steps):
-            done = self.skill.finished(view)
-            time += ~done
-            if done.all():
+        done = self.skill.finished(view)
+        for step in range(left.max()):
+            goes_on = (step < left) & ~done.all(axis=-1)
+            if not goes_on.any():
                 break
             view = self.skill.imagine(view, self._act(view, plan), self.base)
-            contact += self._touching(view)
-        fails = ~self.skill.finished(view).all(axis=-1)
+            contact += goes_on * self._touching(view)
+            time += goes_on[:, None] & ~done
+            done = np.where(goes_on[:, None], self.skill.finished(view), done)
+        fails = ~done.all(axis=-1)
         mean = time.mean(axis=-1)
         return self.FAILS * fails + self.CONTACT * contact + time.max(-1) + self.MEAN_TIME * mean
 
@@ -227,21 +235,22 @@ class Coordinator:
 
     def _act(self, view: ArmView, plan: Plan) -> FloatArray:
         """The skill's actions, changed where arms must give way."""
-        action = self.skill.actions(view, plan.side)
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
+        arms = hand.shape[1]
+        others = [np.roll(cube, -other, axis=1) for other in range(1, arms)]
+        around = np.stack([*others, cube], axis=-2) - self.base[:, None]
+        # Plans that shove take the other arms' cubes for far away.
+        far = around[..., :-1, :] + 10.0 * plan.shoves[:, None, None, None]
+        action = self.skill.actions(view, plan.side, far)
         done = self.skill.finished(view)
         move = action[..., :2] * self.skill.step
-        if self.skill.ring > 0:
-            # Around the other arms' cubes, unless the plan is to brush them aside.
-            beside = move
-            for other in range(1, hand.shape[1]):
-                others = np.roll(cube, other, axis=1)
-                beside = pass_beside(hand, beside, others, self.skill.ring, plan.side)
-            move = np.where(plan.shoves[:, None, None] > 0, move, beside)
         move, turned = self._give_way(view, plan, hand, move, done)
         if self.skill.ring > 0:
-            own = pass_beside(hand, move, cube, self.skill.ring, 0 * plan.side)
-            move = np.where((turned | done)[..., None], own, move)
+            discs = around - view.tool[..., None, :2]
+            radius = np.full(discs.shape[:-1], self.skill.ring)
+            size = length(move)
+            beside = size[..., None] * way_round(move, discs, radius, 0 * size)
+            move = np.where((turned | done)[..., None], beside, move)
         action[..., :2] = shortened(move, self.skill.step) / self.skill.step
         return self.skill.give_way(view, action, turned)
 
@@ -258,7 +267,7 @@ class Coordinator:
         turned = np.zeros(done.shape, dtype=bool)
         # Least and greatest y (n, arms) of what each hand still has to pass, metres.
         y = hand[..., 1]
-        ahead = (place[..., 1] + self.base[:, 1] for place in (view.object, view.target))
+        ahead = (place[..., 1] + self.base[:, 1] for place in self.skill.places(view))
         corners = np.stack([y, *(np.where(done, y, place) for place in ahead)])
         low, high = corners.min(axis=0), corners.max(axis=0)
         for right in range(hand.shape[1] - 1):
@@ -288,32 +297,6 @@ class Coordinator:
             move[:, left, 1] += np.where(leads, 0, lack)
             move = shortened(move, self.skill.step)
         return move, turned
-
-
-def pass_beside(
-    hand: FloatArray, move: FloatArray, cube: FloatArray, ring: float, way_round: FloatArray
-) -> FloatArray:
-    """Turn moves that would run into a cube so that they pass it on a ring.
-
-    :param hand: (n, arms, 2) hands, metres.
-    :param move: (n, arms, 2) displacements, metres.
-    :param cube: (n, arms, 2) the cube that each hand shall not touch, metres.
-    :param ring: distance to keep from its centre, metres.
-    :param way_round: (n, arms) 1 anticlockwise, -1 clockwise, 0 whichever the move prefers. Two
-        cubes with no room between them are passed as one where the way round is given.
-    :return: the moves.
-    """
-    gap = cube - hand
-    distance = np.maximum(length(gap), 1e-6)[..., None]
-    ahead = gap / distance
-    size = length(move)[..., None]
-    towards = dot(move, ahead)[..., None]
-    side = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
-    sign = np.where(dot(move, side)[..., None] >= 0, 1.0, -1.0)
-    sign = np.where(way_round[..., None] != 0, -way_round[..., None], sign)
-    outward = -0.5 * ahead * np.clip(ring - distance, 0, None)
-    near = (distance < ring + size) & (towards > 0)
-    return np.where(near, shortened(sign * side * size + outward, size), move)
 
 
 def _rows(record: Record, index: NDArray[np.intp]) -> Record:

@@ -68,11 +68,14 @@ class PickSkill(Skill):
         """Return where the tools (n, arms, 3) grasp, metres."""
         return view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
 
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
         """Return actions (n, arms, 4) in [-1, 1] of arms that ignore one another.
 
         :param view: what the arms see.
         :param side: not used: hands come from above.
+        :param others: not used.
         """
         place = self.place(view)
         gap = place - view.tool

@@ -12,12 +12,12 @@ from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, dot, unit
+from saver_envs.experts.geometry import FloatArray, dot, rotated, unit, way_round, wrapped
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
 
 #: Share of a commanded displacement that a hand makes within the action.
-TRACKING = 0.92
+TRACKING = 1.0
 #: How much the rough fingers drag a touched cube along, rather than pushing it aside.
 DRAG = 0.7
 #: A pitched hand's wrist is this much nearer to the base than its tool (m).
@@ -43,19 +43,28 @@ class PushSkill(Skill):
     trail: float = 0.0
 
     #: Air between hand and cube on the ring (m).
-    AIR = 0.021
+    AIR = 0.025
     #: Sideways error within which a push may begin, and go on once in contact (m).
     ALIGNED, STILL_ALIGNED = 0.012, 0.025
     #: Share of the sideways error that a pushing action corrects; more drags the cube along.
     CENTRING = 0.3
     #: A push advances by this share of what is left, so that the cube is slow when it arrives.
-    GAIN = 0.4
+    GAIN = 0.3
     #: Deceleration of a sliding cube, friction 0.5 times gravity (m/s^2).
     DECELERATION = 4.9
     #: Targets nearer the workspace's edge than this box are aimed at from inside, by no more than
     #: a share of what success allows (m), so that the hand finds room behind a cube gone too far.
     AIM_SHIFT = 0.015
     AIM_LOWER, AIM_UPPER = (0.315, -0.445), (0.535, 0.445)
+    #: By how much less than the ring a hand may be from another cube (m): on its way past it,
+    #: where it begins a push beside it, and where it goes on with one.
+    BERTH, BESIDE, GOES_ON = 0.008, 0.012, 0.020
+    #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
+    PREFER = 1.5
+    #: A hand whose tool is lower than this (m) has its fingers on the table, and backs off.
+    SUNK = 0.0195
+    #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
+    NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
 
@@ -63,6 +72,16 @@ class PushSkill(Skill):
     def ring(self) -> float:
         """Radius around a cube on which a hand passes without touching it, metres."""
         return self.object_size / 2 + self.hand_radius + self.AIR
+
+    @property
+    def berth(self) -> float:
+        """Radius around other cubes on which a hand passes them, metres."""
+        return self.ring - self.BERTH
+
+    @property
+    def passage(self) -> float:
+        """Distance of two cubes between which a hand fits, metres."""
+        return self.ring + self.object_size / 2 + self.hand_radius + 0.006
 
     def aim(self, view: ArmView) -> FloatArray:
         """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
@@ -75,19 +94,26 @@ class PushSkill(Skill):
         result: NDArray[np.bool_] = length(self.aim(view) - view.object[..., :2]) < self.good_enough
         return result
 
-    def waypoint(self, view: ArmView, side: FloatArray) -> FloatArray:
+    def places(self, view: ArmView) -> tuple[FloatArray, ...]:
+        """Return where hands begin and end their pushes, (n, arms, 2)."""
+        cube, target = view.object[..., :2], self.aim(view)
+        behind = self.ring * unit(target - cube)
+        return cube - behind, target - behind
+
+    def waypoint(self, view: ArmView, side: FloatArray, others: FloatArray) -> FloatArray:
         """Return where each hand should go next, (n, arms, 2) in base frames, metres.
 
         :param view: what the arms see.
         :param side: (n, arms) way round the own cube: 1 anticlockwise, -1 clockwise, 0 the shorter.
+        :param others: (n, arms, k, 2) other cubes, that the hand shall not touch, base frames.
         """
         tool, cube = view.tool[..., :2], view.object[..., :2]
         velocity = view.object_velocity[..., :2]
         target = self.aim(view)
-        heading = unit(target - cube)
+        relative = tool - cube
+        heading = self._clear_of(others - cube[..., None, :], unit(target - cube), relative, side)
         coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
         left = length(target - cube - coasting)[..., None]
-        relative = tool - cube
         along = dot(relative, heading)[..., None]
         lateral = relative - along * heading
         deviation = length(lateral)[..., None]
@@ -96,43 +122,107 @@ class PushSkill(Skill):
         near = along > -(self.ring + 0.01)
         aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
         push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
-        behind = cube - heading * (self.ring + self._trail(cube, -heading))[..., None]
-        straight = is_behind & (deviation < half)
-        approach = np.where(straight, behind, self._orbit(cube, relative, heading, side))
+        gap = -relative - heading * (self.ring + self._trail(cube, -heading))[..., None]
+        discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
+        apart = length(others - cube[..., None, :])
+        radius = np.full(discs.shape[:-1], self.ring + self._trail(cube, unit(relative))[..., None])
+        passable = apart > self.passage
+        radius[..., 1:] = np.where(passable, np.minimum(apart - self.ring, self.berth), self.berth)
+        radius[..., 0] *= 1 - 0.9 * (is_behind & (deviation < half))[..., 0]
+        side = self._side(relative, -heading, others - cube[..., None, :], passable, side)
+        approach = tool + length(gap)[..., None] * way_round(gap, discs, radius, side)
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        return np.where(rests, tool, point)
+        sunk = view.tool[..., 2:] < self.SUNK
+        return np.where(sunk, tool + self.step * unit(relative), np.where(rests, tool, point))
 
-    def _orbit(
-        self, cube: FloatArray, relative: FloatArray, heading: FloatArray, side: FloatArray
+    def _side(
+        self,
+        relative: FloatArray,
+        goal: FloatArray,
+        others: FloatArray,
+        passable: NDArray[np.bool_],
+        side: FloatArray,
     ) -> FloatArray:
-        """Return the place behind the cube if the way there is free, else a point on the ring."""
+        """Return the way round the own cube (n, arms): the shorter one that no cube blocks.
+
+        :param relative: (n, arms, 2) from the own cube to the hand, metres.
+        :param goal: (n, arms, 2) from the own cube to where the hand is to be.
+        :param others: (n, arms, k, 2) from the own cube to others, metres.
+        :param passable: (n, arms, k) whether a hand fits between them and the own cube.
+        :param side: (n, arms) the requested way; 0 for none. Short ways ignore it.
+        """
         own = np.arctan2(relative[..., 1], relative[..., 0])
-        goal = np.arctan2(-heading[..., 1], -heading[..., 0])
-        turn = (goal - own + np.pi) % (2 * np.pi) - np.pi
-        long_way = (side * turn < 0) & (np.abs(turn) > self.SHORT_TURN)
-        turn = np.where(long_way, turn + 2 * np.pi * side, turn)
-        distance = length(relative)
-        tangent = np.arccos(np.clip(self.ring / np.maximum(distance, self.ring), 0, 1))
-        free = np.abs(turn) <= tangent
-        ahead = own + np.sign(turn) * np.minimum(np.abs(turn), np.maximum(tangent, 0.3))
-        circle = np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
-        direction = np.where(free[..., None], -heading, circle)
-        radius = (self.ring + self._trail(cube, direction)) * np.where(free, 1.0, 1.03)
-        return cube + radius[..., None] * direction
+        turn = wrapped(np.arctan2(goal[..., 1], goal[..., 0]) - own)
+        other = wrapped(np.arctan2(others[..., 1], others[..., 0]) - own[..., None])
+        sign = np.where(turn >= 0, 1.0, -1.0)
+        between = ~passable & (other * sign[..., None] > 0)
+        between &= np.abs(other) < np.abs(turn)[..., None]
+        sign = np.where(between.any(axis=-1), -sign, sign)
+        return np.where((side != 0) & (np.abs(turn) > self.SHORT_TURN), side, sign)
+
+    def _clear_of(
+        self, others: FloatArray, heading: FloatArray, relative: FloatArray, side: FloatArray
+    ) -> FloatArray:
+        """Turn headings (n, arms, 2) as far as the hand behind the cube would touch another.
+
+        A hand that pushes beside another cube goes on straight until the direct way is free.
+
+        :param others: (n, arms, k, 2) from the own cube to others, metres.
+        :param heading: the direct ones.
+        :param relative: (n, arms, 2) from the own cube to the hand, metres.
+        :param side: see :meth:`waypoint`.
+        """
+        free, direct = heading, heading
+        own = np.arctan2(relative[..., 1], relative[..., 0])
+        for other in range(others.shape[-2]):
+            gap = others[..., other, :]
+            free = rotated(free, self._lack(gap, free, own, self.ring - self.BESIDE, side))
+        pushing = -unit(relative)
+        goes_on = (length(relative) < self.ring + 0.01) & (dot(pushing, direct) > 0.1)
+        for other in range(others.shape[-2]):
+            gap = others[..., other, :]
+            goes_on &= self._lack(gap, pushing, own, self.ring - self.GOES_ON, side) == 0
+        blocked = dot(free, direct) < 1 - 1e-6
+        return np.where((blocked & goes_on)[..., None], pushing, free)
+
+    def _lack(
+        self, gap: FloatArray, heading: FloatArray, own: FloatArray, apart: float, side: FloatArray
+    ) -> FloatArray:
+        """Return by how much to turn so that the hand is ``apart`` from a cube at ``gap``, rad.
+
+        Of the two ways to turn, that which is nearer to the heading and to the hand's bearing
+        ``own`` from the own cube.
+        """
+        distance = np.maximum(length(gap), 1e-6)
+        cosine = (distance**2 + self.ring**2 - apart**2) / (2 * distance * self.ring)
+        least = np.arccos(np.clip(cosine, -1.0, 1.0))
+        bearing = np.arctan2(gap[..., 1], gap[..., 0])
+        off = wrapped(np.arctan2(-heading[..., 1], -heading[..., 0]) - bearing)
+        hand = wrapped(own - bearing)
+        left, right = (
+            np.abs(way - off) + self.NEARER * np.abs(wrapped(way - hand)) for way in (least, -least)
+        )
+        left = left - self.PREFER * side
+        return np.where(np.abs(off) >= least, 0.0, np.where(left <= right, least, -least) - off)
 
     def _trail(self, cube: FloatArray, direction: FloatArray) -> FloatArray:
         """What is added to the ring in ``direction`` from the cube, (n, arms), metres."""
         return self.trail * np.maximum(dot(unit(cube), direction), 0.0)
 
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
-        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another.
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
+        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another's hands.
 
         :param view: what the arms see.
         :param side: see :meth:`waypoint`; the shorter ways by default.
+        :param others: see :meth:`waypoint`; none by default.
         """
         side = np.zeros(view.tool.shape[:2]) if side is None else side
-        move = shortened(self.waypoint(view, side) - view.tool[..., :2], self.step) / self.step
+        others = view.tool[..., None, :2][..., :0, :] if others is None else others
+        point = self.waypoint(view, side, others)
+        move = shortened(point - view.tool[..., :2], self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:

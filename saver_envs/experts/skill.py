@@ -40,7 +40,9 @@ class Skill:
         """
         return 0.0
 
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
         """Return the actions of arms that ignore one another."""
         raise NotImplementedError
 
@@ -51,6 +53,10 @@ class Skill:
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which arms are done."""
         raise NotImplementedError
+
+    def places(self, view: ArmView) -> tuple[FloatArray, ...]:
+        """Return places (n, arms, 2 or 3) that the hands still have to visit, base frames."""
+        return view.object, view.target
 
     def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
         """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted.

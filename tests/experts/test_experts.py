@@ -9,8 +9,9 @@ import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
-from saver_envs.experts.coordination import JACO_CLOSED, Coordinator, pass_beside
+from saver_envs.experts.coordination import JACO_CLOSED, Coordinator
 from saver_envs.experts.distance import turned
+from saver_envs.experts.geometry import way_round
 from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
 
@@ -149,14 +150,43 @@ def test_plans_hold_every_order_and_way_round_once() -> None:
     assert len(rows) == len(plans.waits) == 40
 
 
-def test_a_hand_passes_beside_a_cube() -> None:
-    hand, cube = np.array([[[0.40, 0.0]]]), np.array([[[0.40, 0.08]]])
-    move = np.array([[[0.002, 0.02]]])
-    turned_aside = pass_beside(hand, move, cube, 0.08, np.zeros((1, 1)))
-    assert turned_aside[0, 0, 0] > 0.015 and abs(turned_aside[0, 0, 1]) < 0.005
-    clockwise = pass_beside(hand, move, cube, 0.08, np.full((1, 1), -1.0))
-    assert clockwise[0, 0, 0] < -0.015
-    np.testing.assert_array_equal(pass_beside(hand, -move, cube, 0.08, np.zeros((1, 1))), -move)
+def test_a_way_passes_beside_a_disc() -> None:
+    gap, disc, radius = np.array([[0.3, 0.0]]), np.array([[[0.15, 0.01]]]), np.array([[0.08]])
+    shorter = way_round(gap, disc, radius, np.zeros(1))[0]
+    assert shorter[0] > 0 > shorter[1]  # to the right of a disc that lies a little to the left
+    # A tangent of the disc: its distance from the centre is the radius.
+    np.testing.assert_allclose(
+        abs(shorter[0] * disc[0, 0, 1] - shorter[1] * disc[0, 0, 0]), 0.08, rtol=1e-6
+    )
+    assert way_round(gap, disc, radius, np.full(1, -1.0))[0, 1] > 0
+    np.testing.assert_allclose(way_round(-gap, disc, radius, np.zeros(1)), [[-1.0, 0.0]], atol=1e-9)
+    beyond = disc + np.array([0.3, 0.0])
+    np.testing.assert_allclose(way_round(gap, beyond, radius, np.zeros(1)), [[1.0, 0.0]], atol=1e-9)
+
+
+def test_discs_without_room_between_them_are_passed_as_one() -> None:
+    gap = np.array([[0.4, 0.0]])
+    discs = np.array([[[0.2, 0.05], [0.2, -0.09]]])
+    way = way_round(gap, discs, np.full((1, 2), 0.08), np.zeros(1))[0]
+    bearing = np.arctan2(way[1], way[0])
+    edges = [
+        np.arctan2(y, 0.2) + sign * np.arcsin(0.08 / np.hypot(0.2, y))
+        for y, sign in ((0.05, 1.0), (-0.09, -1.0))
+    ]
+    assert min(abs(bearing - edge) for edge in edges) < 1e-6
+
+
+def test_a_push_beside_another_cube_begins_aside() -> None:
+    """The direct place behind the cube is where another cube lies; the hand goes beside it."""
+    skill = PushSkill()
+    cube, target, other = np.array([0.40, 0.0]), np.array([0.40, -0.2]), np.array([0.40, 0.09])
+    around = np.stack([cube - other], axis=0)[None, None] * -1.0
+    heading = skill._clear_of(
+        around, np.array([[[0.0, -1.0]]]), np.array([[[0.15, 0.0]]]), np.zeros((1, 1))
+    )[0, 0]
+    behind = cube - skill.ring * heading
+    assert np.linalg.norm(behind - other) > skill.ring - 0.015
+    assert heading @ (target - cube) > 0
 
 
 def test_clearance_lets_a_left_hand_pass_far_behind_a_right_one() -> None:
