@@ -84,7 +84,7 @@ class Coordinator:
     """Chooses among plans by simulating them, and follows the best.
 
     A plan is kept until another is better by a margin, which avoids switching between equally good
-    plans. A new target or a hand that jumped marks a new episode.
+    plans.
 
     :param skill: what each arm does by itself.
     :param base: (arms, 2) base positions of a row along y, metres.
@@ -101,10 +101,8 @@ class Coordinator:
     #: Weights of a plan's cost: failure, a step in contact, the arms' mean time besides the
     #: longest.
     FAILS, CONTACT, MEAN_TIME = 200.0, 10.0, 0.3
-    #: Weights of lighter contacts: a step of brushing another arm's cube, of two cubes touching.
-    BRUSH, CUBES = 2.0, 0.0
-    #: A hand that moved by more than this many steps at once belongs to a new episode.
-    JUMP = 3.0
+    #: Weight of a step of touching another arm's cube, against that of touching its hand.
+    BRUSH = 2.0
     #: Actions between comparisons of plans, and the margin by which another must be better.
     PERIOD, MARGIN = 5, 6.0
 
@@ -120,31 +118,18 @@ class Coordinator:
         self.closed = closed
         self.steps = steps
         self._plans = self._all_plans(len(self.base))
-        self._target: FloatArray = np.zeros((0, len(self.base), 3))
-        self._tool: FloatArray = self._target
         self._chosen = np.zeros(0, dtype=np.intp)
         self._age = np.zeros(0, dtype=np.intp)
 
     def actions(self, view: ArmView) -> FloatArray:
         """Return the arms' actions (n, arms, 3 or 4) in [-1, 1]."""
-        fresh = self._fresh(view)
-        self._target, self._tool = view.target.copy(), view.tool.copy()
-        self._age = np.where(fresh, 0, self._age + 1)
+        if len(self._age) != len(view.begins):
+            self._chosen, self._age = np.zeros((2, len(view.begins)), dtype=np.intp)
+        self._age = np.where(view.begins, 0, self._age + 1)
         rows = np.flatnonzero(self._age % self.PERIOD == 0)
         if rows.size and len(self._plans.waits) > 1:
-            self._choose(view, rows, fresh[rows])
+            self._choose(view, rows, view.begins[rows])
         return self._act(self._spread(view), _rows(self._plans, self._chosen))
-
-    def _fresh(self, view: ArmView) -> NDArray[np.bool_]:
-        """Return which episodes (n,) have begun since the last call."""
-        n = len(view.target)
-        if self._target.shape != view.target.shape:
-            self._chosen, self._age = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
-            return np.ones(n, dtype=bool)
-        other = (self._target != view.target).any(axis=(1, 2))
-        jumped = (length(view.tool - self._tool) > self.JUMP * self.skill.step).any(axis=1)
-        fresh: NDArray[np.bool_] = other | jumped
-        return fresh
 
     def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
@@ -154,7 +139,7 @@ class Coordinator:
 
     def _spread(self, view: ArmView) -> ArmView:
         """Move targets apart that are so near each other that two hands do not fit."""
-        if self.skill.ring > 0:
+        if self.skill.low:
             return view
         target = view.target.copy()
         for right in range(target.shape[1] - 1):
@@ -192,7 +177,7 @@ class Coordinator:
             sides += [sign * np.eye(arms)[arm] for arm in range(arms) for sign in (1.0, -1.0)]
         orders = list(product((1.0, 0.0), repeat=arms - 1))
         rows = list(product((0.0, 1.0), (0.0, 1.0), orders, sides))
-        if self.skill.ring == 0:
+        if not self.skill.low:
             rows = [row for row in rows if row[0] == 0 and not np.any(row[3])]
         if arms == 1:
             rows = [row for row in rows if row[0] == row[1] == 0]
@@ -221,33 +206,34 @@ class Coordinator:
         """1 where two hands are too close, less where cubes are touched, (n,)."""
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
         touching = np.zeros(len(hand))
+        ring = self.skill.ring(view.object_size) if self.skill.low else touching
         for right in range(hand.shape[1] - 1):
             gap = hand[:, right + 1] - hand[:, right]
             touching += gap[:, 1] < self._least(view, right, gap[:, 0]) - 0.01
-            if self.skill.ring == 0:
+            if not self.skill.low:
                 continue
             for one, other in ((right, right + 1), (right + 1, right)):
                 distance = length(hand[:, one] - cube[:, other])
-                touching += self.BRUSH * (distance < self.skill.ring - 0.01)
-            between = length(cube[:, right + 1] - cube[:, right])
-            touching += self.CUBES * (between < 1.1 * self.skill.object_size)
+                touching += self.BRUSH * (distance < ring[:, other] - 0.01)
         return touching
 
     def _act(self, view: ArmView, plan: Plan) -> FloatArray:
         """The skill's actions, changed where arms must give way."""
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
         arms = hand.shape[1]
-        others = [np.roll(cube, -other, axis=1) for other in range(1, arms)]
-        around = np.stack([*others, cube], axis=-2) - self.base[:, None]
+        discs = np.concatenate([cube, view.object_size[..., None]], axis=-1)
+        others = [np.roll(discs, -other, axis=1) for other in range(1, arms)]
+        around = np.stack([*others, discs], axis=-2)
+        around[..., :2] -= self.base[:, None]
         # Plans that shove take the other arms' cubes for far away.
-        far = around[..., :-1, :] + 10.0 * plan.shoves[:, None, None, None]
+        far = around[..., :-1, :] + 10.0 * plan.shoves[:, None, None, None] * (1, 1, 0)
         action = self.skill.actions(view, plan.side, far)
         done = self.skill.finished(view)
         move = action[..., :2] * self.skill.step
         move, turned = self._give_way(view, plan, hand, move, done)
-        if self.skill.ring > 0:
-            discs = around - view.tool[..., None, :2]
-            radius = np.full(discs.shape[:-1], self.skill.ring)
+        if self.skill.low:
+            discs = around[..., :2] - view.tool[..., None, :2]
+            radius = self.skill.ring(around[..., 2])
             size = length(move)
             beside = size[..., None] * way_round(move, discs, radius, 0 * size)
             move = np.where((turned | done)[..., None], beside, move)
@@ -323,7 +309,7 @@ def alone_or_coordinated(
     """
     if free_arm is not None:
         return serves_all(task, skill, free_arm)
-    if not coordinated or (task.n_arms == 1 and skill.ring == 0):
+    if not coordinated or (task.n_arms == 1 and not skill.low):
         return Expert(task, skill.actions)
     base = base_poses(task.n_arms, "row")[0][:, :2]
     steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)

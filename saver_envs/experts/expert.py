@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.experts.blocks import ArmView, view
+from saver_envs.experts.blocks import ArmView, Viewer
 from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
@@ -26,6 +26,7 @@ class Expert:
         self.task = task
         self.n_arms = task.n_arms
         self._act = act
+        self._view = Viewer(task)
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True
@@ -39,7 +40,7 @@ class Expert:
         """
         single = np.ndim(observation["observation"]) == 1
         batch = {name: np.atleast_2d(values) for name, values in observation.items()}
-        actions = self._act(view(batch, self.task))
+        actions = self._act(self._view(batch))
         flat = np.clip(actions.reshape(len(actions), -1), -1.0, 1.0).astype(np.float32)
         return (flat[0] if single else flat), None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ class PushSkill(Skill):
     """What each arm does on its own, and a rough prediction of the result.
 
     :param hand_radius: half the width of the closed hand where it meets the cube, metres.
+    :param palm_radius: the same where a cube is so high that it meets the palm, metres.
     :param stop: a push ends if the cube will come to rest this near its target, metres.
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
@@ -38,10 +40,14 @@ class PushSkill(Skill):
     """
 
     hand_radius: float = 0.031
+    palm_radius: float = 0.046
     stop: float = 0.015
     good_enough: float = 0.035
     trail: float = 0.0
 
+    low: ClassVar[bool] = True
+    #: Cubes no higher than this pass below the palm (m).
+    BELOW_PALM = 0.075
     #: Air between hand and cube on the ring (m).
     AIR = 0.025
     #: Sideways error within which a push may begin, and go on once in contact (m).
@@ -59,6 +65,8 @@ class PushSkill(Skill):
     #: By how much less than the ring a hand may be from another cube (m): on its way past it,
     #: where it begins a push beside it, and where it goes on with one.
     BERTH, BESIDE, GOES_ON = 0.008, 0.012, 0.020
+    #: Air that a hand on the ring needs at least on the other side, to pass between two cubes (m).
+    PASSAGE = 0.006
     #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
     PREFER = 1.5
     #: A hand whose tool is lower than this (m) has its fingers on the table, and backs off.
@@ -68,20 +76,13 @@ class PushSkill(Skill):
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
 
-    @property
-    def ring(self) -> float:
-        """Radius around a cube on which a hand passes without touching it, metres."""
-        return self.object_size / 2 + self.hand_radius + self.AIR
+    def ring(self, size: FloatArray) -> FloatArray:
+        """Return the radii around cubes of edges ``size`` on which a hand touches none, metres."""
+        return self.touch(size) + self.AIR
 
-    @property
-    def berth(self) -> float:
-        """Radius around other cubes on which a hand passes them, metres."""
-        return self.ring - self.BERTH
-
-    @property
-    def passage(self) -> float:
-        """Distance of two cubes between which a hand fits, metres."""
-        return self.ring + self.object_size / 2 + self.hand_radius + 0.006
+    def touch(self, size: FloatArray) -> FloatArray:
+        """Return the distances of hands from cubes of edges ``size`` that they push, metres."""
+        return size / 2 + np.where(size > self.BELOW_PALM, self.palm_radius, self.hand_radius)
 
     def aim(self, view: ArmView) -> FloatArray:
         """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
@@ -97,7 +98,7 @@ class PushSkill(Skill):
     def places(self, view: ArmView) -> tuple[FloatArray, ...]:
         """Return where hands begin and end their pushes, (n, arms, 2)."""
         cube, target = view.object[..., :2], self.aim(view)
-        behind = self.ring * unit(target - cube)
+        behind = self.ring(view.object_size)[..., None] * unit(target - cube)
         return cube - behind, target - behind
 
     def waypoint(self, view: ArmView, side: FloatArray, others: FloatArray) -> FloatArray:
@@ -105,31 +106,36 @@ class PushSkill(Skill):
 
         :param view: what the arms see.
         :param side: (n, arms) way round the own cube: 1 anticlockwise, -1 clockwise, 0 the shorter.
-        :param others: (n, arms, k, 2) other cubes, that the hand shall not touch, base frames.
+        :param others: (n, arms, k, 3) x and y of other cubes, that the hand shall not touch, in
+            base frames, and their edges, metres.
         """
         tool, cube = view.tool[..., :2], view.object[..., :2]
         velocity = view.object_velocity[..., :2]
         target = self.aim(view)
         relative = tool - cube
-        heading = self._clear_of(others - cube[..., None, :], unit(target - cube), relative, side)
+        half, ring = view.object_size[..., None] / 2, self.ring(view.object_size)[..., None]
+        berth = self.ring(others[..., 2])
+        others = others[..., :2]
+        gaps = others - cube[..., None, :]
+        heading = self._clear_of(gaps, berth, ring, unit(target - cube), relative, side)
         coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
         left = length(target - cube - coasting)[..., None]
         along = dot(relative, heading)[..., None]
         lateral = relative - along * heading
         deviation = length(lateral)[..., None]
-        half = self.object_size / 2
         is_behind = along < -half
-        near = along > -(self.ring + 0.01)
+        near = along > -(ring + 0.01)
         aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
         push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
-        gap = -relative - heading * (self.ring + self._trail(cube, -heading))[..., None]
+        gap = -relative - heading * (ring + self._trail(cube, -heading)[..., None])
+        own = ring + self._trail(cube, unit(relative))[..., None]
+        own = own * (1 - 0.9 * (is_behind & (deviation < half)))
+        room = length(gaps) - ring
+        passable = room > berth - self.AIR + self.PASSAGE
+        berth = berth - self.BERTH
+        radius = np.concatenate([own, np.where(passable, np.minimum(room, berth), berth)], axis=-1)
         discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
-        apart = length(others - cube[..., None, :])
-        radius = np.full(discs.shape[:-1], self.ring + self._trail(cube, unit(relative))[..., None])
-        passable = apart > self.passage
-        radius[..., 1:] = np.where(passable, np.minimum(apart - self.ring, self.berth), self.berth)
-        radius[..., 0] *= 1 - 0.9 * (is_behind & (deviation < half))[..., 0]
-        side = self._side(relative, -heading, others - cube[..., None, :], passable, side)
+        side = self._side(relative, -heading, gaps, passable, side)
         approach = tool + length(gap)[..., None] * way_round(gap, discs, radius, side)
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
@@ -162,32 +168,43 @@ class PushSkill(Skill):
         return np.where((side != 0) & (np.abs(turn) > self.SHORT_TURN), side, sign)
 
     def _clear_of(
-        self, others: FloatArray, heading: FloatArray, relative: FloatArray, side: FloatArray
+        self,
+        others: FloatArray,
+        berth: FloatArray,
+        ring: FloatArray,
+        heading: FloatArray,
+        relative: FloatArray,
+        side: FloatArray,
     ) -> FloatArray:
         """Turn headings (n, arms, 2) as far as the hand behind the cube would touch another.
 
         A hand that pushes beside another cube goes on straight until the direct way is free.
 
         :param others: (n, arms, k, 2) from the own cube to others, metres.
+        :param berth: (n, arms, k) rings of others, metres.
+        :param ring: (n, arms, 1) rings of the own cubes, metres.
         :param heading: the direct ones.
         :param relative: (n, arms, 2) from the own cube to the hand, metres.
         :param side: see :meth:`waypoint`.
         """
-        free, direct = heading, heading
-        own = np.arctan2(relative[..., 1], relative[..., 0])
+        free, direct, pushing = heading, heading, -unit(relative)
+        own, ring = np.arctan2(relative[..., 1], relative[..., 0]), ring[..., 0]
+        goes_on = (length(relative) < ring + 0.01) & (dot(pushing, direct) > 0.1)
         for other in range(others.shape[-2]):
-            gap = others[..., other, :]
-            free = rotated(free, self._lack(gap, free, own, self.ring - self.BESIDE, side))
-        pushing = -unit(relative)
-        goes_on = (length(relative) < self.ring + 0.01) & (dot(pushing, direct) > 0.1)
-        for other in range(others.shape[-2]):
-            gap = others[..., other, :]
-            goes_on &= self._lack(gap, pushing, own, self.ring - self.GOES_ON, side) == 0
+            gap, apart = others[..., other, :], berth[..., other]
+            free = rotated(free, self._lack(gap, free, own, ring, apart - self.BESIDE, side))
+            goes_on &= self._lack(gap, pushing, own, ring, apart - self.GOES_ON, side) == 0
         blocked = dot(free, direct) < 1 - 1e-6
         return np.where((blocked & goes_on)[..., None], pushing, free)
 
     def _lack(
-        self, gap: FloatArray, heading: FloatArray, own: FloatArray, apart: float, side: FloatArray
+        self,
+        gap: FloatArray,
+        heading: FloatArray,
+        own: FloatArray,
+        ring: FloatArray,
+        apart: FloatArray,
+        side: FloatArray,
     ) -> FloatArray:
         """Return by how much to turn so that the hand is ``apart`` from a cube at ``gap``, rad.
 
@@ -195,7 +212,7 @@ class PushSkill(Skill):
         ``own`` from the own cube.
         """
         distance = np.maximum(length(gap), 1e-6)
-        cosine = (distance**2 + self.ring**2 - apart**2) / (2 * distance * self.ring)
+        cosine = (distance**2 + ring**2 - apart**2) / (2 * distance * ring)
         least = np.arccos(np.clip(cosine, -1.0, 1.0))
         bearing = np.arctan2(gap[..., 1], gap[..., 0])
         off = wrapped(np.arctan2(-heading[..., 1], -heading[..., 0]) - bearing)
@@ -220,7 +237,7 @@ class PushSkill(Skill):
         :param others: see :meth:`waypoint`; none by default.
         """
         side = np.zeros(view.tool.shape[:2]) if side is None else side
-        others = view.tool[..., None, :2][..., :0, :] if others is None else others
+        others = view.tool[..., None, :][..., :0, :] if others is None else others
         point = self.waypoint(view, side, others)
         move = shortened(point - view.tool[..., :2], self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
@@ -237,11 +254,12 @@ class PushSkill(Skill):
         tool[..., :2] = np.clip(tool[..., :2], HAND_LOWER, HAND_UPPER)
         cubes: FloatArray = view.object[..., :2] + base
         for part in self._hand(tool[..., :2]):
-            cubes = self._pushed(part + base, actions[..., :2], cubes)
+            cubes = self._pushed(part + base, actions[..., :2], cubes, view.object_size)
         for arm in range(tool.shape[1] - 1):
             gap = cubes[:, arm + 1] - cubes[:, arm]
             distance = length(gap)[:, None]
-            apart = gap * np.maximum(self.object_size * 1.1 / np.maximum(distance, 1e-6) - 1, 0) / 2
+            least = 1.1 * view.object_size[:, arm : arm + 2].mean(axis=1)[:, None]
+            apart = gap * np.maximum(least / np.maximum(distance, 1e-6) - 1, 0) / 2
             cubes[:, arm] -= apart
             cubes[:, arm + 1] += apart
         moved = np.concatenate([cubes - base, view.object[..., 2:]], axis=-1)
@@ -251,9 +269,11 @@ class PushSkill(Skill):
         """Centres of the discs that a hand consists of, (n, arms, 2) each, metres."""
         return [tool] if self.trail == 0 else [tool, tool - WRIST * unit(tool)]
 
-    def _pushed(self, hand: FloatArray, motion: FloatArray, cubes: FloatArray) -> FloatArray:
+    def _pushed(
+        self, hand: FloatArray, motion: FloatArray, cubes: FloatArray, size: FloatArray
+    ) -> FloatArray:
         """Cubes (n, arms, 2) moved out of the discs ``hand``, dragged along by their motion."""
-        touch = self.object_size / 2 + self.hand_radius
+        touch = self.touch(size)
         for arm in range(hand.shape[1]):
             gap = cubes - hand[:, arm, None]
             overlap = np.maximum(touch - length(gap), 0)[..., None]
@@ -268,5 +288,5 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
-    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings, task.object_size)
+    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings)
     return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

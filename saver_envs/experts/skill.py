@@ -17,28 +17,24 @@ from saver_envs.experts.geometry import FloatArray
 class Skill:
     """What one arm can do by itself; leading dimensions (n, arms).
 
-    :param object_size: edge of the cubes, metres.
     :param step: longest displacement of an action, metres.
     """
 
     #: Whether a free arm that serves all cubes serves its own last; its target may be in the air,
     #: where it must be held.
     own_last: ClassVar[bool] = False
+    #: Whether hands pass beside cubes; else they pass over them.
+    low: ClassVar[bool] = False
 
-    object_size: float = 0.056
     step: float = DEFAULT_SPEED * ACTION_DURATION
 
-    def fitted(self, settings: Settings, object_size: float) -> Self:
-        """Return the skill of an arm with these settings and cubes (m)."""
-        return replace(self, step=settings.max_speed * ACTION_DURATION, object_size=object_size)
+    def fitted(self, settings: Settings) -> Self:
+        """Return the skill of an arm with these settings."""
+        return replace(self, step=settings.max_speed * ACTION_DURATION)
 
-    @property
-    def ring(self) -> float:
-        """Radius around a cube on which a low hand passes without touching it, metres.
-
-        It is 0 for hands that pass over cubes.
-        """
-        return 0.0
+    def ring(self, size: FloatArray) -> FloatArray:
+        """Return the radii around cubes of edges ``size`` on which a low hand touches none, m."""
+        raise NotImplementedError
 
     def actions(
         self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None

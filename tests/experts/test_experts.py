@@ -180,12 +180,14 @@ def test_a_push_beside_another_cube_begins_aside() -> None:
     """The direct place behind the cube is where another cube lies; the hand goes beside it."""
     skill = PushSkill()
     cube, target, other = np.array([0.40, 0.0]), np.array([0.40, -0.2]), np.array([0.40, 0.09])
-    around = np.stack([cube - other], axis=0)[None, None] * -1.0
+    around = (other - cube)[None, None, None]
+    ring = skill.ring(np.array([0.056]))
+    rings = ring[None, None]
     heading = skill._clear_of(
-        around, np.array([[[0.0, -1.0]]]), np.array([[[0.15, 0.0]]]), np.zeros((1, 1))
+        around, rings, rings, np.array([[[0.0, -1.0]]]), np.array([[[0.15, 0.0]]]), np.zeros((1, 1))
     )[0, 0]
-    behind = cube - skill.ring * heading
-    assert np.linalg.norm(behind - other) > skill.ring - 0.015
+    behind = cube - ring * heading
+    assert np.linalg.norm(behind - other) > ring[0] - 0.015
     assert heading @ (target - cube) > 0
 
 
