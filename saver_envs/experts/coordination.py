@@ -127,9 +127,22 @@ class Coordinator:
             self._chosen, self._age = np.zeros((2, len(view.begins)), dtype=np.intp)
         self._age = np.where(view.begins, 0, self._age + 1)
         rows = np.flatnonzero(self._age % self.PERIOD == 0)
-        if rows.size and len(self._plans.waits) > 1:
+        if rows.size and self.plans > 1:
             self._choose(view, rows, view.begins[rows])
-        return self._act(self._spread(view), _rows(self._plans, self._chosen))
+        return self.follow(view, self._chosen)
+
+    @property
+    def plans(self) -> int:
+        """Number of plans."""
+        return len(self._plans.waits)
+
+    def follow(self, view: ArmView, chosen: NDArray[np.intp]) -> FloatArray:
+        """Return the actions (n, arms, 3 or 4) under given plans.
+
+        :param view: what the arms see.
+        :param chosen: (n,) plans, from 0 to :attr:`plans` - 1.
+        """
+        return self._act(self._spread(view), _rows(self._plans, chosen))
 
     def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
@@ -165,7 +178,7 @@ class Coordinator:
         :param view: what the arms see.
         :param left: (n,) actions left in the episodes.
         """
-        n, count = len(view.tool), len(self._plans.waits)
+        n, count = len(view.tool), self.plans
         plan = _rows(self._plans, np.tile(np.arange(count), n))
         index = np.repeat(np.arange(n), count)
         return self._cost(_rows(view, index), plan, left[index]).reshape(n, count)
@@ -313,4 +326,5 @@ def alone_or_coordinated(
         return Expert(task, skill.actions)
     base = base_poses(task.n_arms, "row")[0][:, :2]
     steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)
-    return Expert(task, Coordinator(skill, base, closed, steps=steps).actions)
+    coordinator = Coordinator(skill, base, closed, steps)
+    return Expert(task, coordinator.actions, coordinator)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,26 @@ from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
 
+if TYPE_CHECKING:
+    from saver_envs.experts.coordination import Coordinator
+
 
 class Expert:
     """A scripted policy.
 
     :param task: whose observations it reads.
     :param act: from what the arms see to their actions (n, arms, size).
+    :param coordinator: whose plans it follows, if any.
     """
 
-    def __init__(self, task: Task, act: Callable[[ArmView], FloatArray]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        act: Callable[[ArmView], FloatArray],
+        coordinator: Coordinator | None = None,
+    ) -> None:
         self.task = task
+        self.coordinator = coordinator
         self.n_arms = task.n_arms
         self._act = act
         self._view = Viewer(task)

@@ -69,8 +69,9 @@ class PushSkill(Skill):
     PASSAGE = 0.006
     #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
     PREFER = 1.5
-    #: A hand whose tool is lower than this (m) has its fingers on the table, and backs off.
-    SUNK = 0.0195
+    #: A hand whose tool is lower or higher than this (m) is jammed, with its fingers on the table
+    #: or under the cube, and backs off.
+    SUNK, RAISED = 0.0195, 0.031
     #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
     NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
@@ -139,8 +140,8 @@ class PushSkill(Skill):
         approach = tool + length(gap)[..., None] * way_round(gap, discs, radius, side)
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        sunk = view.tool[..., 2:] < self.SUNK
-        return np.where(sunk, tool + self.step * unit(relative), np.where(rests, tool, point))
+        jammed = (view.tool[..., 2:] < self.SUNK) | (view.tool[..., 2:] > self.RAISED)
+        return np.where(jammed, tool + self.step * unit(relative), np.where(rests, tool, point))
 
     def _side(
         self,

@@ -9,6 +9,7 @@ import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
+from saver_envs.experts.blocks import Viewer
 from saver_envs.experts.coordination import JACO_CLOSED, Coordinator
 from saver_envs.experts.distance import turned
 from saver_envs.experts.geometry import way_round
@@ -16,23 +17,29 @@ from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
 
 
-def success(
+def success(env_id: str, episodes: int, **arguments: Any) -> float:
+    """Return the success rate of an expert; see :func:`rates`."""
+    return rates(env_id, episodes, **arguments)[0]
+
+
+def rates(
     env_id: str,
     episodes: int,
     seed: int = 0,
     coordinated: bool = True,
     free_arm: int | None = None,
     **options: Any,
-) -> float:
-    """Return the success rate of an expert."""
+) -> tuple[float, float]:
+    """Return an expert's success rate and safe success rate."""
     expert = make_expert(env_id, coordinated=coordinated, free_arm=free_arm, **options)
-    return evaluate_policy(
+    result = evaluate_policy(
         lambda seen: expert.predict(seen)[0],
         env_id,
         episodes=episodes,
         seed=seed,
         env_kwargs=options,
-    ).success_rate
+    )
+    return result.success_rate, result.safe_success_rate
 
 
 @pytest.mark.slow
@@ -74,6 +81,56 @@ def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
 )
 def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
     assert success(env_id, 200) >= least
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("env_id", "options", "least", "safe"),
+    [
+        ("DualJacoPush-v0", {}, 0.95, 0.82),
+        ("DualJacoPickAndPlace-v0", {}, 0.95, 0.82),
+        ("DualJacoPush-v0", {"contested_share": 1.0}, 0.90, 0.58),
+        ("DualJacoPickAndPlace-v0", {"contested_share": 1.0}, 0.90, 0.58),
+        ("DualJacoPush-v0", {"n_arms": 3}, 0.85, 0.60),
+        ("DualJacoPickAndPlace-v0", {"n_arms": 3}, 0.85, 0.60),
+        ("DualJacoPush-v0", {"n_arms": 4}, 0.85, 0.60),
+        ("DualJacoPickAndPlace-v0", {"n_arms": 4}, 0.85, 0.60),
+        ("JacoPush-v0", {"object_size": 0.09}, 0.85, 0.82),
+        ("DualJacoPush-v0", {"object_size": 0.09}, 0.85, 0.60),
+        ("JacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.82),
+    ],
+)
+def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, safe: float) -> None:
+    rate, safe_rate = rates(env_id, 200, **options)
+    assert rate >= least and safe_rate >= safe
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
+def test_an_expert_sees_the_size_of_its_cube(env_id: str) -> None:
+    world = make_episodes(env_id, 20, object_size=0.09)
+    for index in range(20):
+        world.set_generator(index, np.random.default_rng(index))
+    world.reset()
+    expert = make_expert(env_id)  # for cubes of the usual size
+    for _ in range(world.settings.horizon):
+        outcome = world.step(expert.predict(world.observation().as_dict())[0])
+    assert outcome.success.mean() >= 0.85
+
+
+def test_the_size_is_that_of_the_beginning() -> None:
+    world = make_episodes("DualJacoPickAndPlace-v0", 2, object_size=0.08)
+    world.reset()
+    viewer, seen = Viewer(make_expert("DualJacoPickAndPlace-v0").task), world.observation()
+    first = viewer(seen.as_dict())
+    assert first.begins.all()
+    np.testing.assert_allclose(first.object_size, 0.08, atol=1e-3)
+    later = seen.as_dict()
+    later["observation"] = seen.observation.copy()
+    world.task.observation_layout.get(later["observation"], "object position")[..., 2] += 0.01
+    second = viewer(later)
+    assert not second.begins.any()
+    np.testing.assert_array_equal(second.object_size, first.object_size)
 
 
 @pytest.mark.long
