@@ -3,7 +3,7 @@
     python tools/giving_way.py --json docs/results/giving-way.json
 
 Every start is played by the scripted expert. Starts that it does not solve safely are played again
-from the same state under every schedule: each plan of the expert's coordinator (who goes first,
+from the same state under every schedule: each plan of the expert (who goes first,
 whether the other waits aside, on which side a hand passes a cube), held to the end, with an arm
 that starts late. The share of starts that some schedule solves is a lower bound of what is
 possible. Expert and schedules run in the simulation of the environment.
@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_envs.episodes import Episodes, EpisodesState
 from saver_envs.experts.blocks import ArmView, Viewer
-from saver_envs.experts.coordination import Coordinator
-from saver_envs.experts.expert import make_expert
+from saver_envs.experts.expert import Planner, make_expert
 from saver_envs.registration import make_episodes
 
 IDS = ("DualJacoPush-v0", "DualJacoPickAndPlace-v0")
@@ -39,7 +38,7 @@ Act = Callable[[ArmView], NDArray[np.floating]]
 class Schedule:
     """One way to share the table.
 
-    :param plan: of the coordinator.
+    :param plan: of the expert.
     :param late: the arm that starts late.
     :param delay: actions after which it starts.
     """
@@ -71,14 +70,14 @@ def play(
     return outcome.success, outcome.safe_success
 
 
-def held(coordinator: Coordinator, schedule: Schedule) -> Act:
+def held(planner: Planner, schedule: Schedule) -> Act:
     """Return what acts under a schedule."""
     step = 0
 
     def act(view: ArmView) -> NDArray[np.floating]:
         nonlocal step
         chosen = np.full(len(view.begins), schedule.plan, dtype=np.intp)
-        actions = coordinator.follow(view, chosen)
+        actions = planner.follow(view, chosen)
         if step < schedule.delay:
             actions[:, schedule.late, :3] = 0.0
         step += 1
@@ -100,10 +99,10 @@ def measure(env_id: str, starts: int, seed: int, options: dict[str, Any]) -> dic
         episodes.set_generator(index, np.random.default_rng(seed + index))
     episodes.reset()
     state = episodes.get_state()
-    coordinator = make_expert(env_id, **options).coordinator
-    if coordinator is None:
-        raise ValueError(f"env_id={env_id!r}: its expert has no coordinator")
-    success, solved = play(episodes, state, np.arange(starts), coordinator.actions)
+    planner = make_expert(env_id, **options).planner
+    if planner is None:
+        raise ValueError(f"env_id={env_id!r}: its expert makes no plans")
+    success, solved = play(episodes, state, np.arange(starts), planner.actions)
     row = {
         "env_id": env_id,
         "options": options,
@@ -112,11 +111,11 @@ def measure(env_id: str, starts: int, seed: int, options: dict[str, Any]) -> dic
         "expert_success_rate": float(success.mean()),
         "expert_safe_success_rate": float(solved.mean()),
     }
-    for schedule in schedules(coordinator.plans, episodes.task.n_arms):
+    for schedule in schedules(planner.plans, episodes.task.n_arms):
         rows = np.flatnonzero(~solved)
         if not rows.size:
             break
-        solved[rows] |= play(episodes, state, rows, held(coordinator, schedule))[1][rows]
+        solved[rows] |= play(episodes, state, rows, held(planner, schedule))[1][rows]
     return row | {"solvable_share": float(solved.mean())}
 
 

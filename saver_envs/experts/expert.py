@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,19 @@ from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
 
-if TYPE_CHECKING:
-    from saver_envs.experts.coordination import Coordinator
+
+class Planner(Protocol):
+    """Chooses among plans to share the table."""
+
+    @property
+    def plans(self) -> int:
+        """Number of plans."""
+
+    def actions(self, view: ArmView) -> FloatArray:
+        """Return the actions (n, arms, size) under the best plans."""
+
+    def follow(self, view: ArmView, chosen: NDArray[np.intp]) -> FloatArray:
+        """Return the actions (n, arms, size) under plans ``chosen`` (n,)."""
 
 
 class Expert:
@@ -23,17 +34,17 @@ class Expert:
 
     :param task: whose observations it reads.
     :param act: from what the arms see to their actions (n, arms, size).
-    :param coordinator: whose plans it follows, if any.
+    :param planner: whose plans it follows, if any.
     """
 
     def __init__(
         self,
         task: Task,
         act: Callable[[ArmView], FloatArray],
-        coordinator: Coordinator | None = None,
+        planner: Planner | None = None,
     ) -> None:
         self.task = task
-        self.coordinator = coordinator
+        self.planner = planner
         self.n_arms = task.n_arms
         self._act = act
         self._view = Viewer(task)
