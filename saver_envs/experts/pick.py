@@ -40,6 +40,9 @@ class PickSkill(Skill):
     usual: float = 0.056
 
     own_last: ClassVar[bool] = True
+    #: Share of the way left that an action covers: with more, hands overshoot where actions or
+    #: observations are delayed.
+    GAIN = 0.3
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
     ABOVE, AT_GRASP = 0.02, 0.008
@@ -120,7 +123,8 @@ class PickSkill(Skill):
         move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
         move = np.where((closes & ~holds)[..., None], gap, move)
         grip = np.where(closes | holds, -1.0, self.opening(view))
-        return np.concatenate([shortened(move, self.step) / self.step, grip[..., None]], axis=-1)
+        move = shortened(self.GAIN * move, self.step) / self.step
+        return np.concatenate([move, grip[..., None]], axis=-1)
 
     def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
         """Displacement to above the cube, then down to it."""

@@ -56,6 +56,8 @@ class PushSkill(Skill):
     CENTRING = 0.3
     #: A push advances by this share of what is left, so that the cube is slow when it arrives.
     GAIN = 0.3
+    #: Share of the way to behind the cube that an action covers, below that for delayed actions.
+    APPROACH = 0.4
     #: Deceleration of a sliding cube, friction 0.5 times gravity (m/s^2).
     DECELERATION = 4.9
     #: Targets nearer the workspace's edge than this box are aimed at from inside, by no more than
@@ -137,7 +139,9 @@ class PushSkill(Skill):
         radius = np.concatenate([own, np.where(passable, np.minimum(room, berth), berth)], axis=-1)
         discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
         side = self._side(relative, -heading, gaps, passable, side)
-        approach = tool + length(gap)[..., None] * way_round(gap, discs, radius, side)
+        approach = tool + self.APPROACH * length(gap)[..., None] * way_round(
+            gap, discs, radius, side
+        )
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
         jammed = (view.tool[..., 2:] < self.SUNK) | (view.tool[..., 2:] > self.RAISED)

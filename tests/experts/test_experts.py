@@ -258,3 +258,15 @@ def test_a_bar_turns_by_a_share_of_the_angle() -> None:
     half = turned(start, end, np.array([[0.5]]))
     np.testing.assert_allclose(half, [[np.sqrt(0.5), np.sqrt(0.5), 0.0]], atol=1e-12)
     np.testing.assert_allclose(turned(start, start, np.array([[0.5]])), start)
+
+
+def test_plans_can_be_followed_one_by_one() -> None:
+    world = make_episodes("DualJacoPush-v0", 1, contested_share=1.0)
+    world.set_generator(0, np.random.default_rng(0))
+    world.reset()
+    planner = make_expert("DualJacoPush-v0").planner
+    assert planner is not None and planner.plans == 40
+    view = Viewer(world.task)(world.observation().as_dict())
+    actions = [planner.follow(view, np.array([plan])) for plan in range(planner.plans)]
+    assert len({action.tobytes() for action in actions}) > 1
+    assert any(np.array_equal(planner.actions(view), action) for action in actions)
