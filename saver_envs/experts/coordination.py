@@ -20,7 +20,7 @@ from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.frozen import serves_all
-from saver_envs.experts.geometry import FloatArray, dot
+from saver_envs.experts.geometry import FloatArray, way_round
 from saver_envs.experts.skill import Skill
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.contract import Task
@@ -84,7 +84,7 @@ class Coordinator:
     """Chooses among plans by simulating them, and follows the best.
 
     A plan is kept until another is better by a margin, which avoids switching between equally good
-    plans. A new target or a hand that jumped marks a new episode.
+    plans.
 
     :param skill: what each arm does by itself.
     :param base: (arms, 2) base positions of a row along y, metres.
@@ -101,10 +101,8 @@ class Coordinator:
     #: Weights of a plan's cost: failure, a step in contact, the arms' mean time besides the
     #: longest.
     FAILS, CONTACT, MEAN_TIME = 200.0, 10.0, 0.3
-    #: Weights of lighter contacts: a step of brushing another arm's cube, of two cubes touching.
-    BRUSH, CUBES = 0.05, 0.2
-    #: A hand that moved by more than this many steps at once belongs to a new episode.
-    JUMP = 3.0
+    #: Weight of a step of touching another arm's cube, against that of touching its hand.
+    BRUSH = 2.0
     #: Actions between comparisons of plans, and the margin by which another must be better.
     PERIOD, MARGIN = 5, 6.0
 
@@ -120,31 +118,31 @@ class Coordinator:
         self.closed = closed
         self.steps = steps
         self._plans = self._all_plans(len(self.base))
-        self._target: FloatArray = np.zeros((0, len(self.base), 3))
-        self._tool: FloatArray = self._target
         self._chosen = np.zeros(0, dtype=np.intp)
         self._age = np.zeros(0, dtype=np.intp)
 
     def actions(self, view: ArmView) -> FloatArray:
         """Return the arms' actions (n, arms, 3 or 4) in [-1, 1]."""
-        fresh = self._fresh(view)
-        self._target, self._tool = view.target.copy(), view.tool.copy()
-        self._age = np.where(fresh, 0, self._age + 1)
+        if len(self._age) != len(view.begins):
+            self._chosen, self._age = np.zeros((2, len(view.begins)), dtype=np.intp)
+        self._age = np.where(view.begins, 0, self._age + 1)
         rows = np.flatnonzero(self._age % self.PERIOD == 0)
-        if rows.size and len(self._plans.waits) > 1:
-            self._choose(view, rows, fresh[rows])
-        return self._act(self._spread(view), _rows(self._plans, self._chosen))
+        if rows.size and self.plans > 1:
+            self._choose(view, rows, view.begins[rows])
+        return self.follow(view, self._chosen)
 
-    def _fresh(self, view: ArmView) -> NDArray[np.bool_]:
-        """Return which episodes (n,) have begun since the last call."""
-        n = len(view.target)
-        if self._target.shape != view.target.shape:
-            self._chosen, self._age = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
-            return np.ones(n, dtype=bool)
-        other = (self._target != view.target).any(axis=(1, 2))
-        jumped = (length(view.tool - self._tool) > self.JUMP * self.skill.step).any(axis=1)
-        fresh: NDArray[np.bool_] = other | jumped
-        return fresh
+    @property
+    def plans(self) -> int:
+        """Number of plans."""
+        return len(self._plans.waits)
+
+    def follow(self, view: ArmView, chosen: NDArray[np.intp]) -> FloatArray:
+        """Return the actions (n, arms, 3 or 4) under given plans.
+
+        :param view: what the arms see.
+        :param chosen: (n,) plans, from 0 to :attr:`plans` - 1.
+        """
+        return self._act(self._spread(view), _rows(self._plans, chosen))
 
     def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
@@ -154,7 +152,7 @@ class Coordinator:
 
     def _spread(self, view: ArmView) -> ArmView:
         """Move targets apart that are so near each other that two hands do not fit."""
-        if self.skill.ring > 0:
+        if self.skill.low:
             return view
         target = view.target.copy()
         for right in range(target.shape[1] - 1):
@@ -168,16 +166,22 @@ class Coordinator:
 
     def _choose(self, view: ArmView, rows: NDArray[np.intp], fresh: NDArray[np.bool_]) -> None:
         """Compare plans in episodes ``rows``; ``fresh`` ones have no plan yet."""
-        cost = self.costs(self._spread(_rows(view, rows)))
+        left = self.steps - self._age[rows] % self.steps
+        cost = self.costs(self._spread(_rows(view, rows)), left)
         kept = np.take_along_axis(cost, self._chosen[rows, None], axis=1)[:, 0]
         better = fresh | (cost.min(axis=1) < kept - self.MARGIN)
         self._chosen[rows] = np.where(better, cost.argmin(axis=1), self._chosen[rows])
 
-    def costs(self, view: ArmView) -> FloatArray:
-        """Return the cost of each plan, (n, plans)."""
-        n, count = len(view.tool), len(self._plans.waits)
+    def costs(self, view: ArmView, left: NDArray[np.intp]) -> FloatArray:
+        """Return the cost of each plan, (n, plans).
+
+        :param view: what the arms see.
+        :param left: (n,) actions left in the episodes.
+        """
+        n, count = len(view.tool), self.plans
         plan = _rows(self._plans, np.tile(np.arange(count), n))
-        return self._cost(_rows(view, np.repeat(np.arange(n), count)), plan).reshape(n, count)
+        index = np.repeat(np.arange(n), count)
+        return self._cost(_rows(view, index), plan, left[index]).reshape(n, count)
 
     def _all_plans(self, arms: int) -> Plan:
         """Return all orders, followers that go along or wait, and ways round for one arm."""
@@ -186,26 +190,28 @@ class Coordinator:
             sides += [sign * np.eye(arms)[arm] for arm in range(arms) for sign in (1.0, -1.0)]
         orders = list(product((1.0, 0.0), repeat=arms - 1))
         rows = list(product((0.0, 1.0), (0.0, 1.0), orders, sides))
-        if self.skill.ring == 0:
+        if not self.skill.low:
             rows = [row for row in rows if row[0] == 0 and not np.any(row[3])]
         if arms == 1:
             rows = [row for row in rows if row[0] == row[1] == 0]
         shoves, waits, first, side = (np.array(part) for part in zip(*rows, strict=True))
         return Plan(first.reshape(len(rows), arms - 1), waits, shoves, side)
 
-    def _cost(self, view: ArmView, plan: Plan) -> FloatArray:
-        """Simulate plans; return their costs (n,)."""
+    def _cost(self, view: ArmView, plan: Plan, left: NDArray[np.intp]) -> FloatArray:
+        """Simulate plans for ``left`` (n,) actions; return their costs (n,)."""
         n, arms = view.tool.shape[:2]
         contact = np.zeros(n)
         time = np.zeros((n, arms))
-        for _ in range(self.steps):
-            done = self.skill.finished(view)
-            time += ~done
-            if done.all():
+        done = self.skill.finished(view)
+        for step in range(left.max()):
+            goes_on = (step < left) & ~done.all(axis=-1)
+            if not goes_on.any():
                 break
             view = self.skill.imagine(view, self._act(view, plan), self.base)
-            contact += self._touching(view)
-        fails = ~self.skill.finished(view).all(axis=-1)
+            contact += goes_on * self._touching(view)
+            time += goes_on[:, None] & ~done
+            done = np.where(goes_on[:, None], self.skill.finished(view), done)
+        fails = ~done.all(axis=-1)
         mean = time.mean(axis=-1)
         return self.FAILS * fails + self.CONTACT * contact + time.max(-1) + self.MEAN_TIME * mean
 
@@ -213,35 +219,37 @@ class Coordinator:
         """1 where two hands are too close, less where cubes are touched, (n,)."""
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
         touching = np.zeros(len(hand))
+        ring = self.skill.ring(view.object_size) if self.skill.low else touching
         for right in range(hand.shape[1] - 1):
             gap = hand[:, right + 1] - hand[:, right]
             touching += gap[:, 1] < self._least(view, right, gap[:, 0]) - 0.01
-            if self.skill.ring == 0:
+            if not self.skill.low:
                 continue
             for one, other in ((right, right + 1), (right + 1, right)):
                 distance = length(hand[:, one] - cube[:, other])
-                touching += self.BRUSH * (distance < self.skill.ring - 0.01)
-            between = length(cube[:, right + 1] - cube[:, right])
-            touching += self.CUBES * (between < 1.1 * self.skill.object_size)
+                touching += self.BRUSH * (distance < ring[:, other] - 0.01)
         return touching
 
     def _act(self, view: ArmView, plan: Plan) -> FloatArray:
         """The skill's actions, changed where arms must give way."""
-        action = self.skill.actions(view, plan.side)
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
+        arms = hand.shape[1]
+        discs = np.concatenate([cube, view.object_size[..., None]], axis=-1)
+        others = [np.roll(discs, -other, axis=1) for other in range(1, arms)]
+        around = np.stack([*others, discs], axis=-2)
+        around[..., :2] -= self.base[:, None]
+        # Plans that shove take the other arms' cubes for far away.
+        far = around[..., :-1, :] + 10.0 * plan.shoves[:, None, None, None] * (1, 1, 0)
+        action = self.skill.actions(view, plan.side, far)
         done = self.skill.finished(view)
         move = action[..., :2] * self.skill.step
-        if self.skill.ring > 0:
-            # Around the other arms' cubes, unless the plan is to brush them aside.
-            beside = move
-            for other in range(1, hand.shape[1]):
-                others = np.roll(cube, other, axis=1)
-                beside = pass_beside(hand, beside, others, self.skill.ring, plan.side)
-            move = np.where(plan.shoves[:, None, None] > 0, move, beside)
         move, turned = self._give_way(view, plan, hand, move, done)
-        if self.skill.ring > 0:
-            own = pass_beside(hand, move, cube, self.skill.ring, 0 * plan.side)
-            move = np.where((turned | done)[..., None], own, move)
+        if self.skill.low:
+            discs = around[..., :2] - view.tool[..., None, :2]
+            radius = self.skill.ring(around[..., 2])
+            size = length(move)
+            beside = size[..., None] * way_round(move, discs, radius, 0 * size)
+            move = np.where((turned | done)[..., None], beside, move)
         action[..., :2] = shortened(move, self.skill.step) / self.skill.step
         return self.skill.give_way(view, action, turned)
 
@@ -258,7 +266,7 @@ class Coordinator:
         turned = np.zeros(done.shape, dtype=bool)
         # Least and greatest y (n, arms) of what each hand still has to pass, metres.
         y = hand[..., 1]
-        ahead = (place[..., 1] + self.base[:, 1] for place in (view.object, view.target))
+        ahead = (place[..., 1] + self.base[:, 1] for place in self.skill.places(view))
         corners = np.stack([y, *(np.where(done, y, place) for place in ahead)])
         low, high = corners.min(axis=0), corners.max(axis=0)
         for right in range(hand.shape[1] - 1):
@@ -290,32 +298,6 @@ class Coordinator:
         return move, turned
 
 
-def pass_beside(
-    hand: FloatArray, move: FloatArray, cube: FloatArray, ring: float, way_round: FloatArray
-) -> FloatArray:
-    """Turn moves that would run into a cube so that they pass it on a ring.
-
-    :param hand: (n, arms, 2) hands, metres.
-    :param move: (n, arms, 2) displacements, metres.
-    :param cube: (n, arms, 2) the cube that each hand shall not touch, metres.
-    :param ring: distance to keep from its centre, metres.
-    :param way_round: (n, arms) 1 anticlockwise, -1 clockwise, 0 whichever the move prefers. Two
-        cubes with no room between them are passed as one where the way round is given.
-    :return: the moves.
-    """
-    gap = cube - hand
-    distance = np.maximum(length(gap), 1e-6)[..., None]
-    ahead = gap / distance
-    size = length(move)[..., None]
-    towards = dot(move, ahead)[..., None]
-    side = np.stack([-ahead[..., 1], ahead[..., 0]], axis=-1)
-    sign = np.where(dot(move, side)[..., None] >= 0, 1.0, -1.0)
-    sign = np.where(way_round[..., None] != 0, -way_round[..., None], sign)
-    outward = -0.5 * ahead * np.clip(ring - distance, 0, None)
-    near = (distance < ring + size) & (towards > 0)
-    return np.where(near, shortened(sign * side * size + outward, size), move)
-
-
 def _rows(record: Record, index: NDArray[np.intp]) -> Record:
     """Return the records of episodes ``index``."""
     return replace(record, **{name: values[index] for name, values in vars(record).items()})
@@ -340,8 +322,9 @@ def alone_or_coordinated(
     """
     if free_arm is not None:
         return serves_all(task, skill, free_arm)
-    if not coordinated or (task.n_arms == 1 and skill.ring == 0):
+    if not coordinated or (task.n_arms == 1 and not skill.low):
         return Expert(task, skill.actions)
     base = base_poses(task.n_arms, "row")[0][:, :2]
     steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)
-    return Expert(task, Coordinator(skill, base, closed, steps=steps).actions)
+    coordinator = Coordinator(skill, base, closed, steps)
+    return Expert(task, coordinator.actions, coordinator)

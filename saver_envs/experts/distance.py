@@ -41,14 +41,13 @@ class DistanceExpert:
         action = self.skill.actions(view)
         gap = self.skill.place(view) - view.tool
         ready = length(gap) < 1.5 * self.skill.AT_GRASP
-        closing = view.fingers.mean(axis=-1) > self.skill.finger_closing
-        ready |= closing & self.skill.between_fingers(view)
+        ready |= self.skill.is_closing(view)
         waits = ready & ~ready.all(axis=-1, keepdims=True)
         holds = np.logical_and.reduce(self.skill.holds(view), axis=-1)
         closes = (np.logical_and.reduce(ready, axis=-1) | holds)[:, None]
         still = shortened(gap, self.skill.step) / self.skill.step
         action[..., :3] = np.where((waits | closes)[..., None], still, action[..., :3])
-        action[..., 3] = np.where(closes, -1.0, self.skill.half_open)
+        action[..., 3] = np.where(closes, -1.0, self.skill.opening(view))
         carried = self._carry(view) / self.skill.step
         action[..., :3] = np.where(holds[:, None, None], carried, action[..., :3])
         return action

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.experts.blocks import ArmView, view
+from saver_envs.experts.blocks import ArmView, Viewer
 from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
 from saver_envs.tasks.contract import Task
+
+
+class Planner(Protocol):
+    """Chooses among plans to share the table."""
+
+    @property
+    def plans(self) -> int:
+        """Number of plans."""
+
+    def actions(self, view: ArmView) -> FloatArray:
+        """Return the actions (n, arms, size) under the best plans."""
+
+    def follow(self, view: ArmView, chosen: NDArray[np.intp]) -> FloatArray:
+        """Return the actions (n, arms, size) under plans ``chosen`` (n,)."""
 
 
 class Expert:
@@ -20,12 +34,20 @@ class Expert:
 
     :param task: whose observations it reads.
     :param act: from what the arms see to their actions (n, arms, size).
+    :param planner: whose plans it follows, if any.
     """
 
-    def __init__(self, task: Task, act: Callable[[ArmView], FloatArray]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        act: Callable[[ArmView], FloatArray],
+        planner: Planner | None = None,
+    ) -> None:
         self.task = task
+        self.planner = planner
         self.n_arms = task.n_arms
         self._act = act
+        self._view = Viewer(task)
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True
@@ -39,7 +61,7 @@ class Expert:
         """
         single = np.ndim(observation["observation"]) == 1
         batch = {name: np.atleast_2d(values) for name, values in observation.items()}
-        actions = self._act(view(batch, self.task))
+        actions = self._act(self._view(batch))
         flat = np.clip(actions.reshape(len(actions), -1), -1.0, 1.0).astype(np.float32)
         return (flat[0] if single else flat), None
 

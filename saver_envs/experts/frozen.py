@@ -30,10 +30,13 @@ def serves_all(task: Task, skill: Skill, free: int) -> Expert:
         served = ArmView(
             tool=view.tool[:, own],
             fingers=view.fingers[:, own],
+            finger_velocity=view.finger_velocity[:, own],
             object=view.object[rows, arm][:, None] + shift,
             object_quaternion=view.object_quaternion[rows, arm][:, None],
             object_velocity=view.object_velocity[rows, arm][:, None],
             target=view.target[rows, arm][:, None] + shift,
+            object_size=view.object_size[rows, arm][:, None],
+            begins=view.begins,
         )
         action = skill.actions(served)
         result = np.zeros((len(arm), arms, action.shape[-1]))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import length, shortened
-from saver_envs.episodes import Settings
+from saver_envs.episodes import ACTION_DURATION, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_HOLDING, alone_or_coordinated
 from saver_envs.experts.expert import Expert
@@ -24,20 +24,25 @@ class PickSkill(Skill):
     """What each arm does on its own, and a rough prediction of the result.
 
     :param grasp_offset: the tool grasps where this is its offset from the cube's centre, metres.
-    :param finger_held: mean finger angle from which a cube between the fingers is held, radians.
-    :param finger_closing: mean finger angle beyond which the hand has begun to close, radians.
+    :param finger_open: mean finger angle of an open hand, radians.
+    :param finger_held: that at which the fingers stop on a cube of the usual size, radians.
     :param half_open: gripper command for coming down over a cube: wide enough for it, and
         narrower than an open hand, which would meet its neighbours.
     :param cruise: height at which cubes are carried, and hands travel above them, metres.
+    :param usual: edge of the cubes that these values fit, metres; others change them.
     """
 
     grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
-    finger_held: float = 0.80
-    finger_closing: float = 0.75
+    finger_open: float = 0.20
+    finger_held: float = 0.85
     half_open: float = 0.15
     cruise: float = 0.11
+    usual: float = 0.056
 
     own_last: ClassVar[bool] = True
+    #: Share of the way left that an action covers: with more, hands overshoot where actions or
+    #: observations are delayed.
+    GAIN = 0.3
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
     ABOVE, AT_GRASP = 0.02, 0.008
@@ -47,6 +52,16 @@ class PickSkill(Skill):
     NEAR_TARGET = 0.06
     #: A cube this near its target is there (m).
     DONE = 0.03
+    #: Fingers stop at a larger cube by this much earlier (rad/m), at a smaller one later.
+    EARLIER, LATER = 15.0, 10.0
+    #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
+    #: closed by so much more than the hand was open (rad).
+    STOPPED, BEGUN = 0.6, 0.08
+    #: Finger angle of a unit of gripper command (rad).
+    FINGER_COMMAND = 0.55
+    #: Height above a cube's top at which a hand comes over it (m).
+    #: Share of a larger size by which hands travel higher, so that a cube is carried over others.
+    OVER, STACKED = 0.052, 1.5
     #: Change of the finger angles in one action (rad).
     FINGER_RATE = 0.13
 
@@ -61,35 +76,61 @@ class PickSkill(Skill):
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) hold their cube."""
-        closed: NDArray[np.bool_] = view.fingers.mean(axis=-1) > self.finger_held
-        return closed & self.between_fingers(view)
+        stopped: NDArray[np.bool_] = np.abs(view.finger_velocity.mean(axis=-1)) < self.STOPPED
+        return stopped & self.is_closing(view)
+
+    def is_closing(self, view: ArmView) -> NDArray[np.bool_]:
+        """Return which hands (n, arms) have begun to close on their cube."""
+        from_open = self.finger_open + self.FINGER_COMMAND * (1 - self.opening(view))
+        begun: NDArray[np.bool_] = view.fingers.max(axis=-1) > from_open + self.BEGUN
+        return begun & self.between_fingers(view)
+
+    def opening(self, view: ArmView) -> FloatArray:
+        """Return the gripper commands (n, arms) for coming down over the cubes."""
+        wider = np.maximum(self._earlier(view), 0.0) / self.FINGER_COMMAND
+        return np.minimum(self.half_open + wider, 1.0)
+
+    def _earlier(self, view: ArmView) -> FloatArray:
+        """By how much less fingers close on these cubes than on usual ones, (n, arms), rad."""
+        larger = view.object_size - self.usual
+        return np.where(larger > 0, self.EARLIER, self.LATER) * larger
+
+    def _cruise(self, view: ArmView) -> FloatArray:
+        """Height of travelling hands and cubes, over the largest of an episode, (n, 1), metres."""
+        larger = view.object_size.max(axis=-1, keepdims=True) - self.usual
+        return self.cruise + self.STACKED * np.maximum(larger, 0.0)
 
     def place(self, view: ArmView) -> FloatArray:
         """Return where the tools (n, arms, 3) grasp, metres."""
-        return view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
+        place = view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
+        # Higher at small cubes, since the closing fingers go down.
+        place[..., 2] += np.maximum(self.usual - view.object_size, 0.0) / 2
+        return place
 
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
         """Return actions (n, arms, 4) in [-1, 1] of arms that ignore one another.
 
         :param view: what the arms see.
         :param side: not used: hands come from above.
+        :param others: not used.
         """
         place = self.place(view)
         gap = place - view.tool
         holds = self.holds(view)
-        closing = (view.fingers.mean(axis=-1) > self.finger_closing) & self.between_fingers(view)
-        closes = closing | (length(gap) < self.AT_GRASP)
+        closes = self.is_closing(view) | (length(gap) < self.AT_GRASP)
         move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
         move = np.where((closes & ~holds)[..., None], gap, move)
-        grip = np.where(closes | holds, -1.0, self.half_open)
-        return np.concatenate([shortened(move, self.step) / self.step, grip[..., None]], axis=-1)
+        grip = np.where(closes | holds, -1.0, self.opening(view))
+        move = shortened(self.GAIN * move, self.step) / self.step
+        return np.concatenate([move, grip[..., None]], axis=-1)
 
     def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
         """Displacement to above the cube, then down to it."""
         aside = length(gap[..., :2])
-        above = np.maximum(
-            self.cruise - view.tool[..., 2], view.object[..., 2] + 0.08 - view.tool[..., 2]
-        )
+        over = view.object[..., 2] + view.object_size / 2 + self.OVER
+        above = np.maximum(self._cruise(view), over) - view.tool[..., 2]
         rise = np.where(aside < self.ABOVE, gap[..., 2], above)
         low = (aside >= self.ABOVE) & (aside < 0.12) & (above > 0.03)
         across = np.where(low[..., None], 0.0, gap[..., :2])
@@ -99,7 +140,7 @@ class PickSkill(Skill):
         """Displacement of a held cube over others' heads to its target."""
         left = view.target - view.object
         away = length(left[..., :2]) > self.NEAR_TARGET
-        cruise = np.maximum(self.cruise, view.target[..., 2]) - view.object[..., 2]
+        cruise = np.maximum(self._cruise(view), view.target[..., 2]) - view.object[..., 2]
         rise = np.where(away, np.clip(cruise, 0, None), left[..., 2])
         return np.concatenate([left[..., :2], rise[..., None]], axis=-1)
 
@@ -114,9 +155,9 @@ class PickSkill(Skill):
         over = leaves & (length(view.tool - view.object) < 0.06)
         action = action.copy()
         action[..., :2] = np.where(over[..., None], 0.0, action[..., :2])
-        rises = np.where(view.tool[..., 2] < self.cruise, 1.0, 0.0)
+        rises = np.where(view.tool[..., 2] < self._cruise(view), 1.0, 0.0)
         action[..., 2] = np.where(leaves, rises, action[..., 2])
-        action[..., 3] = np.where(leaves, self.half_open, action[..., 3])
+        action[..., 3] = np.where(leaves, self.opening(view), action[..., 3])
         return action
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
@@ -128,24 +169,27 @@ class PickSkill(Skill):
         """
         moved = TRACKING * shortened(actions[..., :3] * self.step, self.step)
         closing = np.where(actions[..., 3:] < 0, self.FINGER_RATE, -self.FINGER_RATE)
-        fingers = np.clip(view.fingers + closing, 0.5, self.finger_held + 0.05)
+        most = (self.finger_held - self._earlier(view))[..., None]
+        fingers = np.clip(view.fingers + closing, np.minimum(0.5, most), most)
+        velocity = (fingers - view.fingers) / ACTION_DURATION
         carried = self.holds(view)[..., None]
         return replace(
             view,
             tool=view.tool + moved,
             fingers=fingers,
+            finger_velocity=velocity,
             object=view.object + np.where(carried, moved, 0),
             object_velocity=0 * view.object_velocity,
         )
 
 
 #: What differs between robots' hands: the MICO's two fingers close further.
-SKILLS = {"mico": PickSkill(finger_held=0.60, finger_closing=0.45, half_open=0.40)}
+SKILLS = {"mico": PickSkill(finger_held=0.80, half_open=0.40)}
 
 
 def skill_for(task: CarryTask, settings: Settings) -> PickSkill:
     """Return the skill of an arm with this task and these settings."""
-    return SKILLS.get(settings.robot.name, PickSkill()).fitted(settings, task.object_size)
+    return SKILLS.get(settings.robot.name, PickSkill()).fitted(settings)
 
 
 def expert(

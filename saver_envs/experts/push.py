@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,12 @@ from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, dot, unit
+from saver_envs.experts.geometry import FloatArray, dot, rotated, unit, way_round, wrapped
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
 
 #: Share of a commanded displacement that a hand makes within the action.
-TRACKING = 0.92
+TRACKING = 1.0
 #: How much the rough fingers drag a touched cube along, rather than pushing it aside.
 DRAG = 0.7
 #: A pitched hand's wrist is this much nearer to the base than its tool (m).
@@ -31,6 +32,7 @@ class PushSkill(Skill):
     """What each arm does on its own, and a rough prediction of the result.
 
     :param hand_radius: half the width of the closed hand where it meets the cube, metres.
+    :param palm_radius: the same where a cube is so high that it meets the palm, metres.
     :param stop: a push ends if the cube will come to rest this near its target, metres.
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
@@ -38,31 +40,52 @@ class PushSkill(Skill):
     """
 
     hand_radius: float = 0.031
+    palm_radius: float = 0.046
     stop: float = 0.015
     good_enough: float = 0.035
     trail: float = 0.0
 
+    low: ClassVar[bool] = True
+    #: Cubes no higher than this pass below the palm (m).
+    BELOW_PALM = 0.075
     #: Air between hand and cube on the ring (m).
-    AIR = 0.021
+    AIR = 0.025
     #: Sideways error within which a push may begin, and go on once in contact (m).
     ALIGNED, STILL_ALIGNED = 0.012, 0.025
     #: Share of the sideways error that a pushing action corrects; more drags the cube along.
     CENTRING = 0.3
     #: A push advances by this share of what is left, so that the cube is slow when it arrives.
-    GAIN = 0.4
+    GAIN = 0.3
+    #: Share of the way to behind the cube that an action covers, below that for delayed actions.
+    APPROACH = 0.4
     #: Deceleration of a sliding cube, friction 0.5 times gravity (m/s^2).
     DECELERATION = 4.9
     #: Targets nearer the workspace's edge than this box are aimed at from inside, by no more than
     #: a share of what success allows (m), so that the hand finds room behind a cube gone too far.
     AIM_SHIFT = 0.015
     AIM_LOWER, AIM_UPPER = (0.315, -0.445), (0.535, 0.445)
+    #: By how much less than the ring a hand may be from another cube (m): on its way past it,
+    #: where it begins a push beside it, and where it goes on with one.
+    BERTH, BESIDE, GOES_ON = 0.008, 0.012, 0.020
+    #: Air that a hand on the ring needs at least on the other side, to pass between two cubes (m).
+    PASSAGE = 0.006
+    #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
+    PREFER = 1.5
+    #: A hand whose tool is lower or higher than this (m) is jammed, with its fingers on the table
+    #: or under the cube, and backs off.
+    SUNK, RAISED = 0.0195, 0.031
+    #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
+    NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
 
-    @property
-    def ring(self) -> float:
-        """Radius around a cube on which a hand passes without touching it, metres."""
-        return self.object_size / 2 + self.hand_radius + self.AIR
+    def ring(self, size: FloatArray) -> FloatArray:
+        """Return the radii around cubes of edges ``size`` on which a hand touches none, metres."""
+        return self.touch(size) + self.AIR
+
+    def touch(self, size: FloatArray) -> FloatArray:
+        """Return the distances of hands from cubes of edges ``size`` that they push, metres."""
+        return size / 2 + np.where(size > self.BELOW_PALM, self.palm_radius, self.hand_radius)
 
     def aim(self, view: ArmView) -> FloatArray:
         """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
@@ -75,64 +98,153 @@ class PushSkill(Skill):
         result: NDArray[np.bool_] = length(self.aim(view) - view.object[..., :2]) < self.good_enough
         return result
 
-    def waypoint(self, view: ArmView, side: FloatArray) -> FloatArray:
+    def places(self, view: ArmView) -> tuple[FloatArray, ...]:
+        """Return where hands begin and end their pushes, (n, arms, 2)."""
+        cube, target = view.object[..., :2], self.aim(view)
+        behind = self.ring(view.object_size)[..., None] * unit(target - cube)
+        return cube - behind, target - behind
+
+    def waypoint(self, view: ArmView, side: FloatArray, others: FloatArray) -> FloatArray:
         """Return where each hand should go next, (n, arms, 2) in base frames, metres.
 
         :param view: what the arms see.
         :param side: (n, arms) way round the own cube: 1 anticlockwise, -1 clockwise, 0 the shorter.
+        :param others: (n, arms, k, 3) x and y of other cubes, that the hand shall not touch, in
+            base frames, and their edges, metres.
         """
         tool, cube = view.tool[..., :2], view.object[..., :2]
         velocity = view.object_velocity[..., :2]
         target = self.aim(view)
-        heading = unit(target - cube)
+        relative = tool - cube
+        half, ring = view.object_size[..., None] / 2, self.ring(view.object_size)[..., None]
+        berth = self.ring(others[..., 2])
+        others = others[..., :2]
+        gaps = others - cube[..., None, :]
+        heading = self._clear_of(gaps, berth, ring, unit(target - cube), relative, side)
         coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
         left = length(target - cube - coasting)[..., None]
-        relative = tool - cube
         along = dot(relative, heading)[..., None]
         lateral = relative - along * heading
         deviation = length(lateral)[..., None]
-        half = self.object_size / 2
         is_behind = along < -half
-        near = along > -(self.ring + 0.01)
+        near = along > -(ring + 0.01)
         aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
         push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
-        behind = cube - heading * (self.ring + self._trail(cube, -heading))[..., None]
-        straight = is_behind & (deviation < half)
-        approach = np.where(straight, behind, self._orbit(cube, relative, heading, side))
+        gap = -relative - heading * (ring + self._trail(cube, -heading)[..., None])
+        own = ring + self._trail(cube, unit(relative))[..., None]
+        own = own * (1 - 0.9 * (is_behind & (deviation < half)))
+        room = length(gaps) - ring
+        passable = room > berth - self.AIR + self.PASSAGE
+        berth = berth - self.BERTH
+        radius = np.concatenate([own, np.where(passable, np.minimum(room, berth), berth)], axis=-1)
+        discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
+        side = self._side(relative, -heading, gaps, passable, side)
+        approach = tool + self.APPROACH * length(gap)[..., None] * way_round(
+            gap, discs, radius, side
+        )
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        return np.where(rests, tool, point)
+        jammed = (view.tool[..., 2:] < self.SUNK) | (view.tool[..., 2:] > self.RAISED)
+        return np.where(jammed, tool + self.step * unit(relative), np.where(rests, tool, point))
 
-    def _orbit(
-        self, cube: FloatArray, relative: FloatArray, heading: FloatArray, side: FloatArray
+    def _side(
+        self,
+        relative: FloatArray,
+        goal: FloatArray,
+        others: FloatArray,
+        passable: NDArray[np.bool_],
+        side: FloatArray,
     ) -> FloatArray:
-        """Return the place behind the cube if the way there is free, else a point on the ring."""
+        """Return the way round the own cube (n, arms): the shorter one that no cube blocks.
+
+        :param relative: (n, arms, 2) from the own cube to the hand, metres.
+        :param goal: (n, arms, 2) from the own cube to where the hand is to be.
+        :param others: (n, arms, k, 2) from the own cube to others, metres.
+        :param passable: (n, arms, k) whether a hand fits between them and the own cube.
+        :param side: (n, arms) the requested way; 0 for none. Short ways ignore it.
+        """
         own = np.arctan2(relative[..., 1], relative[..., 0])
-        goal = np.arctan2(-heading[..., 1], -heading[..., 0])
-        turn = (goal - own + np.pi) % (2 * np.pi) - np.pi
-        long_way = (side * turn < 0) & (np.abs(turn) > self.SHORT_TURN)
-        turn = np.where(long_way, turn + 2 * np.pi * side, turn)
-        distance = length(relative)
-        tangent = np.arccos(np.clip(self.ring / np.maximum(distance, self.ring), 0, 1))
-        free = np.abs(turn) <= tangent
-        ahead = own + np.sign(turn) * np.minimum(np.abs(turn), np.maximum(tangent, 0.3))
-        circle = np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
-        direction = np.where(free[..., None], -heading, circle)
-        radius = (self.ring + self._trail(cube, direction)) * np.where(free, 1.0, 1.03)
-        return cube + radius[..., None] * direction
+        turn = wrapped(np.arctan2(goal[..., 1], goal[..., 0]) - own)
+        other = wrapped(np.arctan2(others[..., 1], others[..., 0]) - own[..., None])
+        sign = np.where(turn >= 0, 1.0, -1.0)
+        between = ~passable & (other * sign[..., None] > 0)
+        between &= np.abs(other) < np.abs(turn)[..., None]
+        sign = np.where(between.any(axis=-1), -sign, sign)
+        return np.where((side != 0) & (np.abs(turn) > self.SHORT_TURN), side, sign)
+
+    def _clear_of(
+        self,
+        others: FloatArray,
+        berth: FloatArray,
+        ring: FloatArray,
+        heading: FloatArray,
+        relative: FloatArray,
+        side: FloatArray,
+    ) -> FloatArray:
+        """Turn headings (n, arms, 2) as far as the hand behind the cube would touch another.
+
+        A hand that pushes beside another cube goes on straight until the direct way is free.
+
+        :param others: (n, arms, k, 2) from the own cube to others, metres.
+        :param berth: (n, arms, k) rings of others, metres.
+        :param ring: (n, arms, 1) rings of the own cubes, metres.
+        :param heading: the direct ones.
+        :param relative: (n, arms, 2) from the own cube to the hand, metres.
+        :param side: see :meth:`waypoint`.
+        """
+        free, direct, pushing = heading, heading, -unit(relative)
+        own, ring = np.arctan2(relative[..., 1], relative[..., 0]), ring[..., 0]
+        goes_on = (length(relative) < ring + 0.01) & (dot(pushing, direct) > 0.1)
+        for other in range(others.shape[-2]):
+            gap, apart = others[..., other, :], berth[..., other]
+            free = rotated(free, self._lack(gap, free, own, ring, apart - self.BESIDE, side))
+            goes_on &= self._lack(gap, pushing, own, ring, apart - self.GOES_ON, side) == 0
+        blocked = dot(free, direct) < 1 - 1e-6
+        return np.where((blocked & goes_on)[..., None], pushing, free)
+
+    def _lack(
+        self,
+        gap: FloatArray,
+        heading: FloatArray,
+        own: FloatArray,
+        ring: FloatArray,
+        apart: FloatArray,
+        side: FloatArray,
+    ) -> FloatArray:
+        """Return by how much to turn so that the hand is ``apart`` from a cube at ``gap``, rad.
+
+        Of the two ways to turn, that which is nearer to the heading and to the hand's bearing
+        ``own`` from the own cube.
+        """
+        distance = np.maximum(length(gap), 1e-6)
+        cosine = (distance**2 + ring**2 - apart**2) / (2 * distance * ring)
+        least = np.arccos(np.clip(cosine, -1.0, 1.0))
+        bearing = np.arctan2(gap[..., 1], gap[..., 0])
+        off = wrapped(np.arctan2(-heading[..., 1], -heading[..., 0]) - bearing)
+        hand = wrapped(own - bearing)
+        left, right = (
+            np.abs(way - off) + self.NEARER * np.abs(wrapped(way - hand)) for way in (least, -least)
+        )
+        left = left - self.PREFER * side
+        return np.where(np.abs(off) >= least, 0.0, np.where(left <= right, least, -least) - off)
 
     def _trail(self, cube: FloatArray, direction: FloatArray) -> FloatArray:
         """What is added to the ring in ``direction`` from the cube, (n, arms), metres."""
         return self.trail * np.maximum(dot(unit(cube), direction), 0.0)
 
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
-        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another.
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
+        """Return actions (n, arms, 3) in [-1, 1] of arms that ignore one another's hands.
 
         :param view: what the arms see.
         :param side: see :meth:`waypoint`; the shorter ways by default.
+        :param others: see :meth:`waypoint`; none by default.
         """
         side = np.zeros(view.tool.shape[:2]) if side is None else side
-        move = shortened(self.waypoint(view, side) - view.tool[..., :2], self.step) / self.step
+        others = view.tool[..., None, :][..., :0, :] if others is None else others
+        point = self.waypoint(view, side, others)
+        move = shortened(point - view.tool[..., :2], self.step) / self.step
         return np.concatenate([move, np.zeros_like(move[..., :1])], axis=-1)
 
     def imagine(self, view: ArmView, actions: FloatArray, base: FloatArray) -> ArmView:
@@ -147,11 +259,12 @@ class PushSkill(Skill):
         tool[..., :2] = np.clip(tool[..., :2], HAND_LOWER, HAND_UPPER)
         cubes: FloatArray = view.object[..., :2] + base
         for part in self._hand(tool[..., :2]):
-            cubes = self._pushed(part + base, actions[..., :2], cubes)
+            cubes = self._pushed(part + base, actions[..., :2], cubes, view.object_size)
         for arm in range(tool.shape[1] - 1):
             gap = cubes[:, arm + 1] - cubes[:, arm]
             distance = length(gap)[:, None]
-            apart = gap * np.maximum(self.object_size * 1.1 / np.maximum(distance, 1e-6) - 1, 0) / 2
+            least = 1.1 * view.object_size[:, arm : arm + 2].mean(axis=1)[:, None]
+            apart = gap * np.maximum(least / np.maximum(distance, 1e-6) - 1, 0) / 2
             cubes[:, arm] -= apart
             cubes[:, arm + 1] += apart
         moved = np.concatenate([cubes - base, view.object[..., 2:]], axis=-1)
@@ -161,9 +274,11 @@ class PushSkill(Skill):
         """Centres of the discs that a hand consists of, (n, arms, 2) each, metres."""
         return [tool] if self.trail == 0 else [tool, tool - WRIST * unit(tool)]
 
-    def _pushed(self, hand: FloatArray, motion: FloatArray, cubes: FloatArray) -> FloatArray:
+    def _pushed(
+        self, hand: FloatArray, motion: FloatArray, cubes: FloatArray, size: FloatArray
+    ) -> FloatArray:
         """Cubes (n, arms, 2) moved out of the discs ``hand``, dragged along by their motion."""
-        touch = self.object_size / 2 + self.hand_radius
+        touch = self.touch(size)
         for arm in range(hand.shape[1]):
             gap = cubes - hand[:, arm, None]
             overlap = np.maximum(touch - length(gap), 0)[..., None]
@@ -178,5 +293,5 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
-    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings, task.object_size)
+    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings)
     return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

@@ -18,30 +18,28 @@ from saver_envs.simulation import ACTION_DURATION
 class Skill:
     """What one arm can do by itself; leading dimensions (n, arms).
 
-    :param object_size: edge of the cubes, metres.
     :param step: longest displacement of an action, metres.
     """
 
     #: Whether a free arm that serves all cubes serves its own last; its target may be in the air,
     #: where it must be held.
     own_last: ClassVar[bool] = False
+    #: Whether hands pass beside cubes; else they pass over them.
+    low: ClassVar[bool] = False
 
-    object_size: float = 0.056
     step: float = DEFAULT_SPEED * ACTION_DURATION
 
-    def fitted(self, settings: Settings, object_size: float) -> Self:
-        """Return the skill of an arm with these settings and cubes (m)."""
-        return replace(self, step=settings.max_speed * ACTION_DURATION, object_size=object_size)
+    def fitted(self, settings: Settings) -> Self:
+        """Return the skill of an arm with these settings."""
+        return replace(self, step=settings.max_speed * ACTION_DURATION)
 
-    @property
-    def ring(self) -> float:
-        """Radius around a cube on which a low hand passes without touching it, metres.
+    def ring(self, size: FloatArray) -> FloatArray:
+        """Return the radii around cubes of edges ``size`` on which a low hand touches none, m."""
+        raise NotImplementedError
 
-        It is 0 for hands that pass over cubes.
-        """
-        return 0.0
-
-    def actions(self, view: ArmView, side: FloatArray | None = None) -> FloatArray:
+    def actions(
+        self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
+    ) -> FloatArray:
         """Return the actions of arms that ignore one another."""
         raise NotImplementedError
 
@@ -52,6 +50,10 @@ class Skill:
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which arms are done."""
         raise NotImplementedError
+
+    def places(self, view: ArmView) -> tuple[FloatArray, ...]:
+        """Return places (n, arms, 2 or 3) that the hands still have to visit, base frames."""
+        return view.object, view.target
 
     def give_way(self, view: ArmView, action: FloatArray, turned: NDArray[np.bool_]) -> FloatArray:
         """Return actions of which those of arms (n, arms) that are ``turned`` away are adapted.

@@ -9,29 +9,37 @@ import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
-from saver_envs.experts.coordination import JACO_CLOSED, Coordinator, pass_beside
+from saver_envs.experts.blocks import Viewer
+from saver_envs.experts.coordination import JACO_CLOSED, Coordinator
 from saver_envs.experts.distance import turned
+from saver_envs.experts.geometry import way_round
 from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
 
 
-def success(
+def success(env_id: str, episodes: int, **arguments: Any) -> float:
+    """Return the success rate of an expert; see :func:`rates`."""
+    return rates(env_id, episodes, **arguments)[0]
+
+
+def rates(
     env_id: str,
     episodes: int,
     seed: int = 0,
     coordinated: bool = True,
     free_arm: int | None = None,
     **options: Any,
-) -> float:
-    """Return the success rate of an expert."""
+) -> tuple[float, float]:
+    """Return an expert's success rate and safe success rate."""
     expert = make_expert(env_id, coordinated=coordinated, free_arm=free_arm, **options)
-    return evaluate_policy(
+    result = evaluate_policy(
         lambda seen: expert.predict(seen)[0],
         env_id,
         episodes=episodes,
         seed=seed,
         env_kwargs=options,
-    ).success_rate
+    )
+    return result.success_rate, result.safe_success_rate
 
 
 @pytest.mark.slow
@@ -73,6 +81,56 @@ def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
 )
 def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
     assert success(env_id, 200) >= least
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("env_id", "options", "least", "safe"),
+    [
+        ("DualJacoPush-v0", {}, 0.95, 0.82),
+        ("DualJacoPickAndPlace-v0", {}, 0.95, 0.82),
+        ("DualJacoPush-v0", {"contested_share": 1.0}, 0.90, 0.58),
+        ("DualJacoPickAndPlace-v0", {"contested_share": 1.0}, 0.90, 0.58),
+        ("DualJacoPush-v0", {"n_arms": 3}, 0.85, 0.60),
+        ("DualJacoPickAndPlace-v0", {"n_arms": 3}, 0.85, 0.60),
+        ("DualJacoPush-v0", {"n_arms": 4}, 0.85, 0.60),
+        ("DualJacoPickAndPlace-v0", {"n_arms": 4}, 0.85, 0.60),
+        ("JacoPush-v0", {"object_size": 0.09}, 0.85, 0.82),
+        ("DualJacoPush-v0", {"object_size": 0.09}, 0.85, 0.60),
+        ("JacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.82),
+    ],
+)
+def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, safe: float) -> None:
+    rate, safe_rate = rates(env_id, 200, **options)
+    assert rate >= least and safe_rate >= safe
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
+def test_an_expert_sees_the_size_of_its_cube(env_id: str) -> None:
+    world = make_episodes(env_id, 20, object_size=0.09)
+    for index in range(20):
+        world.set_generator(index, np.random.default_rng(index))
+    world.reset()
+    expert = make_expert(env_id)  # for cubes of the usual size
+    for _ in range(world.settings.horizon):
+        outcome = world.step(expert.predict(world.observation().as_dict())[0])
+    assert outcome.success.mean() >= 0.85
+
+
+def test_the_size_is_that_of_the_beginning() -> None:
+    world = make_episodes("DualJacoPickAndPlace-v0", 2, object_size=0.08)
+    world.reset()
+    viewer, seen = Viewer(make_expert("DualJacoPickAndPlace-v0").task), world.observation()
+    first = viewer(seen.as_dict())
+    assert first.begins.all()
+    np.testing.assert_allclose(first.object_size, 0.08, atol=1e-3)
+    later = seen.as_dict()
+    later["observation"] = seen.observation.copy()
+    world.task.observation_layout.get(later["observation"], "object position")[..., 2] += 0.01
+    second = viewer(later)
+    assert not second.begins.any()
+    np.testing.assert_array_equal(second.object_size, first.object_size)
 
 
 @pytest.mark.long
@@ -149,14 +207,45 @@ def test_plans_hold_every_order_and_way_round_once() -> None:
     assert len(rows) == len(plans.waits) == 40
 
 
-def test_a_hand_passes_beside_a_cube() -> None:
-    hand, cube = np.array([[[0.40, 0.0]]]), np.array([[[0.40, 0.08]]])
-    move = np.array([[[0.002, 0.02]]])
-    turned_aside = pass_beside(hand, move, cube, 0.08, np.zeros((1, 1)))
-    assert turned_aside[0, 0, 0] > 0.015 and abs(turned_aside[0, 0, 1]) < 0.005
-    clockwise = pass_beside(hand, move, cube, 0.08, np.full((1, 1), -1.0))
-    assert clockwise[0, 0, 0] < -0.015
-    np.testing.assert_array_equal(pass_beside(hand, -move, cube, 0.08, np.zeros((1, 1))), -move)
+def test_a_way_passes_beside_a_disc() -> None:
+    gap, disc, radius = np.array([[0.3, 0.0]]), np.array([[[0.15, 0.01]]]), np.array([[0.08]])
+    shorter = way_round(gap, disc, radius, np.zeros(1))[0]
+    assert shorter[0] > 0 > shorter[1]  # to the right of a disc that lies a little to the left
+    # A tangent of the disc: its distance from the centre is the radius.
+    np.testing.assert_allclose(
+        abs(shorter[0] * disc[0, 0, 1] - shorter[1] * disc[0, 0, 0]), 0.08, rtol=1e-6
+    )
+    assert way_round(gap, disc, radius, np.full(1, -1.0))[0, 1] > 0
+    np.testing.assert_allclose(way_round(-gap, disc, radius, np.zeros(1)), [[-1.0, 0.0]], atol=1e-9)
+    beyond = disc + np.array([0.3, 0.0])
+    np.testing.assert_allclose(way_round(gap, beyond, radius, np.zeros(1)), [[1.0, 0.0]], atol=1e-9)
+
+
+def test_discs_without_room_between_them_are_passed_as_one() -> None:
+    gap = np.array([[0.4, 0.0]])
+    discs = np.array([[[0.2, 0.05], [0.2, -0.09]]])
+    way = way_round(gap, discs, np.full((1, 2), 0.08), np.zeros(1))[0]
+    bearing = np.arctan2(way[1], way[0])
+    edges = [
+        np.arctan2(y, 0.2) + sign * np.arcsin(0.08 / np.hypot(0.2, y))
+        for y, sign in ((0.05, 1.0), (-0.09, -1.0))
+    ]
+    assert min(abs(bearing - edge) for edge in edges) < 1e-6
+
+
+def test_a_push_beside_another_cube_begins_aside() -> None:
+    """The direct place behind the cube is where another cube lies; the hand goes beside it."""
+    skill = PushSkill()
+    cube, target, other = np.array([0.40, 0.0]), np.array([0.40, -0.2]), np.array([0.40, 0.09])
+    around = (other - cube)[None, None, None]
+    ring = skill.ring(np.array([0.056]))
+    rings = ring[None, None]
+    heading = skill._clear_of(
+        around, rings, rings, np.array([[[0.0, -1.0]]]), np.array([[[0.15, 0.0]]]), np.zeros((1, 1))
+    )[0, 0]
+    behind = cube - ring * heading
+    assert np.linalg.norm(behind - other) > ring[0] - 0.015
+    assert heading @ (target - cube) > 0
 
 
 def test_clearance_lets_a_left_hand_pass_far_behind_a_right_one() -> None:
@@ -169,3 +258,15 @@ def test_a_bar_turns_by_a_share_of_the_angle() -> None:
     half = turned(start, end, np.array([[0.5]]))
     np.testing.assert_allclose(half, [[np.sqrt(0.5), np.sqrt(0.5), 0.0]], atol=1e-12)
     np.testing.assert_allclose(turned(start, start, np.array([[0.5]])), start)
+
+
+def test_plans_can_be_followed_one_by_one() -> None:
+    world = make_episodes("DualJacoPush-v0", 1, contested_share=1.0)
+    world.set_generator(0, np.random.default_rng(0))
+    world.reset()
+    planner = make_expert("DualJacoPush-v0").planner
+    assert planner is not None and planner.plans == 40
+    view = Viewer(world.task)(world.observation().as_dict())
+    actions = [planner.follow(view, np.array([plan])) for plan in range(planner.plans)]
+    assert len({action.tobytes() for action in actions}) > 1
+    assert any(np.array_equal(planner.actions(view), action) for action in actions)
