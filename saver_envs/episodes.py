@@ -96,6 +96,7 @@ class Outcome:
     :param safe_success: (n,) success in an episode without a step of ``cost_collision``, or of
         ``cost`` for a task without that cost.
     :param reached: (n,) the goal is reached now.
+    :param lost: (n,) an object has been beyond the table's edge in the episode.
     :param diverged: (n,) the simulation broke down in this step.
     :param cost: (n,) sum of the costs that the task names.
     :param measured: name -> (n,) of every cost, ``cost_<name>``, and of the task's readings.
@@ -106,6 +107,7 @@ class Outcome:
     success: NDArray[np.bool_]
     safe_success: NDArray[np.bool_]
     reached: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
     diverged: NDArray[np.bool_]
     cost: NDArray[np.float64]
     measured: dict[str, NDArray[np.float64]]
@@ -116,6 +118,7 @@ class Outcome:
             "is_success": self.success,
             "safe_success": self.safe_success,
             "goal_reached": self.reached,
+            "object_lost": self.lost,
             "diverged": self.diverged,
             "cost": self.cost,
             **self.measured,
@@ -128,7 +131,7 @@ class Outcome:
 
 #: Attributes of :class:`Episodes` that change from step to step.
 _CHANGING = (
-    *("set_point", "goal", "elapsed", "_failed", "_collided", "_observation", "_achieved"),
+    *("set_point", "goal", "elapsed", "_failed", "_collided", "_lost", "_observation", "_achieved"),
     "memory",
 )
 
@@ -203,6 +206,7 @@ class Episodes:
         self.goal = np.zeros((n, self.goal_size))
         self._failed = np.zeros(n, dtype=bool)
         self._collided = np.zeros(n, dtype=bool)
+        self._lost = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
@@ -261,7 +265,7 @@ class Episodes:
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0
-        self._failed[rows] = self._collided[rows] = False
+        self._failed[rows] = self._collided[rows] = self._lost[rows] = False
         self._read(rows)
         self.simulation.collided[:] = False
         return self._outcome(np.zeros(self.n, dtype=bool))
@@ -406,13 +410,16 @@ class Episodes:
             self._failed |= measured[f"cost_{name}"] > 0
         cost = sum((measured[f"cost_{name}"] for name in task.summed), np.zeros(self.n))
         self._collided |= measured.get("cost_collision", cost) > 0
-        success = reached & ~self._failed
+        if task.keeps_to_table:
+            self._lost |= self.simulation.off_table()
+        success = reached & ~self._failed & ~self._lost
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
             success=success,
             safe_success=success & ~self._collided,
             reached=reached,
+            lost=self._lost.copy(),
             diverged=diverged,
             cost=cost,
             measured=measured,

@@ -207,7 +207,11 @@ def _check_episodes(name: str, episodes: Episodes) -> None:
     _check_start(name, episodes, [task.sample(one, episodes.scene) for one in generators])
     for index, generator in enumerate(generators):
         episodes.set_generator(index, generator)
-    episodes.reset()
+    if episodes.reset().lost.any():
+        raise ValueError(
+            f"{name}.place: a body with a free joint starts beyond the table's edge: set "
+            f"{name}.table_depth, or {name}.keeps_to_table = False"
+        )
     outcome = episodes.step(np.zeros((n, episodes.action_size)))
     missing = [cost for cost in task.costs if f"cost_{cost}" not in outcome.measured]
     if missing:

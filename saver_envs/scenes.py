@@ -170,6 +170,11 @@ class Scene:
         self.target_site = np.array([model.site(f"{TARGET}{k}").id for k in targets], np.intp)
         sensors = [model.sensor(index).name for index in range(model.nsensor)]
         counting = [index for index, name in enumerate(sensors) if name.startswith(COLLISION)]
+        #: The table that is drawn.
+        self.table = table_around(arms.position, arms.yaw, recipe.content.table_depth)
+        loose = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+        #: (k, 2) addresses in ``qpos`` of x and y of every body with a free joint.
+        self.loose_qpos = model.jnt_qposadr[loose].astype(np.intp)[:, None] + np.arange(2)
         #: Addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
         self.collision_sensor = model.sensor_adr[counting].astype(np.intp)
 
@@ -263,7 +268,8 @@ def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:
     :param content: other bodies; none by default.
     :return: the scene.
     """
-    return _compose(_Recipe(arms, content.scene_key(), content))
+    key = content.scene_key(), content.table_depth
+    return _compose(_Recipe(arms, key, content))
 
 
 _compose = lru_cache(maxsize=32)(Scene)

@@ -368,6 +368,11 @@ class Simulation:
         np.negative(quaternion, out=quaternion, where=quaternion[..., :1] < 0)
         return ObjectState(position, quaternion, linear_velocity, angular_velocity, world_position)
 
+    def off_table(self) -> NDArray[np.bool_]:
+        """Return where a body with a free joint has its centre beyond the table's edge, (n,)."""
+        over = self.scene.table.contains(self.qpos.take(self.scene.loose_qpos, 1))
+        return ~np.logical_and.reduce(over, axis=-1)
+
     def finger_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return finger angles (rad) and velocities (rad/s), (n, arms, fingers) each, copied."""
         scene = self.scene

@@ -73,6 +73,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         dense=page.dense,
         costs=_costs(one, page.costs),
         readings=page.readings,
+        can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one.env_id, task),
         results=results_of(one.env_id, results),
     )

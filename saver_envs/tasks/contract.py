@@ -105,6 +105,9 @@ class Task(Content):
     summed: ClassVar[tuple[str, ...]] = ("collision",)
     #: Those that must stay 0 throughout an episode for it to succeed.
     hard: ClassVar[tuple[str, ...]] = ()
+    #: Whether a body with a free joint is lost once its centre has been beyond the table's edge;
+    #: the episode cannot succeed any more.
+    keeps_to_table: ClassVar[bool] = True
     #: Part of the goal, of size 1, that must stay at its desired value, and its tolerance; or
     #: ``None``.
     constraint: ClassVar[tuple[str, float] | None] = None
