@@ -268,6 +268,7 @@ class Episodes:
         self._failed[rows] = self._collided[rows] = self._lost[rows] = False
         self._read(rows)
         self.simulation.collided[:] = False
+        self.simulation.collision_force[:] = 0.0
         return self._outcome(np.zeros(self.n, dtype=bool))
 
     def _begin(self, rows: NDArray[np.intp]) -> list[Start]:

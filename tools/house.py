@@ -35,6 +35,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "tasks",
         "episodes",
         "registration",
+        "digest",
         "experts modelling perception",
         "envs",
         "wrappers",

@@ -229,4 +229,6 @@ def test_contact_costs() -> None:
     for cube, cost in ((own, 0), (strangers, 1)):
         episodes.set_state(kept)
         simulation.qpos[0, cube] = tool
-        assert episodes.step(down).measured["cost_collision"] == cost
+        measured = episodes.step(down).measured
+        assert measured["cost_collision"] == cost
+        assert (measured["collision_force"] > 0) == (cost == 1)
