@@ -55,7 +55,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     ),
     "reproduction": (
         "program findings command_parts",
-        "advising constraints ecosystem learning modelling transfer wrist_push",
+        "advising constraints ecosystem joint_speeds learning modelling transfer wrist_push",
         "pages",
     ),
 }
