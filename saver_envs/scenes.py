@@ -27,10 +27,14 @@ RING_RADIUS = 0.60
 MAX_ARMS = 4
 #: First part of the names of sensors that count contacts for ``cost_collision``.
 COLLISION = "collision_"
+#: First part of the names of the sensors of their forces.
+FORCE_OF = "contact_force_"
 _FOUND, _FORCE = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE
-#: Parameters of a contact sensor that reads the number of contacts, and the force (N) of the
-#: hardest one along its normal and two tangents.
-HARDEST_CONTACT = (1 << int(_FOUND) | 1 << int(_FORCE), 2, 1)
+#: Reading of a contact sensor that finds out whether there is a contact.
+CONTACT_COUNT = (1 << int(_FOUND), 0, 1)
+#: Reading of the net force of all contacts, N. A sensor that reads both misses contacts that have
+#: no force yet.
+NET_FORCE = (1 << int(_FORCE), 3, 1)
 #: First part of the names of the sites that show targets.
 TARGET = "target"
 #: Memory for the contacts of a simulation and their constraints (bytes), ten times the need.
@@ -179,8 +183,9 @@ class Scene:
         self.loose_qpos = model.jnt_qposadr[loose].astype(np.intp)[:, None] + np.arange(2)
         #: Addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
         self.collision_sensor = model.sensor_adr[counting].astype(np.intp)
+        forces = [index for index, name in enumerate(sensors) if name.startswith(FORCE_OF)]
         #: (k, 3) addresses of their forces.
-        self.collision_force_sensor = self.collision_sensor[:, None] + np.arange(1, 4)
+        self.collision_force_sensor = model.sensor_adr[forces].astype(np.intp)[:, None] + [0, 1, 2]
 
     def _ids(self, kind: Callable[[str], Any], names: tuple[str, ...]) -> NDArray[np.intp]:
         """Look up names of every arm (arms, names)."""
@@ -357,7 +362,7 @@ def add_contact_sensor(
     body: str,
     kind: mujoco.mjtObj,
     other: str,
-    reading: tuple[int, int, int] = HARDEST_CONTACT,
+    reading: tuple[int, int, int] = CONTACT_COUNT,
 ) -> None:
     """Add a sensor of the contacts between a body with its subtree and something else.
 
@@ -367,8 +372,12 @@ def add_contact_sensor(
     :param kind: what ``other`` names: a geom, or a body with its subtree.
     :param other: what the body touches.
     :param reading: MuJoCo's parameters of a contact sensor: bits of the data, way of reduction
-        and number of contacts; by default :data:`HARDEST_CONTACT`.
+        and number of contacts; by default whether there is a contact.
+
+    A sensor that counts for ``cost_collision`` gets a second one that reads the net force.
     """
+    if name.startswith(COLLISION):
+        add_contact_sensor(spec, f"{FORCE_OF}{name}", body, kind, other, NET_FORCE)
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,

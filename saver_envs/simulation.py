@@ -117,7 +117,7 @@ class Simulation:
         self.peaks = np.zeros(self.sensors.shape)
         #: (n,) whether the last action had a contact that ``cost_collision`` counts.
         self.collided = np.zeros(n, dtype=bool)
-        #: (n,) highest sample of the force of such a contact, N.
+        #: (n,) highest sample of the net force between two things that have such contacts, N.
         self.collision_force = np.zeros(n)
         self._expanded: dict[str, NDArray[Any]] = {}
         self._kept: dict[Any, Any] = {}
@@ -187,9 +187,9 @@ class Simulation:
         return diverged
 
     def _greatest_collision_force(self) -> NDArray[np.float64]:
-        """Return the force of the hardest contact that ``cost_collision`` counts now, (n,), N."""
+        """Return the greatest force of contacts that ``cost_collision`` counts, (n,), N."""
         forces = self.sensors.take(self.scene.collision_force_sensor, 1)
-        return np.sqrt((forces * forces).sum(axis=-1).max(axis=-1))
+        return np.sqrt((forces * forces).sum(axis=-1).max(axis=-1, initial=0.0))
 
     def advance(self, substeps: int) -> NDArray[np.bool_]:
         """Advance all simulations by substeps of 0.002 s, with the servos' targets as they are.
