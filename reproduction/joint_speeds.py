@@ -136,7 +136,8 @@ def in_words(env_id: str, results: Sequence[Mapping[str, Any]]) -> str:
             return (
                 f"in {row['default_share']:.0%} of the steps of `{row['policy']}` "
                 f"({row['episodes']} episodes) a joint is more than 5% faster than its maker "
-                f"allows, up to {row['default_highest']:.1f} times; with `rated=True`, which limits the joints' "
-                f"targets, in {row['rated_share']:.1%}, up to {row['rated_highest']:.1f} times"
+                f"allows, up to {row['default_highest']:.1f} times; with `rated=True`, which "
+                f"limits the joints' targets, in {row['rated_share']:.1%}, up to "
+                f"{row['rated_highest']:.1f} times"
             )
     return ""
