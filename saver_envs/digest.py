@@ -89,7 +89,7 @@ def world_digest(env_id: str, options: Mapping[str, Any] | None = None) -> str:
 def changed_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments that differ from an id's defaults and are no rule, as JSON."""
     defaults = {name: plain(value) for name, value in default_options(env_id).items()}
-    resolved = {*RULES, "max_episode_steps", "rated"}
+    resolved = {*RULES, "max_episode_steps", "rated", "collision_force"}
     given = {name: plain(value) for name, value in options.items() if name not in resolved}
     return {name: value for name, value in given.items() if value != defaults.get(name)}
 

@@ -50,6 +50,7 @@ class Settings:
     :param limit_joint_speed: keep the joints' targets within the makers' joint speed limits.
     :param control: ``cartesian`` (displacements of the tool) or ``joints`` (of the joint angles).
     :param bounded_observations: clip observations and goals to the limits of their parts.
+    :param collision_force: measure the force of the contacts that ``cost_collision`` counts.
     :raises ValueError: for a value out of range.
     """
 
@@ -59,6 +60,7 @@ class Settings:
     limit_joint_speed: bool = False
     control: Control = "cartesian"
     bounded_observations: bool = False
+    collision_force: bool = False
 
     def __post_init__(self) -> None:
         speed, known = self.max_speed, self.control in get_args(Control)
@@ -176,7 +178,7 @@ class Episodes:
         self.n = n
         robot = settings.robot
         arms = Arms(robot, task.n_arms, task.fingers, task.bases)
-        self.scene: Scene = compose(arms, task)
+        self.scene: Scene = compose(arms, task, settings.collision_force)
         self.simulation = Simulation(self.scene, n, threads, task.keeps_peaks)
         self._threads = threads
         self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)

@@ -117,6 +117,7 @@ class _Recipe:
     arms: Arms
     key: Hashable
     content: Content = field(compare=False)
+    forces: bool = False
 
 
 class Scene:
@@ -268,17 +269,18 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
     return positions, yaw
 
 
-def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:
+def compose(arms: Arms, content: Content = BARE_TABLE, forces: bool = False) -> Scene:
     """Compile a table with arms, cameras and a content.
 
     Scenes are cached: callers share them and must not change their models.
 
     :param arms: which arms, and how they stand.
     :param content: other bodies; none by default.
+    :param forces: measure the forces of the contacts that ``cost_collision`` counts.
     :return: the scene.
     """
     key = content.scene_key(), content.table_depth
-    return _compose(_Recipe(arms, key, content))
+    return _compose(_Recipe(arms, key, content, forces))
 
 
 _compose = lru_cache(maxsize=32)(Scene)
@@ -315,6 +317,10 @@ def _specification(recipe: _Recipe, variant: int, decorated: bool) -> mujoco.MjS
     for index in range(arms.n):
         _add_arm(spec, arms, index)
     content.build(spec, arms, variant, decorated)
+    if recipe.forces:
+        for one in [one for one in spec.sensors if one.name.startswith(COLLISION)]:
+            name = f"{FORCE_OF}{one.name}"
+            add_contact_sensor(spec, name, one.objname, one.reftype, one.refname, NET_FORCE)
     return spec
 
 
@@ -373,11 +379,7 @@ def add_contact_sensor(
     :param other: what the body touches.
     :param reading: MuJoCo's parameters of a contact sensor: bits of the data, way of reduction
         and number of contacts; by default whether there is a contact.
-
-    A sensor that counts for ``cost_collision`` gets a second one that reads the net force.
     """
-    if name.startswith(COLLISION):
-        add_contact_sensor(spec, f"{FORCE_OF}{name}", body, kind, other, NET_FORCE)
     spec.add_sensor(
         name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,

@@ -170,7 +170,8 @@ class Simulation:
             found = self.sensors.take(self.scene.collision_sensor, 1)
             if found.any():
                 collided |= np.logical_or.reduce(found, axis=-1)
-                np.maximum(force, self._greatest_collision_force(), out=force)
+                if len(self.scene.collision_force_sensor):
+                    np.maximum(force, self._greatest_collision_force(), out=force)
             if self.keep_samples:
                 self.samples[sample] = self.qpos
             if self._keeps_peaks:

@@ -263,7 +263,8 @@ def evaluate_policy(
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     n_envs = min(episodes, N_ENVS)
-    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
+    options = {"collision_force": True, **(env_kwargs or {})}
+    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **options)
     with closing(vec_env):
         task = vec_env.episodes.task
         outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)

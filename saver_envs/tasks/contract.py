@@ -276,10 +276,10 @@ class Task(Content):
         :param achieved: (n, goal size), as agents see them.
         :param desired: (n, goal size), as agents see them.
         """
-        return {
-            "cost_collision": simulation.collided.astype(np.float64),
-            "collision_force": simulation.collision_force.copy(),
-        }
+        measured = {"cost_collision": simulation.collided.astype(np.float64)}
+        if len(simulation.scene.collision_force_sensor):
+            measured["collision_force"] = simulation.collision_force.copy()
+        return measured
 
     # ---------------------------------------------------------------- pictures and pages
 

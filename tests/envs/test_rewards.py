@@ -219,7 +219,7 @@ def test_costs_that_an_id_names() -> None:
 
 def test_contact_costs() -> None:
     """A hand on the table, on a stranger's object, and on the other arm; not on its own object."""
-    episodes = begun("DualJacoPush-v0", 1)
+    episodes = begun("DualJacoPush-v0", 1, collision_force=True)
     down = np.zeros((1, 6))
     assert episodes.step(down).measured["cost_collision"] == 0
     simulation = episodes.simulation
