@@ -22,6 +22,7 @@ REPRODUCTION: Final = Program(
             ("kinematics", "modelling.kinematics", "learned inverse kinematics in use"),
             ("tracking", "modelling.tracking", "feed-forward torques on the twins"),
             ("wrist-push", "wrist_push.wrist_push_command", "chapter 8: the whole robot"),
+            ("joint-speeds", "joint_speeds", "steps in which joints exceed the makers' speeds"),
             ("learning", "learning.training_speed", "training time by part, and that of SB3"),
             ("ecosystem", "ecosystem.ecosystem_command", "third-party libraries, each tried"),
             ("pages", "pages.write_pages", "the documentation pages that come from code"),

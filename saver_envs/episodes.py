@@ -50,6 +50,7 @@ class Settings:
     :param bounded_observations: clip observations and goals to the limits of their parts.
     :param randomization: what differs between episodes.
     :param report_parameters: whether ``info`` has the values that were drawn.
+    :param collision_force: measure the force of the contacts that ``cost_collision`` counts.
     :raises ValueError: for a value out of range.
     """
 
@@ -61,6 +62,7 @@ class Settings:
     bounded_observations: bool = False
     randomization: Randomization = NO_RANDOMIZATION
     report_parameters: bool = False
+    collision_force: bool = False
 
     def __post_init__(self) -> None:
         speed, known = self.max_speed, self.control in get_args(Control)
@@ -98,6 +100,7 @@ class Outcome:
     :param safe_success: (n,) success in an episode without a step of ``cost_collision``, or of
         ``cost`` for a task without that cost.
     :param reached: (n,) the goal is reached now.
+    :param lost: (n,) an object has been beyond the table's edge in the episode.
     :param diverged: (n,) the simulation broke down in this step.
     :param cost: (n,) sum of the costs that the task names.
     :param measured: name -> (n,) of every cost, ``cost_<name>``, and of the task's readings.
@@ -109,6 +112,7 @@ class Outcome:
     success: NDArray[np.bool_]
     safe_success: NDArray[np.bool_]
     reached: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
     diverged: NDArray[np.bool_]
     cost: NDArray[np.float64]
     measured: dict[str, NDArray[np.float64]]
@@ -120,6 +124,7 @@ class Outcome:
             "is_success": self.success,
             "safe_success": self.safe_success,
             "goal_reached": self.reached,
+            "object_lost": self.lost,
             "diverged": self.diverged,
             "cost": self.cost,
             **self.measured,
@@ -144,7 +149,7 @@ class Outcome:
 
 #: Attributes of :class:`Episodes` that change from step to step.
 _CHANGING = (
-    *("set_point", "goal", "elapsed", "_failed", "_collided", "_observation", "_achieved"),
+    *("set_point", "goal", "elapsed", "_failed", "_collided", "_lost", "_observation", "_achieved"),
     "memory",
 )
 
@@ -191,7 +196,7 @@ class Episodes:
         self.n = n
         robot = settings.robot
         arms = Arms(robot, task.n_arms, task.fingers, task.bases)
-        self.scene: Scene = compose(arms, task)
+        self.scene: Scene = compose(arms, task, settings.collision_force)
         self.simulation = Simulation(self.scene, n, threads, task.keeps_peaks)
         self._threads = threads
         self.inverse_kinematics: InverseKinematics = inverse_kinematics or DampedLeastSquares(robot)
@@ -221,6 +226,7 @@ class Episodes:
         self.goal = np.zeros((n, self.goal_size))
         self._failed = np.zeros(n, dtype=bool)
         self._collided = np.zeros(n, dtype=bool)
+        self._lost = np.zeros(n, dtype=bool)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
@@ -286,9 +292,10 @@ class Episodes:
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0
-        self._failed[rows] = self._collided[rows] = False
-        self._read(rows)
+        self._failed[rows] = self._collided[rows] = self._lost[rows] = False
+        self._read(rows, begins=True)
         self.simulation.collided[:] = False
+        self.simulation.collision_force[:] = 0.0
         return self._outcome(np.zeros(self.n, dtype=bool))
 
     def _rows(self, ids: Sequence[int] | NDArray[np.intp] | None) -> NDArray[np.intp]:
@@ -470,13 +477,16 @@ class Episodes:
             self._failed |= measured[f"cost_{name}"] > 0
         cost = sum((measured[f"cost_{name}"] for name in task.summed), np.zeros(self.n))
         self._collided |= measured.get("cost_collision", cost) > 0
-        success = reached & ~self._failed
+        if task.keeps_to_table:
+            self._lost |= self.simulation.off_table()
+        success = reached & ~self._failed & ~self._lost
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,
             success=success,
             safe_success=success & ~self._collided,
             reached=reached,
+            lost=self._lost.copy(),
             diverged=diverged,
             cost=cost,
             measured=measured,

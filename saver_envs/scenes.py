@@ -27,8 +27,14 @@ RING_RADIUS = 0.60
 MAX_ARMS = 4
 #: First part of the names of sensors that count contacts for ``cost_collision``.
 COLLISION = "collision_"
+#: First part of the names of the sensors of their forces.
+FORCE_OF = "contact_force_"
+_FOUND, _FORCE = mujoco.mjtConDataField.mjCONDATA_FOUND, mujoco.mjtConDataField.mjCONDATA_FORCE
 #: Reading of a contact sensor that finds out whether there is a contact.
-CONTACT_COUNT = (1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1)
+CONTACT_COUNT = (1 << int(_FOUND), 0, 1)
+#: Reading of the net force of all contacts, N. A sensor that reads both misses contacts that have
+#: no force yet.
+NET_FORCE = (1 << int(_FORCE), 3, 1)
 #: First part of the names of the sites that show targets.
 TARGET = "target"
 #: Memory for the contacts of a simulation and their constraints (bytes), ten times the need.
@@ -113,6 +119,7 @@ class _Recipe:
     arms: Arms
     key: Hashable
     content: Content = field(compare=False)
+    forces: bool = False
 
 
 class Scene:
@@ -175,8 +182,16 @@ class Scene:
         self.finger_geom = self._ids(model.geom, pads)
         sensors = [model.sensor(index).name for index in range(model.nsensor)]
         counting = [index for index, name in enumerate(sensors) if name.startswith(COLLISION)]
+        #: The table that is drawn.
+        self.table = table_around(arms.position, arms.yaw, recipe.content.table_depth)
+        loose = np.flatnonzero(model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE))
+        #: (k, 2) addresses in ``qpos`` of x and y of every body with a free joint.
+        self.loose_qpos = model.jnt_qposadr[loose].astype(np.intp)[:, None] + np.arange(2)
         #: Addresses in ``sensordata`` of contacts that ``cost_collision`` counts.
         self.collision_sensor = model.sensor_adr[counting].astype(np.intp)
+        forces = [index for index, name in enumerate(sensors) if name.startswith(FORCE_OF)]
+        #: (k, 3) addresses of their forces.
+        self.collision_force_sensor = model.sensor_adr[forces].astype(np.intp)[:, None] + [0, 1, 2]
 
     def _ids(self, kind: Callable[[str], Any], names: tuple[str, ...]) -> NDArray[np.intp]:
         """Look up names of every arm (arms, names)."""
@@ -274,16 +289,18 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
     return positions, yaw
 
 
-def compose(arms: Arms, content: Content = BARE_TABLE) -> Scene:
+def compose(arms: Arms, content: Content = BARE_TABLE, forces: bool = False) -> Scene:
     """Compile a table with arms, cameras and a content.
 
     Scenes are cached: callers share them and must not change their models.
 
     :param arms: which arms, and how they stand.
     :param content: other bodies; none by default.
+    :param forces: measure the forces of the contacts that ``cost_collision`` counts.
     :return: the scene.
     """
-    return _compose(_Recipe(arms, content.scene_key(), content))
+    key = content.scene_key(), content.table_depth
+    return _compose(_Recipe(arms, key, content, forces))
 
 
 _compose = lru_cache(maxsize=32)(Scene)
@@ -320,6 +337,10 @@ def _specification(recipe: _Recipe, variant: int, decorated: bool) -> mujoco.MjS
     for index in range(arms.n):
         _add_arm(spec, arms, index)
     content.build(spec, arms, variant, decorated)
+    if recipe.forces:
+        for one in [one for one in spec.sensors if one.name.startswith(COLLISION)]:
+            name = f"{FORCE_OF}{one.name}"
+            add_contact_sensor(spec, name, one.objname, one.reftype, one.refname, NET_FORCE)
     return spec
 
 

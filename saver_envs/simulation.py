@@ -123,6 +123,8 @@ class Simulation:
         self.peaks = np.zeros(self.sensors.shape)
         #: (n,) whether the last action had a contact that ``cost_collision`` counts.
         self.collided = np.zeros(n, dtype=bool)
+        #: (n,) highest sample of the net force between two things that have such contacts, N.
+        self.collision_force = np.zeros(n)
         self._expanded: dict[str, NDArray[Any]] = {}
         self._kept: dict[Any, Any] = {}
         self._constraint_torque = self._batch.bind("qfrc_constraint")
@@ -146,7 +148,9 @@ class Simulation:
         ramp: bool = False,
         ids: NDArray[np.intp] | None = None,
     ) -> NDArray[np.bool_]:
-        """Advance simulations by one action (0.04 s), and set :attr:`collided`.
+        """Advance simulations by one action (0.04 s).
+
+        Sets :attr:`collided` and :attr:`collision_force`.
 
         :param targets: (n, actuators) servo targets, radians.
         :param ramp: move the targets there in steps of 0.01 s instead of at once, so that a
@@ -158,7 +162,8 @@ class Simulation:
         rows = slice(None) if ids is None else ids
         previous = self.ctrl.copy() if ramp else None
         self.ctrl[rows] = targets[rows]
-        contacts = np.zeros(self.sensors.shape)
+        force = np.zeros(self.n)
+        collided = np.zeros(self.n, dtype=bool)
         if self._keeps_peaks:
             self.peaks[rows] = -np.inf
         failed: list[int] = []
@@ -170,20 +175,30 @@ class Simulation:
                 self.ctrl[rows] = (previous + (targets - previous) * part)[rows]
             stage = _VELOCITY_STAGE if sample == CONTACT_SAMPLES else _NO_STAGE
             failed += self._advanced(SUBSTEPS // CONTACT_SAMPLES, stage, ids)
-            contacts += self.sensors
+            found = self.sensors.take(self.scene.collision_sensor, 1)
+            if found.any():
+                collided |= np.logical_or.reduce(found, axis=-1)
+                if len(self.scene.collision_force_sensor):
+                    np.maximum(force, self._greatest_collision_force(), out=force)
             if self.keep_samples:
                 self.samples[sample] = self.qpos
             if self._keeps_peaks:
                 self.peaks[rows] = np.maximum(self.peaks[rows], self.sensors[rows])
-        collided = np.logical_or.reduce(contacts.take(self.scene.collision_sensor, 1), axis=-1)
         diverged = self._diverged(failed)
+        force[diverged] = 0.0
         if ids is not None:
             stepped = np.zeros(self.n, dtype=bool)
             stepped[ids] = True
             collided &= stepped
             diverged &= stepped
-        self.collided = collided
+            force *= stepped
+        self.collided, self.collision_force = collided, force
         return diverged
+
+    def _greatest_collision_force(self) -> NDArray[np.float64]:
+        """Return the greatest force of contacts that ``cost_collision`` counts, (n,), N."""
+        forces = self.sensors.take(self.scene.collision_force_sensor, 1)
+        return np.sqrt((forces * forces).sum(axis=-1).max(axis=-1, initial=0.0))
 
     def advance(self, substeps: int) -> NDArray[np.bool_]:
         """Advance all simulations by substeps of 0.002 s, with the servos' targets as they are.
@@ -417,6 +432,11 @@ class Simulation:
             quaternion = multiply_quaternions(back, quaternion)
         np.negative(quaternion, out=quaternion, where=quaternion[..., :1] < 0)
         return ObjectState(position, quaternion, linear_velocity, angular_velocity, world_position)
+
+    def off_table(self) -> NDArray[np.bool_]:
+        """Return where a body with a free joint has its centre beyond the table's edge, (n,)."""
+        over = self.scene.table.contains(self.qpos.take(self.scene.loose_qpos, 1))
+        return ~np.logical_and.reduce(over, axis=-1)
 
     def finger_state(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return finger angles (rad) and velocities (rad/s), (n, arms, fingers) each, copied."""

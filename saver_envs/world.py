@@ -38,6 +38,11 @@ class TableArea:
     def half(self) -> NDArray[np.float64]:
         return (self.upper - self.lower) / 2
 
+    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (..., 2) are over the table, (...)."""
+        within = (points >= self.lower) & (points <= self.upper)
+        return np.logical_and.reduce(within, axis=-1)
+
 
 def table_around(
     positions: NDArray[np.float64],

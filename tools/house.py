@@ -38,6 +38,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "worlds",
         "episodes",
         "registration",
+        "digest",
         "experts modelling perception",
         "envs",
         "wrappers",
@@ -57,7 +58,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     ),
     "reproduction": (
         "program findings command_parts",
-        "advising constraints ecosystem learning modelling transfer wrist_push",
+        "advising constraints ecosystem joint_speeds learning modelling transfer wrist_push",
         "pages",
     ),
 }

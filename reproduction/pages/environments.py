@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from reproduction.joint_speeds import in_words
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
@@ -64,7 +65,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one.env_id),
-        facts=_facts(one, episodes),
+        facts=[*_facts(one, episodes), *_speeds(one.env_id, results)],
         spaces=_spaces(one),
         observation=_layout_table(task.observation_layout, _unit),
         action=_action(episodes),
@@ -74,6 +75,7 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         dense=page.dense,
         costs=_costs(one, page.costs),
         readings=page.readings,
+        can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one.env_id, task),
         results=results_of(one.env_id, results),
     )
@@ -87,6 +89,11 @@ def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
         ("top speed of a hand", f"{episodes.settings.max_speed:g} m/s"),
         *episodes.task.page(episodes.scene).facts,
     ]
+
+
+def _speeds(env_id: str, results: list[dict[str, Any]]) -> list[tuple[str, str]]:
+    told = in_words(env_id, results)
+    return [("speed of the joints", told)] if told else []
 
 
 def _spaces(one: Entry) -> str:

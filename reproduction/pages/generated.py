@@ -62,6 +62,7 @@ def with_tables(readme: str, output: Path) -> str:
 def weights_page() -> str:
     """Render the cards of the shipped policies."""
     from saver_advisors.policies import WEIGHTS_DIR, shipped_policies
+    from saver_advisors.policies.cards import rate_text
     from saver_advisors.policies.files import read_networks
 
     cards = {
@@ -75,16 +76,21 @@ def weights_page() -> str:
             f"{card.steps:,}",
             f"{card.wall_clock_s / 60:.0f}",
             f"{card.success:.3f} of {card.success_episodes}",
+            rate_text(card.safe_success),
+            rate_text(card.success_2cm),
         ]
         for name, card in cards.items()
     ]
-    columns = ("name", "environment", "algorithm", "steps", "minutes", "success, episodes")
+    columns = (
+        *("name", "environment", "algorithm", "steps", "minutes", "success, episodes"),
+        *("safe", "within 2 cm"),
+    )
     lines = ["# Weights", "", markdown(columns, rows)]
     lines += [
         "Each file has a card with its command, seed, commit and settings:",
         '`saver_advisors.pretrained.load_policy("' + (next(iter(cards), "NAME")) + '").card`.',
         "The success rate of a card is measured on seeds from 0, in episodes that were not used to",
-        "choose the checkpoint.",
+        "choose the checkpoint; so are the success without a collision and that within 2 cm.",
         "",
     ]
     for name, card in cards.items():

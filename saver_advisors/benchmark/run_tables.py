@@ -15,6 +15,9 @@ from saver_advisors.reporting.tables import markdown, records_table, rows_table
 
 NOTHING: Final = "-"
 
+FINAL_RATES: Final = ("final success", "safe", "within 2 cm")
+"""Headings of the success rates of last policies."""
+
 DEFINITIONS: Final = f"""\
 An epoch is {EPOCH_STEPS:,} environment steps, and n counts finished seeds. A figure over several
 seeds is their interquartile mean (of three or fewer, their mean) with a 95% bootstrap interval over
@@ -32,6 +35,8 @@ the other.
   run: where it is above the machine's cores, minutes say little
 - **final success**: of the last policy, on report seeds, which had no part in anything before; the
   **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
+- **safe**: of those, without a step with a collision; **within 2 cm**: of those, with every object
+  within 2 cm of its target at the end
 - **mean success**: the area under the curve, over the steps that all rows of the task did
 - **advice over by**: steps of the run at the first evaluation after its last advice
 - **collisions per episode**: steps with contact between arms, or of an arm with the table or with
@@ -54,6 +59,16 @@ def measured(row: MethodRow) -> list[str]:
     ]
 
 
+def final_rates(row: MethodRow) -> dict[str, str]:
+    """Format the success rates of the last policies, by heading.
+
+    :param row: of a task
+    :return: an entry for each of :data:`FINAL_RATES`
+    """
+    rates = (row.final_success, row.final_safe_success, row.final_success_2cm)
+    return {name: _text(rate, 3) for name, rate in zip(FINAL_RATES, rates, strict=True)}
+
+
 def metrics_table(rows: Sequence[MethodRow]) -> str:
     """Tabulate the number of seeds and the four metrics of the paper's table.
 
@@ -71,6 +86,9 @@ def beyond(rows: Sequence[MethodRow]) -> str:
     :param rows: of a task, at least one
     :return: Markdown
     """
+    # Older results have no rates but the first.
+    shown = {name for row in rows for name, text in final_rates(row).items() if text != NOTHING}
+    shown.add(FINAL_RATES[0])
     return records_table(
         {
             "row": row.name,
@@ -78,7 +96,7 @@ def beyond(rows: Sequence[MethodRow]) -> str:
             "steps to 0.9": _text(row.steps_to_solved),
             "minutes to 0.9": _text(row.seconds_to_solved, 1, 1 / MINUTE),
             "all steps to 0.9": _text(row.all_steps_to_solved),
-            "final success": _text(row.final_success, 3),
+            **{name: text for name, text in final_rates(row).items() if name in shown},
             "mean success": _text(row.area, 3),
             "advice used": _value(row.advice_spent, 0),
             "advice over by": _text(row.advice_over, 0),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,13 +15,15 @@ from saver_advisors.reporting.tables import join_parts, rows_table, show
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow
-    from saver_advisors.experiments.training_runs import Results
+    from saver_advisors.experiments.training_runs import Results, TrainingRun
 
 EXAMPLES: Final = """\
 examples:
   saver benchmark compare results/*.json --baselines docs/results/teachers.json
   saver benchmark compare results/*.json --baselines docs/results/advising \\
       --table comparison.md --figure comparison.png --json comparison.json"""
+
+NO_DIGEST: Final = "Older results without a digest of the world, which may have another:"
 
 DRAWN_BASELINES: Final = 5
 """Number of baselines in the figure: those with the highest mean success."""
@@ -54,24 +56,22 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.benchmark.run_tables import measured
+    from saver_advisors.benchmark.run_tables import FINAL_RATES, final_rates, measured
 
     entries, baselines = read_training(args.results), read_training(args.baselines)
+    check_worlds([*entries.runs, *baselines.runs], {run.task for run in entries.runs})
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
-        columns = ("row", "n", "IE", "RT", "MSR", "ELR", "final success", "off protocol")
+        columns = ("row", "n", "IE", "RT", "MSR", "ELR", *FINAL_RATES, "off protocol")
         cells = [
-            [
-                row.name,
-                *measured(row),
-                row.final_success.text(3) if row.final_success else "-",
-                row.off_protocol,
-            ]
+            [row.name, *measured(row), *final_rates(row).values(), row.off_protocol]
             for row in (*own, *others)
         ]
         show(columns, cells, title=task)
     for one in (*entries.skipped, *baselines.skipped):
         print(f"left out {one.file}: {one.reason}")
+    if older := unknown_worlds(tasks):
+        print(f"{NO_DIGEST} {', '.join(older)}")
     write_json(args.json, figures(tasks))  # before what changes the checkout
     if args.figure is not None:
         draw(tasks, args.figure)
@@ -81,6 +81,43 @@ def run(args: argparse.Namespace) -> int:
         args.table.write_text(text, encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
+
+
+def check_worlds(runs: Sequence[TrainingRun], tasks: Iterable[str]) -> None:
+    """Check that the runs of each environment have one world, as far as their files tell.
+
+    :param runs: of the results and of the baselines
+    :param tasks: the environments that are compared
+    :raises UsageError: for two worlds; the message names a file of each and what differs
+    """
+    for task in sorted(tasks):
+        known = [run for run in runs if run.task == task and run.world is not None]
+        for other in known[1:]:
+            first = known[0]
+            if other.world != first.world:
+                raise UsageError(
+                    f"argument RESULT.json: {first.file} and {other.file} measure {task} in "
+                    f"different worlds, with the digests {first.world} and {other.world}: "
+                    f"{_difference(first, other)}; compare them separately"
+                )
+
+
+def _difference(first: TrainingRun, other: TrainingRun) -> str:
+    """Say in which keyword arguments two runs' environments differ."""
+    options = [run.config.get("env_kwargs") or {} for run in (first, other)]
+    names = sorted(set(options[0]) | set(options[1]))
+    told = [
+        f"{name} is {' and '.join(str(one.get(name, 'the default')) for one in options)}"
+        for name in names
+        if options[0].get(name) != options[1].get(name)
+    ]
+    return ", ".join(told) or "their options are equal, so the code of the world has changed"
+
+
+def unknown_worlds(tasks: Tasks) -> list[str]:
+    """Return the files of compared runs without a digest."""
+    runs = [run for rows in tasks.values() for row in (*rows[0], *rows[1]) for run in row.runs]
+    return sorted({run.file for run in runs if run.world is None})
 
 
 Tasks = dict[str, "tuple[list[MethodRow], list[MethodRow]]"]
@@ -153,7 +190,10 @@ def page(
         runs += of_task
     if figure is not None:
         parts.append(f"![learning curves]({link(figure, folder)})\n")
-    parts += [skipped_list([*entries.skipped, *baselines.skipped]), origin(runs)]
+    parts.append(skipped_list([*entries.skipped, *baselines.skipped]))
+    if older := unknown_worlds(tasks):
+        parts.append(f"{NO_DIGEST} {', '.join(f'`{one}`' for one in older)}.\n")
+    parts.append(origin(runs))
     return join_parts(parts)
 
 

@@ -20,7 +20,7 @@ from saver_advisors.cli.arguments import (
     write_json,
 )
 from saver_advisors.reporting.errors import user_mistakes
-from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
+from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, collision_force
 from saver_advisors.reporting.tables import show_rows
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -131,6 +131,9 @@ def measure(
 def show(figures: dict[str, Any]) -> None:
     """Print the results as a table."""
     costs = {f"{name} per episode": f"{mean:.2f}" for name, mean in figures["cost_means"].items()}
-    show_rows([figures], {**EVALUATION_COLUMNS, **costs})
+    forces = {"highest force of collisions (N), mean and maximum": collision_force}
+    show_rows([figures], {**EVALUATION_COLUMNS, **costs, **forces})
+    if figures.get("object_lost"):
+        print(f"an object left the table in {figures['object_lost']} episodes")
     if figures["diverged"]:
         print(f"the simulation diverged in {figures['diverged']} episodes")

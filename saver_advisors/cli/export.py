@@ -1,7 +1,7 @@
 """Export a training run as a weight file with a card.
 
 The command exports the better of the best and the latest policy. It selects on other seeds than
-the card reports.
+the card reports. A weight file instead of a run is measured again, which renews its card.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_file, add_json, write_json
+from saver_advisors.cli.arguments import add_file, add_json, at_least, write_json
 from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -19,19 +19,26 @@ from saver_advisors.training.threads import one_thread_of_algebra
 EXAMPLES = """\
 examples:
   saver export runs/push --path push.safetensors
-  saver export runs/push --name jaco-push          from a clone: among the shipped policies"""
+  saver export runs/push --name jaco-push          from a clone: among the shipped policies
+  saver export push.safetensors --path push.safetensors   measure it again"""
+
+
+EPISODES = 200
+"""Default number of episodes per evaluation of a run."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help="a folder of `saver train`")
+    text = "a folder of `saver train`, or a weight file"
+    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help=text)
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument(
         "--name",
         help="add it to the shipped policies under this name; only in a clone of the repository",
     )
     add_file(where, "--path", "write the weights to this file", ".safetensors")
-    add_count(parser, "--episodes", 200, "episodes per evaluation")
+    text = "episodes per evaluation (default: 200, or as on the card of a weight file)"
+    parser.add_argument("--episodes", type=at_least(1), metavar="N", help=text)
     parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
     add_json(parser)
 
@@ -43,18 +50,36 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.reporting.tables import show_rows
     from saver_advisors.training.release import release_run
 
+    if args.run_dir.suffix == ".safetensors":
+        return _measure_again(args)
+    episodes = EPISODES if args.episodes is None else args.episodes
     config = read_run(args.run_dir, "").config
     env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
     path = args.path or shipped_path(args.name)
-    print(f"evaluating {args.run_dir}: up to three times {args.episodes} episodes")
+    print(f"evaluating {args.run_dir}: up to three times {episodes} episodes")
     with user_mistakes("argument RUN_DIR"):
         released = release_run(
-            args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=args.episodes
+            args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=episodes
         )
     figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
     show_rows([figures], EVALUATION_COLUMNS)
     print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
     write_json(args.json, {"kind": "export", **released, **figures})
+    return 0
+
+
+def _measure_again(args: argparse.Namespace) -> int:
+    """Measure the policy of a weight file, and write it with a new card."""
+    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
+    from saver_advisors.reporting.tables import show_rows
+    from saver_advisors.training.release import remeasure
+
+    path = args.path or shipped_path(args.name)
+    with user_mistakes("argument RUN_DIR"):
+        summary = remeasure(args.run_dir, path, args.episodes)
+    show_rows([{"policy": path.stem, **summary}], EVALUATION_COLUMNS)
+    print(f"wrote {path} and {path.with_suffix('.md')}")
+    write_json(args.json, {"kind": "export", "policy": path.stem, "summary": summary})
     return 0
 
 

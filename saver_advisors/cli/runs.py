@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -31,11 +31,13 @@ class RunCurve:
     :param name: label in legends and tables
     :param config: settings of the run
     :param points: one mapping per evaluation, the lines of ``curve.jsonl``
+    :param world: digest of the run's world, None for older runs
     """
 
     name: str
     config: dict[str, Any]
     points: list[dict[str, Any]]
+    world: str | None = None
 
     def values(self, name: str) -> list[float]:
         """Return a column of the curve, with NaN for missing values."""
@@ -50,6 +52,8 @@ class RunCurve:
         return {
             "name": self.name,
             "env": self.config.get("env_id"),
+            "env_kwargs": self.config.get("env_kwargs") or {},
+            "world": self.world,
             "algorithm": self.config.get("algorithm"),
             "advice": None if advice is None else advice["strategy"],
             "seed": self.config.get("seed"),
@@ -59,6 +63,8 @@ class RunCurve:
             "wall_clock_to_solved_s": solved.wall_clock_s,
             "best_success_rate": max(rates),
             "last_success_rate": rates[-1],
+            "last_safe_success_rate": self.points[-1].get("safe_success_rate"),
+            "last_success_rate_2cm": self.points[-1].get("success_rate_2cm"),
             "cost_collision_mean": sum(collisions) / len(collisions),
             "cost_collision_last": collisions[-1],
             "points": self.points,
@@ -68,6 +74,11 @@ class RunCurve:
 def _steps_to_solved(summary: dict[str, Any]) -> str:
     steps = summary["steps_to_solved"]
     return "-" if steps is None else f"{steps:,}"
+
+
+def _rate(name: str) -> Callable[[dict[str, Any]], str]:
+    """Return what formats a rate, which older results lack."""
+    return lambda one: "-" if one.get(name) is None else f"{one[name]:.2f}"
 
 
 def _minutes_to_solved(summary: dict[str, Any]) -> str:
@@ -84,6 +95,8 @@ CURVE_COLUMNS: Final[dict[str, Column]] = {
     f"minutes to {SOLVED:g}": _minutes_to_solved,
     "best success": "{best_success_rate:.2f}",
     "last success": "{last_success_rate:.2f}",
+    "safe": _rate("last_safe_success_rate"),
+    "within 2 cm": _rate("last_success_rate_2cm"),
     "collisions per episode": "{cost_collision_mean:.2f}",
     "last of them": "{cost_collision_last:.2f}",
 }
@@ -115,11 +128,11 @@ def read_run(folder: Path, name: str) -> RunCurve:
         message = f"argument RUN_DIR: {str(folder)!r} is not a run of `saver train`: no run.json"
         raise UsageError(message)
     with user_mistakes("argument RUN_DIR"):
-        config = read_record(folder)["config"]
+        record = read_record(folder)
         points = read_curve(folder)
     if not points:
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
-    return RunCurve(name, config, points)
+    return RunCurve(name, record["config"], points, record.get("world"))
 
 
 def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:

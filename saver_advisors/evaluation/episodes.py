@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -140,6 +140,11 @@ class EpisodeOutcomes:
         distinguishes it from success (tasks with a constraint); else None
     :param deviations: (episodes, 2) mean and maximum over the episode of the deviation of the
         constraint's value from the required one, metres; None for tasks without a constraint
+    :param collision_forces: (episodes,) highest `collision_force` of the episode, N; None where the
+        environment does not report it
+    :param lost: (episodes,) whether an object left the table; None where the environment does not
+        report it
+    :param world: digest of the world, see :mod:`saver_envs.digest`; None if unknown
     """
 
     env_id: str
@@ -153,6 +158,9 @@ class EpisodeOutcomes:
     diverged: NDArray[np.bool_]
     goal_reached: NDArray[np.bool_] | None = None
     deviations: NDArray[np.float64] | None = None
+    collision_forces: NDArray[np.float64] | None = None
+    lost: NDArray[np.bool_] | None = None
+    world: str | None = None
 
     @property
     def episodes(self) -> int:
@@ -201,6 +209,7 @@ class EpisodeOutcomes:
         """Return JSON-able means and rates, without the rates that the environment lacks."""
         values: dict[str, Any] = {
             "env": self.env_id,
+            "world": self.world,
             "seed": self.seed,
             "episodes": self.episodes,
             "success_rate": self.success_rate,
@@ -216,6 +225,11 @@ class EpisodeOutcomes:
         if self.deviations is not None:
             values["deviation_mean"] = float(self.deviations[:, 0].mean())
             values["deviation_worst"] = float(self.deviations[:, 1].max())
+        if self.collision_forces is not None:
+            values["collision_force_mean"] = float(self.collision_forces.mean())
+            values["collision_force_max"] = float(self.collision_forces.max())
+        if self.lost is not None:
+            values["object_lost"] = int(self.lost.sum())
         rates = {name: getattr(self, name) for name in CONSTRAINT_RATES}
         return values | {name: rate for name, rate in rates.items() if rate is not None}
 
@@ -245,13 +259,16 @@ def evaluate_policy(
     if episodes < 1:
         raise ValueError(f"episodes={episodes} must be at least 1")
     # Imported here: only this function needs a simulator.
+    from saver_envs.digest import world_digest
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
     n_envs = min(episodes, N_ENVS)
-    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
+    options = {"collision_force": True, **(env_kwargs or {})}
+    vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **options)
     with closing(vec_env):
         task = vec_env.episodes.task
-        return run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
+        outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
+    return replace(outcomes, world=world_digest(env_id, env_kwargs))
 
 
 def run_episodes(
@@ -306,6 +323,8 @@ class _EpisodeRecord:
     goal_reached: bool | None = None
     #: The sum instead of the mean until the episode ends, and the maximum.
     deviations: tuple[float, float] | None = None
+    collision_forces: float | None = None
+    lost: bool | None = None
 
     def add(self, task: Task, step: EpisodeStep, index: int) -> None:
         """Add the step of environment ``index``."""
@@ -320,6 +339,8 @@ class _EpisodeRecord:
             if name == "cost" or name.startswith("cost_"):
                 self.cost_sums[name] = self.cost_sums.get(name, 0.0) + float(value)
                 self.cost_maxima[name] = max(self.cost_maxima.get(name, -np.inf), float(value))
+        if (force := info.get("collision_force")) is not None:
+            self.collision_forces = max(self.collision_forces or 0.0, float(force))
         if task.constraint is not None:
             deviation = float(task.deviation(achieved, desired))
             total, largest = self.deviations or (0.0, 0.0)
@@ -329,8 +350,16 @@ class _EpisodeRecord:
             self.success = bool(info["is_success"])
             reached = info.get("goal_reached", info.get("goal_success"))
             self.goal_reached = None if reached is None else bool(reached)
+            lost = info.get("object_lost")
+            self.lost = None if lost is None else bool(lost)
             ends = (np.asarray(goal, np.float64) for goal in (achieved, desired))
             self.final_distances = np.asarray(task.distances(*ends), np.float64)
+
+
+def forces_of(summary: Mapping[str, Any]) -> dict[str, float]:
+    """Return the entries of a summary about the force of collisions; none if it lacks them."""
+    names = ("collision_force_mean", "collision_force_max")
+    return {name: summary[name] for name in names if name in summary}
 
 
 def joined(parts: Sequence[Any], join: Callable[[Sequence[Any]], Any] = np.array) -> Any:

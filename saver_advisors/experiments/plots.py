@@ -28,6 +28,8 @@ USUAL_LEGEND: Final = 5
 
 LABELS: Final = {
     "success_rate": "success rate",
+    "safe_success_rate": "safe success rate",
+    "success_rate_2cm": "success rate within 2 cm",
     "goal_success_rate": "goal success rate",
     "constraint_met_rate": "constraint met rate",
     "mean_q": "mean Q of the student",

@@ -10,16 +10,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, evaluate_policy
+from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, evaluate_policy, forces_of
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED, off_protocol
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
+from saver_envs.digest import world_digest
 
 Predict = Callable[[dict[str, NDArray[Any]]], NDArray[Any]]
 
@@ -96,6 +98,11 @@ class Recorder:
     _since: float | None = field(default=None, init=False)
     _started: dict[str, Any] = field(default_factory=provenance, init=False)
 
+    @cached_property
+    def world(self) -> str:
+        """The digest of the plan's world."""
+        return world_digest(self.plan.env_id, self.plan.env_kwargs)
+
     @property
     def path(self) -> Path:
         """The path of the record."""
@@ -167,7 +174,10 @@ class Recorder:
             "wall_clock_s": round(self._seconds, 3),
             "success_rate": summary["success_rate"],
             "mean_q": None,
+            "safe_success_rate": summary["safe_success_rate"],
+            "success_rate_2cm": summary["success_rate_2cm"],
             **dict(sorted(summary["cost_means"].items())),
+            **forces_of(summary),
             **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
             "advice_spent": 0,
             # Above the number of cores, other processes slowed down the training.
@@ -208,6 +218,7 @@ class Recorder:
             "task": self.plan.env_id,
             "row": self.plan.row,
             "seed": self.plan.seed,
+            "world": self.world,
             "config": self.plan.config(),
             "curve": self.curve,
             "final": None,

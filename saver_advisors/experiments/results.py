@@ -20,6 +20,7 @@ from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.training.curve_file import POINT, is_point, read_curve
 from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
+from saver_envs.digest import world_digest
 from saver_envs.files import read_json, written_whole
 
 STEPS_FILE: Final = "steps.json"
@@ -136,12 +137,15 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
             outcomes = evaluate_trained(
                 folder, "latest", episodes=episodes, seed=REPORT_SEED + first, threads=threads
             )
-            arrays = {k: v for k, v in vars(outcomes).items() if k not in ("env_id", "seed")}
+            of_all = ("env_id", "seed", "world")
+            arrays = {k: v for k, v in vars(outcomes).items() if k not in of_all}
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
         parts.append(read_json(path))
     arrays = joined(parts, np.concatenate)
-    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **arrays)
+    assert isinstance(run.config, RunConfig)
+    world = world_digest(run.config.env_id, run.config.env_kwargs)
+    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, world=world, **arrays)
 
 
 def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1) -> dict[str, Any]:
@@ -168,6 +172,7 @@ def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1)
         "task": run.config.env_id,
         "row": run.row,
         "seed": run.config.seed,
+        "world": record.get("world"),
         "finished": finished,
         "final": final,
         "off_protocol": off_protocol(run.config.to_mapping(), final) if finished else None,

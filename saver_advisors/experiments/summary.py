@@ -122,6 +122,12 @@ class MethodRow:
     """Training time (s) to a success rate of 0.9; None if that of a run is unknown."""
     final_success = _figure(lambda run: run.final_success)
     """Success rate on report seeds, of the runs that were evaluated there."""
+    final_safe_success = _figure(lambda run: run.final_rate("safe_success_rate"))
+    """The same without a step of collision."""
+    final_success_2cm = _figure(lambda run: run.final_rate("success_rate_2cm"))
+    """The same with every object within 2 cm of its target."""
+    collision_force = _figure(lambda run: run.final_rate("collision_force_mean"))
+    """Highest force (N) of collisions in an episode, on average."""
     last_success = _figure(lambda run: float(run.curve.success[-1]))
     """Success rate of the last evaluation of the curve."""
 

@@ -48,6 +48,8 @@ class TrainingRun:
     :param demonstration_steps: environment steps of demonstrations
     :param finished: whether it did all its steps
     :param provenance: of the measurement
+    :param world: digest of its world, None for older results
+    :param file: that it was read from
     """
 
     name: str
@@ -64,6 +66,8 @@ class TrainingRun:
     demonstration_steps: int = 0
     finished: bool = True
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    world: str | None = None
+    file: str = ""
 
     @property
     def spent_before(self) -> int | None:
@@ -88,10 +92,14 @@ class TrainingRun:
         """Episodes per evaluation."""
         return int(self.config.get("eval_episodes") or DEFAULT_EPISODES)
 
+    def final_rate(self, name: str) -> float | None:
+        """Return a figure of the last policy on report seeds, None where there is none."""
+        return None if self.final is None else self.final.get(name)
+
     @property
     def final_success(self) -> float | None:
         """The last policy's success rate on report seeds, None before that evaluation."""
-        return None if self.final is None else self.final.get("success_rate")
+        return self.final_rate("success_rate")
 
     @property
     def threads(self) -> int:
@@ -168,7 +176,7 @@ def read_training_runs(paths: Iterable[str | Path]) -> Results:
     for path in _files(paths):
         try:
             content = _content(path)
-            found = _runs_of(content, path.stem)
+            found = [replace(run, file=path.name) for run in _runs_of(content, path.stem)]
         except ValueError as error:
             skipped.append(Skipped(path.name, str(error)))
             continue
@@ -321,6 +329,7 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
         demonstration_steps=int(content.get("demonstration_steps") or 0),
         finished=bool(content.get("finished", steps >= config.get("total_steps", 0))),
         provenance=content.get("provenance") or {},
+        world=content.get("world"),
     )
 
 
@@ -329,6 +338,7 @@ def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRu
     advice = one.get("advice")
     config = {
         "env_id": one["env"],
+        "env_kwargs": one.get("env_kwargs") or {},
         "algorithm": one.get("algorithm"),
         "advice": None if advice is None else {"strategy": advice},
     }
@@ -338,6 +348,7 @@ def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRu
             "curve": one["points"],
             "config": config,
             "provenance": content.get("provenance"),
+            "world": one.get("world"),
         },
         one["name"],
     )

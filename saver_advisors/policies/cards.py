@@ -25,6 +25,8 @@ class PolicyCard:
     :param commit: of the repository, at that run.
     :param success: success rate of the evaluation episodes, 0 to 1.
     :param success_episodes: number of evaluation episodes.
+    :param safe_success: rate of success without a collision in the same episodes; None if unknown.
+    :param success_2cm: rate of success with every object within 2 cm; None if unknown.
     :param task: the task in words.
     :param env_kwargs: keyword arguments of that environment.
     :param notes: anything else, shown in the readable card.
@@ -41,6 +43,8 @@ class PolicyCard:
     commit: str
     success: float
     success_episodes: int = 100
+    safe_success: float | None = None
+    success_2cm: float | None = None
     task: str = ""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
@@ -55,8 +59,10 @@ class PolicyCard:
         for name in ("steps", "success_episodes", "wall_clock_s"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"card: {name}={getattr(self, name)!r} must be at least 0")
-        if not 0.0 <= self.success <= 1.0:
-            raise ValueError(f"card: success={self.success!r} must lie between 0 and 1")
+        for name in ("success", "safe_success", "success_2cm"):
+            rate = getattr(self, name)
+            if rate is not None and not 0.0 <= rate <= 1.0:
+                raise ValueError(f"card: {name}={rate!r} must lie between 0 and 1")
 
     @property
     def environment(self) -> str:
@@ -106,6 +112,7 @@ _TYPES: Final[Mapping[str, tuple[tuple[type, ...], str]]] = {
     "str": ((str,), "a text"),
     "int": ((int,), "a whole number"),
     "float": ((float, int), "a number"),
+    "float | None": ((float, int, type(None)), "a number or null"),
     "Mapping[str, Any]": ((Mapping,), "a mapping"),
     "NetworkSpec | None": ((NetworkSpec, type(None)), "a description of networks"),
 }
@@ -127,6 +134,8 @@ def card_markdown(name: str, card: PolicyCard) -> str:
         "environment": f"`{card.environment}`",
         "task": card.task or "not described",
         "success": f"{card.success:.3f}{episodes}",
+        "success without a collision": rate_text(card.safe_success),
+        "success within 2 cm": rate_text(card.success_2cm),
         "algorithm": card.algorithm,
         "environment steps": f"{card.steps:,}",
         "wall clock": f"{card.wall_clock_s:,.0f} s",
@@ -146,6 +155,11 @@ def card_markdown(name: str, card: PolicyCard) -> str:
     lines += ["Use:", "", "```python", "from saver_advisors.pretrained import load_policy", ""]
     lines += [f'policy = load_policy("{name}")', "action, _ = policy.predict(observation)", "```"]
     return "\n".join(lines) + "\n"
+
+
+def rate_text(rate: float | None) -> str:
+    """Format a rate, which older cards may lack."""
+    return "-" if rate is None else f"{rate:.3f}"
 
 
 def _layers(hidden: tuple[int, ...], activation: str, layer_norm: bool) -> str:

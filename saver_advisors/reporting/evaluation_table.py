@@ -14,16 +14,35 @@ def _collisions(evaluation: Mapping[str, Any]) -> str:
     return "-" if collisions is None else f"{collisions:.2f}"
 
 
+def _rate(evaluation: Mapping[str, Any], name: str) -> str:
+    rate = evaluation.get(name)
+    return "-" if rate is None else f"{rate:.3f}"
+
+
+def collision_force(evaluation: Mapping[str, Any]) -> str:
+    """Format the highest force of an episode's collisions: its mean and maximum over episodes."""
+    mean, highest = (evaluation.get(f"collision_force_{name}") for name in ("mean", "max"))
+    return "-" if mean is None or highest is None else f"{mean:.1f}, {highest:.0f}"
+
+
 EVALUATION_COLUMNS: Final[dict[str, Column]] = {
     "environment": lambda one: environment_text(one["env"], one.get("env_kwargs") or {}),
     "policy": "{policy}",
     "episodes": "{episodes}",
     "success": "{success_rate:.3f}",
     "95% interval": "{ci95[0]:.3f} to {ci95[1]:.3f}",
+    "safe": lambda one: _rate(one, "safe_success_rate"),
+    "within 2 cm": lambda one: _rate(one, "success_rate_2cm"),
     "final distance (cm)": lambda one: ", ".join(
         f"{100 * distance:.1f}" for distance in one.get("final_distance_mean", ())
     ),
 }
 """Headings, and how an evaluation, as ``saver evaluate`` writes it, fills each column."""
 
-COLLISIONS_COLUMN: Final[dict[str, Column]] = {"collisions per episode": _collisions}
+COLLISIONS_COLUMN: Final[dict[str, Column]] = {
+    "collisions per episode": _collisions,
+    "their force (N), mean and highest": collision_force,
+}
+"""Steps with a collision, and the highest force of an episode's collisions: its mean and maximum
+over episodes.
+"""

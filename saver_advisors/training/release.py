@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
-from saver_advisors.policies.files import save_policy
+from saver_advisors.policies.files import load_policy, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.reporting.provenance import portable_command
 from saver_advisors.training.curve_file import read_curve
@@ -39,6 +41,37 @@ def evaluate_trained(
         env_kwargs=config.env_kwargs,
         threads=threads,
     )
+
+
+def _rates(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of a card from the summary of an evaluation."""
+    return {
+        "success": summary["success_rate"],
+        "success_episodes": summary["episodes"],
+        "safe_success": summary["safe_success_rate"],
+        "success_2cm": summary["success_rate_2cm"],
+    }
+
+
+def remeasure(weights: str | Path, path: str | Path, episodes: int | None = None) -> dict[str, Any]:
+    """Measure the policy of a weight file again, and write it with the new figures on its card.
+
+    :param weights: a weight file.
+    :param path: the file to write, which may be the same.
+    :param episodes: on the seeds from ``REPORT_SEED``; as many as on the card by default.
+    :return: the summary of the evaluation.
+    :raises ValueError: for a damaged file, or an environment that does not exist.
+    """
+    policy = load_policy(weights)
+    summary = evaluate_policy(
+        lambda observation: policy.predict(observation, deterministic=True)[0],
+        policy.card.env_id,
+        episodes=policy.card.success_episodes if episodes is None else episodes,
+        seed=REPORT_SEED,
+        env_kwargs=policy.card.env_kwargs,
+    ).summary()
+    save_policy(path, policy, replace(policy.card, **_rates(summary)))
+    return summary
 
 
 def release_run(
@@ -74,8 +107,7 @@ def release_run(
         "wall_clock_s": progress["wall_clock_s"],
         "seed": config.seed,
         "commit": record["sessions"][-1]["commit"] or "",
-        "success": summary["success_rate"],
-        "success_episodes": episodes,
+        **_rates(summary),
         "task": task,
         "env_kwargs": config.env_kwargs,
         "notes": {"config": config.to_mapping(), "selection": selection},

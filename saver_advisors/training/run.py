@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor, names_code
-from saver_advisors.evaluation.episodes import Observation, evaluate_policy
+from saver_advisors.evaluation.episodes import Observation, evaluate_policy, forces_of
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
@@ -41,6 +41,7 @@ from saver_advisors.training.curve_file import CURVE_FILE, append_point, read_cu
 from saver_advisors.training.run_folder import RECORD_FILE, locked, read_record
 from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.training.stopping import Stop
+from saver_envs.digest import world_digest
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
@@ -185,7 +186,11 @@ class Run:
         # Points written after the checkpoint would appear twice.
         write_curve(self.output_dir, self.curve)
         sessions.append({"from_steps": self.steps, **provenance()})
-        record = {"seed": self.config.seed, "config": self.config.to_mapping()}
+        record = {
+            "seed": self.config.seed,
+            "config": self.config.to_mapping(),
+            "world": _world_of(self.config),
+        }
         write_json_atomic(self.output_dir / RECORD_FILE, {**record, "sessions": sessions})
         if checkpoint is None:
             # There is always one to resume from, and a full disk is noticed before the training.
@@ -258,6 +263,7 @@ class Run:
             # Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8.
             "mean_q": _mean(values),
             **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
+            **forces_of(result.summary()),
             "training_cost": self.model.training_cost,
             # Above the number of cores, the wall-clock time includes waiting for other processes.
             "load_average": None if averages is None else averages[0],
@@ -371,3 +377,11 @@ def _mean(parts: list[npt.NDArray[Any]]) -> float | None:
 def _number(value: Any) -> float | None:
     """Return a logged value as JSON accepts it; None before the first update."""
     return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _world_of(config: RunConfig) -> str | None:
+    """Return the digest of a run's world, None where its environment is not a registered id."""
+    try:
+        return world_digest(config.env_id, config.env_kwargs)
+    except ValueError:
+        return None

@@ -26,8 +26,8 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
     desired goal, and after them what the whole team's goal holds: in the distance task the
     achieved and the required distance (m). It acts with its own arm's numbers. All agents get the
     team's reward, and all are truncated together. An agent's ``info`` has ``is_success`` of its own
-    object, ``team_success``, ``goal_reached`` (every object is at its target), ``diverged`` and
-    the costs, which are the team's.
+    object, ``team_success``, ``goal_reached`` (every object is at its target), ``object_lost``,
+    ``diverged`` and the costs, which are the team's.
 
     It can be pickled and deep-copied within an episode: the copy continues identically.
 

@@ -110,6 +110,9 @@ class Task(Content):
     summed: ClassVar[tuple[str, ...]] = ("collision",)
     #: Those that must stay 0 throughout an episode for it to succeed.
     hard: ClassVar[tuple[str, ...]] = ()
+    #: Whether a body with a free joint is lost once its centre has been beyond the table's edge;
+    #: the episode cannot succeed any more.
+    keeps_to_table: ClassVar[bool] = True
     #: Part of the goal, of size 1, that must stay at its desired value, and its tolerance; or
     #: ``None``.
     constraint: ClassVar[tuple[str, float] | None] = None
@@ -310,7 +313,10 @@ class Task(Content):
         :param achieved: (n, goal size), as agents see them.
         :param desired: (n, goal size), as agents see them.
         """
-        return {"cost_collision": simulation.collided.astype(np.float64)}
+        measured = {"cost_collision": simulation.collided.astype(np.float64)}
+        if len(simulation.scene.collision_force_sensor):
+            measured["collision_force"] = simulation.collision_force.copy()
+        return measured
 
     # ---------------------------------------------------------------- pictures and pages
 

@@ -46,8 +46,13 @@ _BLOCK = 128
 #: in so many places; with more, crossings that fit in few places would be overrepresented.
 _CROSSINGS, _PLACES = 4096, 4
 _MOST_BLOCKS = 200
-#: Large cubes may leave no room for a contest: after so many blocks an ordinary start is drawn.
-_MOST_CONTESTED_BLOCKS = 50
+#: Large cubes may leave no room for a contest: after so many blocks of two arms, and of more, an
+#: ordinary start is drawn.
+_MOST_CONTESTED_BLOCKS = (50, 100)
+#: Blocks of which all arms' ways are drawn together, by number of arms. With more than two arms few
+#: keep every rule, so the crossing ways are drawn first from then on, and the others around them.
+#: Three arms begin like two, which keeps the starts that policies were measured on.
+_JOINT_BLOCKS = {2: 50, 3: 50, 4: 2}
 #: Candidates of a block for which hands are drawn.
 _TRIES = 8
 #: Direction from an object of the distance task to its neighbour's, about the y axis (rad).
@@ -124,7 +129,11 @@ class StartSampler:
         # that hardly reach beyond the middle line (MICOs, 0.72 m apart) have nothing to contest.
         nearest = float(regions.object_lower[:, 0].min())
         sideways = max(regions.reach**2 - nearest**2, 0.0) ** 0.5
-        self._contestable = sideways >= BASE_SPACING / 2 + OBJECT_ORDER
+        #: Whether starts can be contested: only arms in a row have neighbours, those around the
+        #: table face one another; arms of short reach share no region.
+        self.contestable = (
+            self._n_arms > 1 and self._ordered and sideways >= BASE_SPACING / 2 + OBJECT_ORDER
+        )
 
     def sample(self, generator: np.random.Generator) -> TableStart:
         """Draw a start.
@@ -135,12 +144,15 @@ class StartSampler:
             the object size leave no room.
         """
         contest = self._draw_contest(generator)
+        joint = _JOINT_BLOCKS.get(self._n_arms, 0)
         for attempt in range(_MOST_BLOCKS):
-            if attempt == _MOST_CONTESTED_BLOCKS:
+            if attempt == _MOST_CONTESTED_BLOCKS[self._n_arms > 2]:
                 contest = None
             objects, target = self._draw_ways(generator)
             if contest is not None:
                 objects, target = self._crossed(generator, objects, target, contest)
+                if attempt >= joint:
+                    objects, target = self._surrounded(generator, objects, target, contest)
             for candidate in np.flatnonzero(self._ways_valid(objects, target))[:_TRIES]:
                 hand = self._draw_hands(generator, objects[candidate])
                 valid = np.flatnonzero(self._hands_valid(hand, objects[candidate]))
@@ -156,14 +168,8 @@ class StartSampler:
         )
 
     def _draw_contest(self, generator: np.random.Generator) -> int | None:
-        """Draw whether the start is contested: the right one of two neighbours, or ``None``.
-
-        Only arms in a row have neighbours; those around the table face one another. Arms of short
-        reach share no region.
-        """
-        if self._n_arms == 1 or not self._ordered or not self._contestable:
-            return None
-        if generator.random() >= self._rules.contested_share:
+        """Draw whether the start is contested: the right one of two neighbours, or ``None``."""
+        if not self.contestable or generator.random() >= self._rules.contested_share:
             return None
         return int(generator.integers(self._n_arms - 1))
 
@@ -230,6 +236,25 @@ class StartSampler:
             objects[:, arm], target[:, arm] = way[:, 0], way[:, 1]
         return objects, target
 
+    def _surrounded(
+        self, generator: np.random.Generator, objects: FloatArray, target: FloatArray, contest: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return blocks in which crossing ways stay, and the other arms' ways are drawn again.
+
+        :param objects: (k, arms, 3), of which the arms ``contest`` and ``contest + 1`` cross.
+        :param target: (k, arms, 3).
+        :return: a block for each of the crossings that keep the rules, at most :data:`_TRIES`.
+        """
+        pair = (contest, contest + 1)
+        kept = np.flatnonzero(self._ways_valid(objects, target, pair))[:_TRIES]
+        ways = np.empty((2, len(kept), _BLOCK, self._n_arms, 3))
+        for index, one in enumerate(kept):
+            ways[:, index] = self._draw_ways(generator)
+            ways[0, index, :, pair] = objects[one, pair, None]
+            ways[1, index, :, pair] = target[one, pair, None]
+        objects, target = ways.reshape(2, -1, self._n_arms, 3)
+        return objects, target
+
     def _draw_crossings(self, generator: np.random.Generator) -> FloatArray:
         """Draw ways of a right and a left object that cross and keep the rules between two arms.
 
@@ -248,44 +273,52 @@ class StartSampler:
         ways[:, 1, :, :2] += shift[kept, None]
         return ways[self._pair_valid(ways[:, 0], ways[:, 1])]
 
-    def _ways_valid(self, objects: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
-        """Return which objects and targets (block, arms, 3) keep every rule, (block,)."""
+    def _ways_valid(
+        self, objects: FloatArray, target: FloatArray, arms: tuple[int, ...] | None = None
+    ) -> NDArray[np.bool_]:
+        """Return which objects and targets (block, arms, 3) keep every rule, (block,).
+
+        :param arms: those whose rules are asked for; all by default.
+        """
+        chosen = list(range(self._n_arms) if arms is None else arms)
         ways = np.stack([objects, target], axis=1)
         valid = np.logical_and.reduce(self._in_region(ways), axis=1)
         way = target - objects
         distance = length(way)
         valid &= (distance >= OBJECT_TO_TARGET[0]) & (distance <= OBJECT_TO_TARGET[1])
         valid &= distance > self._rules.success_threshold
-        per_start: NDArray[np.bool_] = np.logical_and.reduce(valid, axis=-1)
+        per_start: NDArray[np.bool_] = np.logical_and.reduce(valid[:, chosen], axis=-1)
         if self._rules.pushes:
             standoff = self._rules.object_size / 2 + PUSH_STANDOFF
             unit = way / np.maximum(distance, 1e-9)[..., None]
             behind = ways - (standoff * unit)[:, None]
             behind[..., 2] = self._rules.hand_height[0] + self._rules.table_height
-            per_start &= np.logical_and.reduce(self._hand_can_be_at(behind[:, 0]), axis=-1)
+            possible = self._hand_can_be_at(behind[:, 0])[:, chosen]
+            per_start &= np.logical_and.reduce(possible, axis=-1)
             if self._ordered:
                 # The last centimetres of a push need not be made. Round the table arms face one
                 # another and any two of them reach nearly all of it.
                 needed = unit * np.minimum(distance, self._rules.success_threshold)[..., None]
                 behind[:, 1] -= needed
-                per_start &= self._needs_every_arm(self._scene.to_world(behind))
+                per_start &= self._needs_every_arm(self._scene.to_world(behind), chosen)
         world = self._scene.to_world(ways)
-        for first, second in combinations(range(self._n_arms), 2):
+        for first, second in combinations(chosen, 2):
             per_start &= self._pair_valid(world[:, :, first], world[:, :, second])
         return per_start
 
-    def _needs_every_arm(self, behind: FloatArray) -> NDArray[np.bool_]:
+    def _needs_every_arm(self, behind: FloatArray, arms: list[int]) -> NDArray[np.bool_]:
         """Return where no arm has room for all of another's push, (block,).
 
         :param behind: (block, 2, arms, 3) hands behind objects and behind objects at their targets,
             world frame.
+        :param arms: those that count.
         """
         valid = np.ones(len(behind), dtype=bool)
-        for arm in range(self._n_arms):
+        for arm in arms:
             mine = self._scene.to_bases(np.broadcast_to(behind[:, :, arm, None], behind.shape))
             within = np.logical_and.reduce(self._hand_can_be_at(mine), axis=1)
             within[:, arm] = False
-            valid &= ~np.logical_or.reduce(within, axis=-1)
+            valid &= ~np.logical_or.reduce(within[:, arms], axis=-1)
         return valid
 
     def _pair_valid(self, first: FloatArray, second: FloatArray) -> NDArray[np.bool_]:

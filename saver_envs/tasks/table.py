@@ -184,7 +184,10 @@ class TableTask(ArmAndObjectTask):
 
     def page(self, scene: Scene) -> TaskPage:
         """Return the text that tasks with cubes share."""
-        return table_page(self, self.cubes, self.start_rules(), self.regions(scene.arms))
+        rules = self.start_rules()
+        if not _sampler(self, scene).contestable:
+            rules = replace(rules, contested_share=0.0)
+        return table_page(self, self.cubes, rules, self.regions(scene.arms))
 
 
 @lru_cache(maxsize=64)

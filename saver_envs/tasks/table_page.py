@@ -100,8 +100,9 @@ def _several_arms(rules: StartRules) -> list[str]:
         lines.append(f"Both cubes, and both targets, {low:g} to {high:g} m apart.")
     elif rules.contested_share > 0:
         lines.append(
-            f"In {rules.contested_share:.0%} of the episodes the ways of two cubes cross, so that "
-            "the arms must give way; in the others they cross by chance."
+            f"In {rules.contested_share:.0%} of the episodes the ways of two neighbours' cubes "
+            "cross, so that the arms must give way; in the others hardly ever. The share holds for "
+            "2, 3 and 4 arms."
         )
     return lines
 

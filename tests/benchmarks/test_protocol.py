@@ -39,6 +39,7 @@ from saver_advisors.experiments.third_party import (
 )
 from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.training.defaults import default_settings
+from saver_envs.digest import world_digest
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).with_name("algorithms.py")
@@ -83,6 +84,10 @@ def test_a_plain_algorithm_is_trained_and_recorded(tmp_path: Path) -> None:
     assert content["finished"]
     assert [line["steps"] for line in content["curve"]] == [40, 80]
     assert content["curve"][0].keys() >= {"success_rate", "wall_clock_s", "cost_collision"}
+    rates = {"safe_success_rate", "success_rate_2cm", "collision_force_mean"}
+    assert content["curve"][0].keys() & content["final"].keys() >= rates
+    assert content["world"] == content["final"]["world"]
+    assert len(content["world"]) == 16
     assert content["config"]["algo_kwargs"] == {"speed": 0.25}
     assert len(content["config"]["source_sha256"]) == 64
     assert content["config"]["eval_seed"] == 10_000
@@ -185,6 +190,8 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
             rate = next(rates)
             return {
                 "success_rate": rate,
+                "safe_success_rate": rate,
+                "success_rate_2cm": rate,
                 "ci95": [0, 1],
                 "env": "x",
                 "episodes": 3,
@@ -448,6 +455,34 @@ def test_comparing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # Over the steps of the shortest run.
     detail = {one["row"]: one for one in content["detail"]}
     assert detail["none"]["area"]["value"] < 0.5
+
+
+def test_results_of_different_worlds_are_not_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    yours, ours = tmp_path / "yours", tmp_path / "ours"
+    yours.mkdir()
+    ours.mkdir()
+    for number, (folder, kwargs) in enumerate(((yours, {"object_mass": 0.4}), (ours, {}))):
+        config = {"env_id": "JacoPush-v0", "env_kwargs": kwargs}
+        world = world_digest("JacoPush-v0", kwargs)
+        row = f"row{number}"
+        write_run(folder, "JacoPush-v0", row, 0, curve(8), config=config, world=world)
+    words = ["benchmark", "compare", str(yours), "--baselines", str(ours)]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert "JacoPush-v0-row0-0.json and JacoPush-v0-row1-0.json" in told
+    assert "object_mass is 0.4 and the default" in told
+    write_run(ours, "JacoPush-v0", "row1", 0, curve(8))  # as an older version wrote it
+    page = tmp_path / "page.md"
+    assert main([*words, "--table", str(page)]) == 0
+    assert "without a digest" in capsys.readouterr().out
+    assert "`JacoPush-v0-row1-0.json`" in page.read_text()
+    world = world_digest("JacoPush-v0", {"object_mass": 0.4})
+    config = {"env_id": "JacoPush-v0", "env_kwargs": {"object_mass": 0.4}}
+    write_run(ours, "JacoPush-v0", "row1", 0, curve(8), config=config, world=world)
+    assert main(words) == 0
+    assert "without a digest" not in capsys.readouterr().out
 
 
 def test_comparing_what_is_not_finished(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -86,7 +86,8 @@ def test_episode_api(env_id: str) -> None:
     """Truncated at the horizon and never terminated; success and costs in every info."""
     env = SaverGoalEnv(env_id, max_episode_steps=4)
     _, info = env.reset(seed=0)
-    names = {"is_success", "safe_success", "goal_reached", "diverged", "cost", "cost_collision"}
+    names = {"is_success", "safe_success", "goal_reached", "object_lost", "diverged"}
+    names |= {"cost", "cost_collision"}
     names |= {"cost_distance"} if "Distance" in env_id else set()
     if "Wrist" in env_id:
         names |= {"torso_force", "torso_displacement"}

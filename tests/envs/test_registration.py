@@ -103,6 +103,14 @@ def test_a_reward_of_another_shape() -> None:
     refuse(Summed, r"reward has shape \(\), must be \(2,\)")
 
 
+def test_a_body_that_starts_beyond_the_table() -> None:
+    @dataclass(frozen=True)
+    class Fallen(Push):
+        table_depth = (-0.16, 0.30)
+
+    refuse(Fallen, "Fallen.place: .* beyond the table's edge: set Fallen.table_depth")
+
+
 def test_a_module_that_is_not_there() -> None:
     with pytest.raises(ValueError, match="'no_such_module' cannot be imported"):
         row_of("no_such_module:Push-v0")

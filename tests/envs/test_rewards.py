@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import copy
+
 import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from rollouts import ALL_IDS, FEW_IDS, begun, cubes_of, objects_of, random_actions, targets_of
+from rollouts import (
+    ALL_IDS,
+    FEW_IDS,
+    begun,
+    cubes_of,
+    objects_of,
+    pickled_and_back,
+    random_actions,
+    targets_of,
+)
 
 from saver_envs.registration import ENVIRONMENTS, make_episodes
 from saver_envs.tasks.contract import Task
@@ -166,6 +177,37 @@ def test_a_success_is_safe_until_an_arm_touches_something() -> None:
     assert not episodes._collided.any()
 
 
+def test_an_object_that_was_beyond_the_edge_is_lost_although_it_comes_back() -> None:
+    episodes = begun("DualJacoPush-v0", 3, control="joints")
+    idle = np.zeros((3, episodes.action_size))
+    home = episodes.simulation.qpos[:, cubes_of(episodes).qpos].copy()
+    side = episodes.scene.table.upper[1]
+    episodes.simulation.qpos[0, cubes_of(episodes).qpos[1, 1]] = side + 0.001
+    episodes.simulation.qpos[1, cubes_of(episodes).qpos[1, 1]] = side - 0.001
+    assert episodes.step(idle).lost.tolist() == [True, False, False]
+    episodes.simulation.qpos[:, cubes_of(episodes).qpos] = home
+    episodes.simulation.qvel[:] = 0
+    episodes.goal[:] = objects_of(episodes).position.reshape(3, 6)
+    for copied in (episodes, copy.deepcopy(episodes), pickled_and_back(episodes)):
+        outcome = copied.step(idle)
+        assert outcome.lost.tolist() == [True, False, False]
+        assert outcome.reached.all(), "the goal alone decides about reward and reached"
+        assert (outcome.reward == 0).all()
+        assert outcome.success.tolist() == [False, True, True]
+        assert outcome.info_of(0)["object_lost"] is True
+    assert not episodes.reset([0]).lost.any()
+
+
+def test_the_edge_is_that_of_the_table_that_is_drawn() -> None:
+    for layout in ("row", "ring"):
+        episodes = begun("DualJacoPush-v0", layout=layout)
+        model = episodes.scene.drawing_model()
+        drawn = [k for k in range(model.ngeom) if model.geom_matid[k] == model.material("table").id]
+        centre, half = model.geom_pos[drawn[0], :2], model.geom_size[drawn[0], :2]
+        np.testing.assert_allclose(episodes.scene.table.lower, centre - half)
+        np.testing.assert_allclose(episodes.scene.table.upper, centre + half)
+
+
 def test_costs_that_an_id_names() -> None:
     named = {env_id: row.task.summed for env_id, row in ENVIRONMENTS.items()}
     for env_id, names in named.items():
@@ -177,7 +219,7 @@ def test_costs_that_an_id_names() -> None:
 
 def test_contact_costs() -> None:
     """A hand on the table, on a stranger's object, and on the other arm; not on its own object."""
-    episodes = begun("DualJacoPush-v0", 1)
+    episodes = begun("DualJacoPush-v0", 1, collision_force=True)
     down = np.zeros((1, 6))
     assert episodes.step(down).measured["cost_collision"] == 0
     simulation = episodes.simulation
@@ -187,4 +229,6 @@ def test_contact_costs() -> None:
     for cube, cost in ((own, 0), (strangers, 1)):
         episodes.set_state(kept)
         simulation.qpos[0, cube] = tool
-        assert episodes.step(down).measured["cost_collision"] == cost
+        measured = episodes.step(down).measured
+        assert measured["cost_collision"] == cost
+        assert (measured["collision_force"] > 0) == (cost == 1)

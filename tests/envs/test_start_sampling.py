@@ -6,6 +6,8 @@ with the sampler's code.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -179,6 +181,35 @@ def test_something_lies_in_the_overlap_in_a_fifth_of_the_episodes(env_id: str) -
     target = episodes.targets()
     inside = np.abs(np.concatenate([objects, target], axis=1)[..., 1]) <= overlap
     assert inside.any(axis=1).mean() >= 0.20
+
+
+def crosses(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Say whether two ways (2, 2), from x and y to x and y, cross."""
+
+    def side(way: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+        along, lever = way[1] - way[0], point - way[0]
+        return float(along[0] * lever[1] - along[1] * lever[0])
+
+    return all(
+        side(way, other[0]) * side(way, other[1]) < 0
+        for way, other in ((first, second), (second, first))
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_arms", [2, 3, 4])
+@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoPickAndPlace-v0"])
+def test_neighbours_ways_cross_in_the_promised_share_of_starts(env_id: str, n_arms: int) -> None:
+    for share, least, most in ((0.0, 0.0, 0.01), (0.4, 0.26, 0.54), (1.0, 0.98, 1.0)):
+        episodes = make_episodes(env_id, n_arms=n_arms, contested_share=share)
+        task, scene = episodes.task, episodes.scene
+        crossed = 0
+        for seed in range(100):
+            start = task.sample(np.random.default_rng(seed), scene)
+            ways = np.stack([scene.to_world(start.object), scene.to_world(start.target)], axis=1)
+            pairs = pairwise(ways[..., :2])
+            crossed += any(crosses(first, second) for first, second in pairs)
+        assert least <= crossed / 100 <= most, share
 
 
 @pytest.mark.parametrize("env_id", CUBE_IDS)

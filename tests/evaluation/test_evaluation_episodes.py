@@ -13,6 +13,7 @@ from saver_advisors.evaluation.episodes import (
     play,
     run_episodes,
 )
+from saver_envs.digest import world_digest
 from saver_envs.tasks.distance import Distance
 
 #: Reads the goals of two objects and a distance.
@@ -154,6 +155,29 @@ def test_safe_success_and_success_within_two_centimetres():
     summed = {"cost": np.array([0.0, 1.0, 1.0, 0.0])}
     assert replace(outcomes, cost_sums=summed).safe_success_rate == 0.25
     assert replace(outcomes, cost_sums={}).safe_success_rate == 0.75
+
+
+def test_forces_and_losses_are_those_of_the_environment():
+    """An arm that goes into the table, and a cube that is thrown off it."""
+
+    def down(observation):
+        actions = np.zeros((len(observation["observation"]), 6))
+        actions[:, 2] = -1
+        return actions
+
+    kwargs = {"control": "joints", "max_episode_steps": 20}
+    outcomes = evaluate_policy(down, "JacoPush-v0", episodes=3, env_kwargs=kwargs)
+    touched = outcomes.cost_sums["cost_collision"] > 0
+    assert touched.any()
+    np.testing.assert_array_equal(outcomes.collision_forces > 0, touched)
+    summary = outcomes.summary()
+    assert summary["collision_force_max"] == outcomes.collision_forces.max()
+    assert summary["collision_force_mean"] == outcomes.collision_forces.mean()
+    assert summary["object_lost"] == 0
+    assert summary["world"] == world_digest("JacoPush-v0", kwargs)
+    assert summary["world"] != world_digest("JacoPush-v0")
+    lost = replace(outcomes, lost=np.array([True, False, True]))
+    assert lost.summary()["object_lost"] == 2
 
 
 def test_play_yields_the_reset_and_every_step_of_each_episode():

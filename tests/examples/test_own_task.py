@@ -81,6 +81,12 @@ def test_the_expert_needs_both_arms() -> None:
     assert rates[0] <= 0.05
 
 
+def test_its_beam_is_lost_beyond_the_table_without_a_line_of_its_own() -> None:
+    episodes = begun(ENV_ID, 2)
+    episodes.simulation.qpos[1, episodes.scene.loose_qpos[0, 0]] = 1.0
+    assert episodes.step(np.zeros((2, 6))).lost.tolist() == [False, True]
+
+
 def test_states_are_copied_and_pickled() -> None:
     episodes = begun(ENV_ID, 2)
     state = episodes.get_state()

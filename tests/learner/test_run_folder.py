@@ -24,6 +24,7 @@ from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.run_folder import FolderInUseError, locked, read_record
 from saver_advisors.training.settings import AdviceConfig, RunConfig
+from saver_envs.digest import world_digest
 from saver_envs.files import read_json, written_whole
 
 CONFIG = replace(TINY_RUN, checkpoint_every=20)
@@ -308,6 +309,7 @@ def test_the_module_of_an_environment_is_imported_after_the_policy_is_read(
     run: Path, spy: Path
 ) -> None:
     record = json.loads((run / "run.json").read_text())
+    assert record["world"] == world_digest(CONFIG.env_id, CONFIG.env_kwargs)
     record["config"]["env_id"] = "spying:Mine-v0"
     (run / "run.json").write_text(json.dumps(record))
     path = run / "best" / "policy.safetensors"

@@ -128,6 +128,7 @@ def test_a_run_leaves_curve_checkpoint_best_and_record(start: Start, tmp_path: P
     record = json.loads((tmp_path / "run.json").read_text())
     assert RunConfig.from_mapping(record["config"]) == CONFIG
     assert record["seed"] == 0
+    assert record["world"] is None, "the toy is no registered id"
     assert record["sessions"][0].keys() >= {"command", "commit", "versions", "machine"}
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         ".lock",

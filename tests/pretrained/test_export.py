@@ -1,5 +1,7 @@
 """Models of SB3 and of the learner room, frozen into weight files, act as before."""
 
+import json
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,8 +10,9 @@ from sb3_contrib import TQC
 from stable_baselines3 import DDPG, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from saver_advisors.cli import main
 from saver_advisors.learner import GoalDDPG, GoalSAC, GoalTD3, GoalTQC
-from saver_advisors.policies.files import save_policy
+from saver_advisors.policies.files import WEIGHTS_DIR, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.pretrained import load_policy
 
@@ -73,3 +76,28 @@ def test_an_exported_model_predicts_as_before(algorithm, card, tmp_path):
     assert spec.critic_layer_norm == (not stock)
     keys = ["achieved_goal", "desired_goal", "observation"]
     assert [key for key, _ in spec.inputs] == (keys if stock else ["observation", "desired_goal"])
+
+
+def test_a_weight_file_is_measured_again(tmp_path, capsys):
+    path, data = tmp_path / "again.safetensors", tmp_path / "again.json"
+    words = ["export", str(WEIGHTS_DIR / "jaco-push.safetensors"), "--path", str(path)]
+    assert main([*words, "--episodes", "4", "--json", str(data)]) == 0
+    assert f"wrote {path}" in capsys.readouterr().out
+    before, after = load_policy("jaco-push").card, load_policy(path).card
+    summary = json.loads(data.read_text())["summary"]
+    assert after.success_episodes == summary["episodes"] == 4
+    rates = (after.success, after.safe_success, after.success_2cm)
+    names = ("success_rate", "safe_success_rate", "success_rate_2cm")
+    assert rates == tuple(summary[name] for name in names)
+    assert after.success >= after.safe_success >= 0
+    assert (after.command, after.steps, after.commit) == (
+        before.command,
+        before.steps,
+        before.commit,
+    )
+    assert (
+        f"| success within 2 cm | {after.success_2cm:.3f} |" in path.with_suffix(".md").read_text()
+    )
+    path.write_bytes(path.read_bytes()[:-1])
+    assert main(["export", str(path), "--path", str(path)]) == 2
+    assert "again.safetensors" in capsys.readouterr().err
