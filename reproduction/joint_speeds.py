@@ -89,9 +89,8 @@ def speed_ratios(env_id: str, policy: str, episodes: int, rated: bool) -> np.nda
     :return: (steps, episodes).
     """
     from saver_advisors.cli.policies import resolve
-    from saver_envs.episodes import ACTION_DURATION
     from saver_envs.registration import make_episodes
-    from saver_envs.simulation import CONTACT_SAMPLES
+    from saver_envs.simulation import ACTION_DURATION, CONTACT_SAMPLES
 
     played = make_episodes(env_id, episodes, rated=rated)
     predict = resolve(policy, env_id, {"rated": rated})

@@ -7,6 +7,7 @@ such as MuJoCo and torch inside ``run``, so that ``--help`` starts fast.
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib.util
 import os
 import re
@@ -23,6 +24,8 @@ DISTRIBUTION: Final = "saver-envs"
 OTHER_NAMES: Final = {"PIL": "pillow", "yaml": "pyyaml", "zmq": "pyzmq"}
 #: Exit status after Ctrl-C, as in shells.
 INTERRUPTED: Final = 130
+DISK_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
+"""Errors of the system that a full disk, or one that may not be written to, leads to."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -109,6 +112,11 @@ class Program:
             install = f"pip install '{DISTRIBUTION}[{extra}]'"
             print(f"{prefix}: error: needs the package {error.name}: {install}", file=sys.stderr)
             return 2
+        except OSError as error:
+            if error.errno not in DISK_ERRORS or "--traceback" in arguments:
+                raise
+            print(f"{prefix}: error: {error}", file=sys.stderr)
+            return 1
         except KeyboardInterrupt:
             print(f"{prefix}: interrupted", file=sys.stderr)
             return INTERRUPTED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -106,7 +107,15 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     :param path: ending in ``.mp4``
     :param recordings: at least one
     :param title: start of the captions
+    :raises OSError: if the file cannot be written, as on a full disk
     """
+    try:
+        _write_frames(path, recordings, title)
+    except OSError as error:  # what ffmpeg printed, without a number
+        raise OSError(errno.EIO, f"{path} could not be written: is the disk full?") from error
+
+
+def _write_frames(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     first = captioned(recordings[0].frames[0], title, GREY)
     writer = mp4_writer(path, first.shape[1], first.shape[0])
     for number, recording in enumerate(recordings, start=1):

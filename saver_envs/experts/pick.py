@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import length, shortened
-from saver_envs.episodes import ACTION_DURATION, Settings
+from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_HOLDING, alone_or_coordinated
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.geometry import FloatArray
 from saver_envs.experts.push import TRACKING
 from saver_envs.experts.skill import Skill
+from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.pick_and_place import CarryTask, PickAndPlace
 
 

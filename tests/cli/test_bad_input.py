@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from pathlib import Path
 
 import pytest
 from commands import Saver, tiny_train
 
+from saver_advisors.cli import SAVER
 from saver_advisors.cli.program import missing_extra
 
 CASES = {
@@ -277,3 +280,19 @@ def test_the_extra_of_a_module(
     assert missing_extra(module, usual) is None, "what is installed is not missing"
     monkeypatch.setattr("importlib.util.find_spec", lambda name: name == "sys" or None)
     assert missing_extra(module, usual) == extra
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_full_or_read_only_disk_is_one_line(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def replace(source: object, target: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "replace", replace)
+    arguments = ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--episodes", "1"]
+    assert SAVER.main([*arguments, "--json", str(tmp_path / "one.json")]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last.startswith("saver evaluate: error: ")
+    assert os.strerror(number) in last
+    assert not (tmp_path / "one.json").exists()
