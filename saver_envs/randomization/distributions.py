@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -93,6 +94,8 @@ class Choice:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
+        if self._numbers is not None:
+            return self._numbers[generator.integers(len(self.values), size=size)]
         chosen = generator.integers(len(self.values), size=size).tolist()
         values = [self.values[index] for index in chosen]
         return np.array(
@@ -111,6 +114,11 @@ class Choice:
             for value in self.values
         ]
         return min(low for low, _ in spans), max(high for _, high in spans)
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.float64] | None:
+        """The values, if none of them is a distribution: they are drawn in one call."""
+        return np.array(self.values, np.float64) if all(map(_is_number, self.values)) else None
 
     @property
     def whole(self) -> bool:
