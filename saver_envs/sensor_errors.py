@@ -52,6 +52,8 @@ SENSORS = (
 )
 
 
+#: Of the sequence of PCG64, an odd number; NumPy draws it from the seed.
+_INCREMENT = np.random.PCG64(0).state["state"]["inc"]
 #: Actions whose errors are drawn at once.
 _BLOCK = 25
 
@@ -90,7 +92,7 @@ class SensorErrors:
         if _RELATIVE in names:
             layout.get(self._added, _RELATIVE)[...] = source["object position"]
             layout.get(self._subtracted, _RELATIVE)[...] = source["gripper position"]
-        self._generators = [np.random.default_rng() for _ in range(n)]
+        self._generators = [np.random.Generator(np.random.PCG64()) for _ in range(n)]
         self._offset = np.zeros((n, size))
         # Numbers drawn for a block of actions, and how many of these actions have passed.
         self._drawn = np.zeros((n, _BLOCK, size))
@@ -100,10 +102,16 @@ class SensorErrors:
         """Start the errors of an episode.
 
         :param row: which episode.
-        :param generator: the episode's source of randomness; one number of it is used.
+        :param generator: the episode's source of randomness; some of its numbers are used.
         """
-        own = np.random.default_rng(generator.integers(2**63))
-        self._generators[row], self._passed[row] = own, _BLOCK
+        own = self._generators[row]
+        high, low = generator.integers(2**64, size=2, dtype=np.uint64).tolist()
+        # A random place in the one long sequence of numbers: a new generator takes longer.
+        own.bit_generator.state = {
+            **{"bit_generator": "PCG64", "has_uint32": 0, "uinteger": 0},
+            "state": {"state": (high << 64) | low, "inc": _INCREMENT},
+        }
+        self._passed[row] = _BLOCK
         self._offset[row] = self._offset_deviation * own.standard_normal(self._deviation.size)
 
     def disturb(self, exact: Array, rows: NDArray[np.intp], factor: Array) -> Array:

@@ -83,10 +83,9 @@ class Worlds:
         """
         if not self._randomization:
             return
-        for row in rows.tolist():
-            drawn = self._randomization.draw(generators[row], self._task.n_arms)
-            for name, value in drawn.items():
-                self.values[name][row] = value
+        own = [generators[row] for row in rows.tolist()]
+        for name, values in self._randomization.draw(own, self._task.n_arms).items():
+            self.values[name][rows] = values
         self._give(rows)
 
     def begin_errors(self, rows: Rows, generators: Sequence[np.random.Generator]) -> None:

@@ -32,7 +32,11 @@ class Uniform:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
-        return generator.uniform(self.low, self.high, size)
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers below which these shares of the draws lie."""
+        return np.minimum(self.low + (self.high - self.low) * share, self.high)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -62,7 +66,14 @@ class LogUniform:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
-        drawn = np.exp(generator.uniform(math.log(self.low), math.log(self.high), size))
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers below which these shares of the draws lie."""
+        low, high = math.log(self.low), math.log(self.high)
+        logarithms = low + (high - low) * share
+        # NumPy's exponential depends on how many numbers it is given, in the last bit.
+        drawn = np.reshape([math.exp(one) for one in logarithms.ravel().tolist()], share.shape)
         return np.clip(drawn, self.low, self.high)
 
     @property
@@ -94,17 +105,20 @@ class Choice:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers that these shares, of all draws, stand for."""
+        passed = share * len(self.values)
+        chosen = passed.astype(np.intp)
         if self._numbers is not None:
-            return self._numbers[generator.integers(len(self.values), size=size)]
-        chosen = generator.integers(len(self.values), size=size).tolist()
-        values = [self.values[index] for index in chosen]
-        return np.array(
-            [
-                value.draw(generator, 1)[0] if isinstance(value, Uniform | LogUniform) else value
-                for value in values
-            ],
-            dtype=np.float64,
-        )
+            return self._numbers[chosen]
+        drawn = np.empty(share.shape)
+        for index, value in enumerate(self.values):
+            own = chosen == index
+            of_spans = isinstance(value, Uniform | LogUniform)
+            drawn[own] = value.at(passed[own] - index) if of_spans else value
+        return drawn
 
     @property
     def ends(self) -> tuple[float, float]:

@@ -95,7 +95,10 @@ def test_resets_and_memory() -> None:
         assert 0.0 < found[32] < 50.0
 
 
-@pytest.mark.parametrize("env_id", ["JacoPickAndPlace-v0", "WristPush-v0"])
+@pytest.mark.parametrize(
+    "env_id",
+    ["JacoPickAndPlace-v0", pytest.param("WristPush-v0", marks=pytest.mark.slow)],
+)
 def test_worlds_with_nominal_values_are_the_default_one(env_id: str) -> None:
     rounds = []
     row = randomized_row(env_id, 2, 1, lambda: rounds.append(0))
