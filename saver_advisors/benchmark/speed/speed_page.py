@@ -35,8 +35,8 @@ those of `wide` in proportion to the default world's. The bars are in brackets.
 
 PEERS: Final = """\
 Whole episodes with their resets, on one core. The peers run in virtual environments of their own,
-in one process each, as their users have them; the faster mode counts. TwoArmLift's resets, half a
-second each, are left out.
+in one process each, as their users have them; the faster mode counts. EnvPool has the FetchPush of
+gymnasium-robotics in C++. TwoArmLift's resets, half a second each, are left out.
 """
 
 
