@@ -116,8 +116,10 @@ class Choice:
         drawn = np.empty(share.shape)
         for index, value in enumerate(self.values):
             own = chosen == index
-            of_spans = isinstance(value, Uniform | LogUniform)
-            drawn[own] = value.at(passed[own] - index) if of_spans else value
+            if isinstance(value, Uniform | LogUniform):
+                drawn[own] = value.at(passed[own] - index)
+            else:
+                drawn[own] = value
         return drawn
 
     @property

@@ -67,14 +67,16 @@ class _Bench:
         default = self._worlds["default"]
         shape = (self.actions, self.n_envs, default.action_size)
         actions = np.random.default_rng(seed).uniform(-1, 1, shape).astype(np.float32)
-        times, ends, starts = {}, {}, {}
+        times: dict[str, float] = {}
+        ends: dict[str, tuple[NDArray[Any], NDArray[Any]]] = {}
+        starts: dict[str, EpisodesState] = {}
         for name, episodes in self._worlds.items():
             for index in range(self.n_envs):
                 episodes.set_generator(index, np.random.default_rng((seed, index)))
             times[f"{name} reset"] = _processor_time(episodes.reset, [None] * _RESETS)
             starts[name] = episodes.get_state()
             times[name] = _processor_time(partial(_step, episodes), actions)
-            ends[name] = [episodes.simulation.get_state(), episodes.observation().observation]
+            ends[name] = episodes.simulation.get_state(), episodes.observation().observation
         pairs = zip(ends["default"], ends["nominal"], strict=True)
         same = all(np.array_equal(one, other) for one, other in pairs)
         times["raw"] = self._raw_time(starts["wide"], actions)
