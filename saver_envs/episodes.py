@@ -289,6 +289,7 @@ class Episodes:
         rows = self._rows(ids)
         self.worlds.draw(rows, self._generators)
         starts = self._begin(rows)
+        self.worlds.begin_errors(rows, self._generators)
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import length
-from saver_envs.simulation import multiply_quaternions
+from saver_envs.simulation import cross
 from saver_envs.tasks.layout import Layout
 
 Array = NDArray[np.float64]
@@ -52,6 +52,12 @@ SENSORS = (
 )
 
 
+#: Of the sequence of PCG64, an odd number; NumPy draws it from the seed.
+_INCREMENT = np.random.PCG64(0).state["state"]["inc"]
+#: Actions whose errors are drawn at once.
+_BLOCK = 25
+
+
 class SensorErrors:
     """The errors of n episodes, each with its own random generator.
 
@@ -62,57 +68,84 @@ class SensorErrors:
 
     def __init__(self, n: int, layout: Layout, moving_fingers: bool) -> None:
         names = {part.name for part in layout.parts if not part.shared}
-        self._layout = layout
-        self._sensors = [
+        sensors = [
             one
             for one in SENSORS
             if one.part in names and (moving_fingers or "finger" not in one.part)
         ]
-        # In the units of the observation, in the order in which they are drawn.
-        scale = np.array([layout.part(one.part).scale for one in self._sensors])
-        self._deviation = (scale * [one.deviation for one in self._sensors])[:, None]
-        self._offset_deviation = (scale * [one.offset for one in self._sensors])[:, None]
-        self._shape = layout.n_arms, len(self._sensors), 3
-        self._generators = [np.random.default_rng() for _ in range(n)]
-        self._offset = np.zeros((n, *self._shape))
+        # In the units of the observation; numbers are drawn arm by arm and sensor by sensor. The
+        # last one is an error of 0, that of everything exact.
+        scale = np.array([layout.part(one.part).scale for one in sensors])
+        shape = layout.n_arms, len(sensors), 3
+        self._deviation, self._offset_deviation = (
+            np.append(np.broadcast_to((scale * of_sensors)[:, None], shape).ravel(), 0.0)
+            for of_sensors in ([one.deviation for one in sensors], [one.offset for one in sensors])
+        )
+        size = self._deviation.size
+        drawn = np.arange(size - 1).reshape(shape)
+        source = {one.part: drawn[:, index] for index, one in enumerate(sensors)}
+        self._layout, self._rotation = layout, source.pop(_ORIENTATION, None)
+        # Entry of the observation -> number that is added, and number that is subtracted.
+        self._added, self._subtracted = np.full((2, layout.size), size - 1)
+        for name, numbers in source.items():
+            layout.get(self._added, name)[...] = numbers
+        if _RELATIVE in names:
+            layout.get(self._added, _RELATIVE)[...] = source["object position"]
+            layout.get(self._subtracted, _RELATIVE)[...] = source["gripper position"]
+        self._generators = [np.random.Generator(np.random.PCG64()) for _ in range(n)]
+        self._offset = np.zeros((n, size))
+        # Numbers drawn for a block of actions, and how many of these actions have passed.
+        self._drawn = np.zeros((n, _BLOCK, size))
+        self._passed = np.full(n, _BLOCK)
 
     def begin(self, row: int, generator: np.random.Generator) -> None:
         """Start the errors of an episode.
 
         :param row: which episode.
-        :param generator: the episode's source of randomness; one number of it is used.
+        :param generator: the episode's source of randomness; some of its numbers are used.
         """
-        own = np.random.default_rng(generator.integers(2**63))
-        self._generators[row] = own
-        self._offset[row] = self._offset_deviation * own.standard_normal(self._shape)
+        own = self._generators[row]
+        high, low = generator.integers(2**64, size=2, dtype=np.uint64).tolist()
+        # A random place in the one long sequence of numbers: a new generator takes longer.
+        own.bit_generator.state = {
+            **{"bit_generator": "PCG64", "has_uint32": 0, "uinteger": 0},
+            "state": {"state": (high << 64) | low, "inc": _INCREMENT},
+        }
+        self._passed[row] = _BLOCK
+        self._offset[row] = self._offset_deviation * own.standard_normal(self._deviation.size)
 
     def disturb(self, exact: Array, rows: NDArray[np.intp], factor: Array) -> Array:
         """Return observations as the sensors measure them.
 
         :param exact: (k, observation size); not modified.
         :param rows: (k,) whose they are.
-        :param factor: (k, 1) of the errors; with 0 an episode's observations stay exact.
+        :param factor: (k, 1) of the errors.
         :return: (k, observation size). The object relative to the gripper is the difference of the
             two positions as they were measured.
         """
-        drawn = np.stack([self._generators[row].standard_normal(self._shape) for row in rows])
-        errors = (drawn * self._deviation + self._offset[rows]) * factor[:, :, None, None]
-        by_part = {one.part: errors[:, :, index] for index, one in enumerate(self._sensors)}
-        layout, seen = self._layout, exact.copy()
-        for name, error in by_part.items():
-            part = layout.get(seen, name)  # a view
-            part[...] = _turned(part, error) if name == _ORIENTATION else part + error
-        if _RELATIVE in (part.name for part in layout.parts):
-            apart = by_part["object position"] - by_part["gripper position"]
-            layout.get(seen, _RELATIVE)[...] += apart
+        for row in rows[self._passed[rows] == _BLOCK].tolist():
+            self._generators[row].standard_normal(out=self._drawn[row])
+            self._passed[row] = 0
+        errors = self._drawn[rows, self._passed[rows]]
+        self._passed[rows] += 1
+        errors *= self._deviation
+        errors += self._offset[rows]
+        errors *= factor
+        seen: Array = exact + errors.take(self._added, 1)
+        seen -= errors.take(self._subtracted, 1)
+        if self._rotation is not None:
+            part = self._layout.get(seen, _ORIENTATION)  # a view
+            part[...] = _turned(part, errors.take(self._rotation, 1))
         return seen
 
 
 def _turned(quaternion: Array, rotation: Array) -> Array:
-    """Turn (..., 4) unit quaternions with w >= 0 by (..., 3) rotation vectors, radians."""
-    half = length(rotation)[..., None] / 2
-    # sin(a/2)/a without a division by zero; NumPy's sinc has a factor pi.
-    small = np.concatenate([np.cos(half), rotation * np.sinc(half / np.pi) / 2], axis=-1)
-    turned = multiply_quaternions(small, quaternion)
+    """Turn (..., 4) unit quaternions with w >= 0 by small (..., 3) rotation vectors, radians."""
+    w, xyz = quaternion[..., :1], quaternion[..., 1:]
+    half = rotation / 2
+    turned = np.empty(quaternion.shape)
+    turned[..., :1] = w - (half * xyz).sum(axis=-1, keepdims=True)
+    turned[..., 1:] = xyz + w * half + cross(half, xyz)
     turned /= length(turned)[..., None]
-    return np.where(turned[..., :1] < 0, -turned, turned)
+    np.negative(turned, out=turned, where=turned[..., :1] < 0)
+    return turned

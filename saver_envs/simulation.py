@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch, SimulationError
+from mujoco.batch import MODEL_FIELDS, Batch, SimulationError
 from numpy.typing import NDArray
 
 from saver_envs.scenes import FreeBodies, Scene, rotate
@@ -139,7 +139,9 @@ class Simulation:
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
-        self._joint_friction = np.zeros((n, *scene.joint_dof.shape))
+        self._arm_dofs = scene.joint_dof.ravel()
+        self._viscosity = scene.model.dof_damping[self._arm_dofs]
+        self._joint_friction = np.zeros((n, self._arm_dofs.size))
         self._dry = False
 
     def step(
@@ -331,6 +333,11 @@ class Simulation:
             self._expanded[field] = self._batch.expand(field)
         return self._expanded[field]
 
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """Return the fields of the model that differ between simulations, (n, ...) each, live."""
+        values = {name: self._batch.expanded(name) for name in MODEL_FIELDS}
+        return {name: one for name, one in values.items() if one is not None}
+
     def update_constants(self, ids: NDArray[np.intp]) -> None:
         """Update what MuJoCo derives from the fields of models, after some were written.
 
@@ -356,20 +363,20 @@ class Simulation:
         friction loss is a constraint, which takes a quarter of the speed.
 
         :param ids: (k,) simulations.
-        :param torque: (k, arms, dof) against the motion, N m.
+        :param torque: (k, arms, dof) against the motion, N m; broadcast to that shape.
         """
-        dofs = self.scene.joint_dof
-        self._joint_friction[ids] = torque
-        self.per_simulation("dof_damping")[ids[:, None, None], dofs] = self.scene.model.dof_damping[
-            dofs
-        ]
+        shape = len(ids), *self.scene.joint_dof.shape
+        self._joint_friction[ids] = np.broadcast_to(torque, shape).reshape(len(ids), -1)
+        self.per_simulation("dof_damping")[ids[:, None], self._arm_dofs] = self._viscosity
         self._dry = bool(self._joint_friction.any())
 
     def _damp_joints(self) -> None:
-        dofs = self.scene.joint_dof
-        speed = np.maximum(np.abs(self.qvel.take(dofs, 1)), SLOWEST_DRY)
-        damping = self.scene.model.dof_damping[dofs] + self._joint_friction / speed
-        self._expanded["dof_damping"][:, dofs] = damping
+        # In place: it runs between calls of the simulator, with cold caches.
+        damping = np.abs(self.qvel.take(self._arm_dofs, 1))
+        np.maximum(damping, SLOWEST_DRY, out=damping)
+        np.divide(self._joint_friction, damping, out=damping)
+        damping += self._viscosity
+        self._expanded["dof_damping"][:, self._arm_dofs] = damping
 
     def model_of(self, index: int, model: mujoco.MjModel | None = None) -> mujoco.MjModel:
         """Return the model of simulation ``index``, in ``model`` if one is given."""

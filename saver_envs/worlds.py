@@ -67,10 +67,11 @@ class Worlds:
         self._lines = {
             name: delay_line(n, distribution.ends[1], size)
             for name, size in sizes.items()
-            if (distribution := randomization.distribution_of(name)) is not None
+            if (distribution := randomization.distribution_of(name)) and distribution.ends[1] > 0
         }
         self._errors: SensorErrors | None = None
-        if randomization.distribution_of("sensor_noise") is not None:
+        noise = randomization.distribution_of("sensor_noise")
+        if noise is not None and noise.ends[1] > 0:
             moving = task.fingers is Fingers.ACTUATED
             self._errors = SensorErrors(n, task.observation_layout, moving)
 
@@ -82,13 +83,20 @@ class Worlds:
         """
         if not self._randomization:
             return
-        for row in rows.tolist():
-            drawn = self._randomization.draw(generators[row], self._task.n_arms)
-            for name, value in drawn.items():
-                self.values[name][row] = value
-            if self._errors is not None:
-                self._errors.begin(row, generators[row])
+        own = [generators[row] for row in rows.tolist()]
+        for name, values in self._randomization.draw(own, self._task.n_arms).items():
+            self.values[name][rows] = values
         self._give(rows)
+
+    def begin_errors(self, rows: Rows, generators: Sequence[np.random.Generator]) -> None:
+        """Start the sensors' errors, after the starts are drawn: these do not depend on sensors.
+
+        :param rows: (k,) episodes that begin.
+        :param generators: of all n.
+        """
+        if self._errors is not None:
+            for row in rows.tolist():
+                self._errors.begin(row, generators[row])
 
     def _give(self, rows: Rows) -> None:
         """Give episodes the task, the model and the speed of their values."""
@@ -130,12 +138,12 @@ class Worlds:
         """Return observations (n, size) of which those of ``rows`` are what the sensors measure."""
         if self._errors is None:
             return observation
-        noisy = rows[self.values["sensor_noise"][rows, 0] > 0]
-        if not noisy.size:
-            return observation
+        factor = self.values["sensor_noise"][rows]
+        noisy = factor[:, 0] > 0
+        if not noisy.all():
+            rows, factor = rows[noisy], factor[noisy]
         measured = observation.copy()
-        factor = self.values["sensor_noise"][noisy]
-        measured[noisy] = self._errors.disturb(observation[noisy], noisy, factor)
+        measured[rows] = self._errors.disturb(observation[rows], rows, factor)
         return measured
 
     def arrived(self, observation: Array, rows: Rows) -> Array:

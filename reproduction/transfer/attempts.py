@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from saver_envs.wrappers.sensor_noise import SensorNoise
-
 from reproduction.transfer.failures import Failure
-from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
+from reproduction.transfer.trajectories import FrameCallback, Predict, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
 from saver_envs.robots import ROBOTS
 
@@ -45,8 +43,7 @@ class Condition:
     :param name: its name in tables and on the command line.
     :param words: the differences in words.
     :param robot: name of the arm.
-    :param options: keyword arguments of the environment.
-    :param noise: sensor noise, or None.
+    :param randomization: value of each parameter that differs from training.
     :param translated: whether finger readings are translated to those of the trained hand.
     :param expert: whether to try the scripted expert, which is slow, as well.
     """
@@ -54,18 +51,17 @@ class Condition:
     name: str
     words: str
     robot: str = "mico"
-    options: dict[str, Any] = field(default_factory=dict)
-    noise: SensorNoise | None = None
+    randomization: dict[str, float] = field(default_factory=dict)
     translated: bool = True
     expert: bool = False
 
 
-_CHANGES: Final[dict[str, Any]] = {
-    "object_friction": FRICTION,
-    "object_mass": MASS,
-    "object_damping": DAMPING,
-}
-_SIZE: Final[dict[str, Any]] = {"object_size": OBJECT_SIZE}
+_FRICTION: Final = {"object_friction": FRICTION}
+_MASS: Final = {"object_mass": MASS}
+_DAMPING: Final = {"object_damping": DAMPING}
+_NOISE: Final = {"sensor_noise": 1.0}
+_SIZE: Final = {"object_size": OBJECT_SIZE}
+_CHANGES: Final = _FRICTION | _MASS | _DAMPING | _NOISE
 
 
 def conditions(task: str) -> tuple[Condition, ...]:
@@ -74,13 +70,12 @@ def conditions(task: str) -> tuple[Condition, ...]:
     :param task: ``push`` or ``pick``.
     :return: the conditions; the last one is compared with the dissertation's table.
     """
-    noise = SensorNoise()
     size = f"{100 * OBJECT_SIZE:g} cm cubes"
     one_at_a_time = (
-        Condition("friction", f"friction {FRICTION:g}", options={"object_friction": FRICTION}),
-        Condition("mass", f"mass {MASS:g} kg", options={"object_mass": MASS}),
-        Condition("damping", f"damping {DAMPING:g} N s/m", options={"object_damping": DAMPING}),
-        Condition("noise", "sensor noise", noise=noise),
+        Condition("friction", f"friction {FRICTION:g}", randomization=_FRICTION),
+        Condition("mass", f"mass {MASS:g} kg", randomization=_MASS),
+        Condition("damping", f"damping {DAMPING:g} N s/m", randomization=_DAMPING),
+        Condition("noise", "sensor noise", randomization=_NOISE),
     )
     start = (
         Condition("home", "two Jacos, as trained", robot=TRAINED_ON),
@@ -89,14 +84,14 @@ def conditions(task: str) -> tuple[Condition, ...]:
     )
     changed = f"friction {FRICTION:g}, mass {MASS:g} kg, damping {DAMPING:g} N s/m, sensor noise"
     if task == "pick":
-        everything = Condition("all", changed, options=_CHANGES, noise=noise, expert=True)
+        everything = Condition("all", changed, randomization=_CHANGES, expert=True)
         return (*start, *one_at_a_time, everything)
     return (
         *start,
-        Condition("size", size, options=_SIZE),
+        Condition("size", size, randomization=_SIZE),
         *one_at_a_time,
-        Condition("all-but-size", changed, options=_CHANGES, noise=noise, expert=True),
-        Condition("all", f"{size}, {changed}", options=_CHANGES | _SIZE, noise=noise, expert=True),
+        Condition("all-but-size", changed, randomization=_CHANGES, expert=True),
+        Condition("all", f"{size}, {changed}", randomization=_CHANGES | _SIZE, expert=True),
     )
 
 
@@ -120,6 +115,20 @@ class Attempt:
         """Id of the environment."""
         return ENVIRONMENTS[self.task, self.condition.robot]
 
+    def predict(self, seed: int = 0) -> Predict:
+        """Resolve the policy anew, since an expert keeps the plans of past episodes.
+
+        :param seed: of a random policy.
+        :return: batched observation (n, size) -> actions (n, action_size).
+        :raises UsageError: for an unknown policy, or one that does not fit the environment.
+        """
+        return resolve(self.policy, self.env_id, self.options, seed)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of the environment."""
+        return {"randomization": self.condition.randomization}
+
     def play(
         self, trials: int, seed: int, frame_callback: FrameCallback | None = None
     ) -> list[TrialTrajectory]:
@@ -131,17 +140,14 @@ class Attempt:
         :return: one trajectory per trial.
         """
         condition = self.condition
-        # A new policy each time, since an expert keeps the plans of past episodes.
-        predict = resolve(self.policy, self.env_id, condition.options, seed)
         # The expert works with the hand of any robot.
         known = condition.translated and self.policy != EXPERT
         return run_trials(
-            predict,
+            self.predict(seed),
             self.env_id,
             trials,
             seed=seed,
-            env_kwargs=condition.options,
-            noise=condition.noise,
+            env_kwargs=self.options,
             hand=ROBOTS[TRAINED_ON] if known else None,
             frame_callback=frame_callback,
         )

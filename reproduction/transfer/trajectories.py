@@ -1,20 +1,18 @@
-"""Record the true state of trials step by step, without the noise that the policy observes."""
+"""Record the true state of trials step by step, whatever the sensors measure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
-from saver_envs.wrappers.sensor_noise import SensorErrors, SensorNoise
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import make_episodes
 from saver_envs.robots.description import Robot
-from saver_envs.tasks.arm_and_object import LINEAR_VELOCITY_SCALE
 from saver_envs.tasks.table import TableTask
 from saver_envs.wrappers.finger_readings import translated_fingers
 
@@ -73,7 +71,6 @@ def run_trials(
     *,
     seed: int = 0,
     env_kwargs: Mapping[str, Any] | None = None,
-    noise: SensorNoise | None = None,
     hand: Robot | None = None,
     frame_callback: FrameCallback | None = None,
 ) -> list[TrialTrajectory]:
@@ -86,7 +83,6 @@ def run_trials(
     :param trials: number of trials.
     :param seed: seed of trial 0.
     :param env_kwargs: further arguments of the environment.
-    :param noise: sensor noise; none if None.
     :param hand: robot whose finger readings the policy was trained with; the scene's own if None.
     :param frame_callback: see `FrameCallback`.
     :return: one trajectory per trial.
@@ -95,32 +91,25 @@ def run_trials(
     if trials < 1:
         raise ValueError(f"trials={trials} must be at least 1")
     episodes = make_episodes(env_id, trials, **(env_kwargs or {}))
-    errors = None if noise is None else SensorErrors.of(noise, episodes)
     for index in range(trials):
         episodes.set_generator(index, seeding.np_random(seed + index)[0])
-        if errors is not None:
-            errors.seed(index, seed + index)
     episodes.reset()
-    if errors is not None:
-        errors.begin(range(trials))
     task, robot = episodes.task, episodes.settings.robot
     assert isinstance(task, TableTask)
-    seen = [episodes.observation().observation.astype(np.float64)]
+    seen = [_true_state(episodes)]
     closing, collided = [], []
     success, diverged = np.zeros((2, trials), dtype=bool)
     for step in range(episodes.settings.horizon):
         if frame_callback is not None:
             frame_callback(episodes, step)
         observation: Observation = {**episodes.observation().as_dict()}
-        if errors is not None:
-            observation["observation"] = errors.disturb(observation["observation"])
         if hand is not None and hand is not robot:
             observation["observation"] = translated_fingers(
                 observation["observation"], task.observation_layout, robot, hand
             )
         actions = predict(observation)
         outcome = episodes.step(actions)
-        seen.append(episodes.observation().observation.astype(np.float64))
+        seen.append(_true_state(episodes))
         collided.append(outcome.measured["cost_collision"] > 0)
         # A diverged simulation restarts by itself; what follows is not this trial.
         success = outcome.success & ~diverged & ~outcome.diverged
@@ -130,18 +119,18 @@ def run_trials(
         closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
     if frame_callback is not None:
         frame_callback(episodes, episodes.settings.horizon)
-    layout, true = task.observation_layout, np.stack(seen, axis=1)
-    velocity = layout.get(true, "object linear velocity") / LINEAR_VELOCITY_SCALE
+    tool, position, velocity = (np.stack(parts, axis=1) for parts in zip(*seen, strict=True))
+    own = [cast(TableTask, one) for one in episodes.worlds.tasks]
     closed, touched = np.stack(closing, axis=1), np.stack(collided, axis=1)
     return [
         TrialTrajectory(
-            tool=layout.get(true[index], "gripper position"),
-            object=layout.get(true[index], "object position"),
+            tool=tool[index],
+            object=position[index],
             object_speed=np.linalg.norm(velocity[index], axis=-1),
             target=task.goal_layout.blocks(episodes.goal[index]).copy(),
             closing=closed[index],
             collided=touched[index],
-            object_size=task.object_size,
+            object_size=own[index].object_size,
             threshold=task.success_threshold,
             reach=task.regions(episodes.scene.arms).reach,
             success=bool(success[index]),
@@ -150,3 +139,14 @@ def run_trials(
         )
         for index in range(trials)
     ]
+
+
+def _true_state(episodes: Episodes) -> tuple[NDArray[np.float64], ...]:
+    """Return tool points, positions and linear velocities of the objects, (trials, arms, 3) each.
+
+    The observation has what the sensors measure, and when it arrives.
+    """
+    simulation = episodes.simulation
+    state = episodes.task.observe(simulation, episodes.memory, simulation.arm_state())
+    names = ("gripper position", "object position", "object linear velocity")
+    return tuple(state[name] for name in names)

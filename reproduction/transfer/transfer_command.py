@@ -19,12 +19,13 @@ from reproduction.command_parts import measure_and_render
 from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
 from saver_advisors.cli.arguments import add_count, add_page
-from saver_advisors.cli.policies import resolve
+from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table
+from saver_envs.sensor_errors import SENSORS
 
 EXAMPLES: Final = """\
 examples:
@@ -138,13 +139,14 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Try every policy under every condition.
 
     :param args: see :func:`add_arguments`.
-    :return: JSON-able: ``outcomes``, ``conditions``, ``trials`` and, if asked for, ``videos``.
+    :return: JSON-able: ``outcomes``, ``conditions``, ``weights``, ``sensors``, ``trials`` and, if
+        asked for, ``videos``.
     """
     from tqdm import tqdm
 
     found, todo = [], attempts(args)
     for attempt in todo:  # Report policies that do not fit before the first trial.
-        resolve(attempt.policy, attempt.env_id, attempt.condition.options)
+        attempt.predict()
     for attempt in tqdm(todo, "transfer", unit="attempt", dynamic_ncols=True):
         trials = attempt.play(args.trials, args.seed)
         found.append((attempt, trials, [find_failure(attempt.task, one) for one in trials]))
@@ -158,12 +160,27 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
             task: [asdict(one) for one in several]
             for task, several in _conditions(args.conditions).items()
         },
+        "weights": _weights([one.policy for one in todo]),
+        "sensors": [asdict(one) for one in SENSORS],
     }
     if args.video_dir is not None:
         from reproduction.transfer.videos import record_each_kind
 
         figures["videos"] = record_each_kind(args.video_dir, found, args.trials, args.seed)
     return figures
+
+
+def _weights(policies: Sequence[str]) -> list[dict[str, Any]]:
+    """List the weight files of policies with what their cards say about their training."""
+    from saver_advisors.pretrained import load_policy, shipped_policies
+
+    names = [one.removeprefix(f"{SIDE_BY_SIDE}:") for one in dict.fromkeys(policies)]
+    files = [one for one in names if one in shipped_policies() or Path(one).is_file()]
+    cards = {Path(one).stem: load_policy(one).card for one in files}
+    return [
+        {"name": name, "env": card.environment, "steps": card.steps, "commit": card.commit}
+        for name, card in cards.items()
+    ]
 
 
 def _row(played: Played) -> dict[str, Any]:
@@ -207,6 +224,10 @@ requires; the rows *raw* show the result without translation. Success is compute
 positions of the cubes, without noise.
 """
 
+WEIGHTS: Final = """\
+The weight files of these policies; their cards name the same commits of training.
+"""
+
 CAUSE_WORDS: Final = """\
 A failed trial has one cause, the first event that went wrong; `reproduction.transfer.failures`
 defines the causes. *Touched* counts trials, including successful ones, with any contact between
@@ -224,6 +245,8 @@ def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
     """
     parts = ["# Transfer", INTRODUCTION, "## Comparison with Table 5.4", _headline(figures)]
     parts += [HAND, CAUSE_WORDS]
+    if figures["weights"]:
+        parts += ["## Weights", WEIGHTS, _weight_table(figures)]
     for task, title in TITLES.items():
         rows = [one for one in figures["outcomes"] if one["task"] == task]
         if rows:
@@ -283,6 +306,11 @@ def _failures(one: Mapping[str, Any]) -> str:
     return ", ".join(f"{count} {WORDS[cause]}" for cause, count in ordered) or "none"
 
 
+def _weight_table(figures: Mapping[str, Any]) -> str:
+    columns = {"weights": "`{name}`", "environment": "{env}", "steps": "{steps:,}"}
+    return rows_table(figures["weights"], {**columns, "commit": "`{commit}`"})
+
+
 def _condition_list(task: str, figures: Mapping[str, Any]) -> str:
     lines = [f"- *{one['name']}*: {one['words']}" for one in figures["conditions"][task]]
     return "\n".join(lines) + "\n"
@@ -317,13 +345,12 @@ def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
 
 
 def _sensors(figures: Mapping[str, Any]) -> str:
-    every = [one["noise"] for several in figures["conditions"].values() for one in several]
-    noise = next((one for one in every if one is not None), None)
-    if noise is None:
+    every = [one for several in figures["conditions"].values() for one in several]
+    if not any("sensor_noise" in one["randomization"] for one in every):
         return "Sensors were exact.\n"
-    rows = [[name.replace("_", " "), f"{value:g}"] for name, value in noise.items()]
-    text = "Standard deviations, SI units, see `saver_envs.wrappers.sensor_noise`.\n\n"
-    return text + markdown(["reading", "standard deviation"], rows)
+    columns = {"reading": "{part}", "each step": "{deviation:g}", "each episode": "{offset:g}"}
+    text = "Standard deviations of the errors, SI units, see `saver_envs.sensor_errors`.\n\n"
+    return text + rows_table(figures["sensors"], columns)
 
 
 def _origin(figures: Mapping[str, Any]) -> str:

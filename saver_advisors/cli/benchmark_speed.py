@@ -21,7 +21,7 @@ EXAMPLES: Final = """\
 examples:
   saver benchmark speed                                  every row, a few minutes
   saver benchmark speed --envs JacoPush-v0 --n-envs 64   one row
-  saver benchmark speed --peers --json speed.json        also FetchPush and TwoArmLift"""
+  saver benchmark speed --peers --json speed.json        also FetchPush, twice, and TwoArmLift"""
 
 N_ENVS: Final = (1, 4, 16, 64, 256, 1024)
 THREADS: Final = (1, 2)
@@ -42,12 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     count = at_least(1)
     add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
     add_several(parser, "--threads", count, THREADS, "native threads, each on its own core")
-    add_count(parser, "--rounds", 5, "rounds of each median")
+    add_count(parser, "--rounds", 9, "rounds of each median")
     add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
     parser.add_argument(
         "--peers",
         action="store_true",
-        help=f"also time {' and '.join(peer.env for peer in PEERS)}, each in a virtual environment "
+        help=f"also time {', '.join(peer.name for peer in PEERS)}, each in a virtual environment "
         "created at first use",
     )
     add_peer_cache(parser)
@@ -78,9 +78,12 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """Take all measurements.
 
     :param args: see :func:`add_arguments`
-    :return: ``rows``, ``resets``, ``replay``, ``advice`` and, with ``--peers``, ``peers``
+    :return: ``rows``, ``randomized``, ``resets``, ``replay``, ``advice`` and, with ``--peers``,
+        ``peers``
     """
     from saver_advisors.benchmark.speed.learner_parts import ADVICE, advice_row, replay_row
+    from saver_advisors.benchmark.speed.randomized_steps import N_ENVS as MOST_VARIED
+    from saver_advisors.benchmark.speed.randomized_steps import randomized_row
     from saver_advisors.benchmark.speed.steps import memory_per_env, reset_row, step_rows
     from saver_advisors.benchmark.speed.versus import peer_rows
 
@@ -93,11 +96,15 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
                 found = step_rows(env_id, n_envs, args.threads, args.rounds, args.seconds, advance)
                 for row in found:
                     rows.append({**row, "memory_per_env_mb": memory[env_id].get(n_envs)})
+    varied = min(MOST_VARIED, max(args.n_envs))
+    with progress("worlds that vary", len(args.envs) * args.rounds) as advance:
+        randomized = [randomized_row(one, varied, args.rounds, advance) for one in args.envs]
     figures: dict[str, Any] = {
         "title": "Speed",
         "kind": "speed",
         "rounds": args.rounds,
         "rows": rows,
+        "randomized": randomized,
         "resets": [reset_row(env_id, args.rounds) for env_id in args.envs],
         "replay": replay_row(args.rounds),
         "advice": [advice_row(strategy, args.rounds, args.seconds) for strategy in ADVICE],

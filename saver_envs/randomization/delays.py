@@ -27,6 +27,7 @@ def delayed(line: Array, rows: NDArray[np.intp], values: Array, delay: Array) ->
     :param delay: (n, 1) of every episode, whole numbers.
     :return: (k, size).
     """
-    line[rows] = np.concatenate([values[:, None], line[rows, :-1]], axis=1)
+    line[rows, 1:] = line[rows, :-1]
+    line[rows, 0] = values
     arrived: Array = line[rows, delay[rows, 0].astype(np.intp)]
     return arrived

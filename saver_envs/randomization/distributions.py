@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -31,7 +32,11 @@ class Uniform:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
-        return generator.uniform(self.low, self.high, size)
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers below which these shares of the draws lie."""
+        return np.minimum(self.low + (self.high - self.low) * share, self.high)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -61,7 +66,14 @@ class LogUniform:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
-        drawn = np.exp(generator.uniform(math.log(self.low), math.log(self.high), size))
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers below which these shares of the draws lie."""
+        low, high = math.log(self.low), math.log(self.high)
+        logarithms = low + (high - low) * share
+        # NumPy's exponential depends on how many numbers it is given, in the last bit.
+        drawn = np.reshape([math.exp(one) for one in logarithms.ravel().tolist()], share.shape)
         return np.clip(drawn, self.low, self.high)
 
     @property
@@ -93,15 +105,22 @@ class Choice:
 
     def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
         """Return numbers (size,)."""
-        chosen = generator.integers(len(self.values), size=size).tolist()
-        values = [self.values[index] for index in chosen]
-        return np.array(
-            [
-                value.draw(generator, 1)[0] if isinstance(value, Uniform | LogUniform) else value
-                for value in values
-            ],
-            dtype=np.float64,
-        )
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers that these shares, of all draws, stand for."""
+        passed = share * len(self.values)
+        chosen = passed.astype(np.intp)
+        if self._numbers is not None:
+            return self._numbers[chosen]
+        drawn = np.empty(share.shape)
+        for index, value in enumerate(self.values):
+            own = chosen == index
+            if isinstance(value, Uniform | LogUniform):
+                drawn[own] = value.at(passed[own] - index)
+            else:
+                drawn[own] = value
+        return drawn
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -111,6 +130,11 @@ class Choice:
             for value in self.values
         ]
         return min(low for low, _ in spans), max(high for _, high in spans)
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.float64] | None:
+        """The values, if none of them is a distribution: they are drawn in one call."""
+        return np.array(self.values, np.float64) if all(map(_is_number, self.values)) else None
 
     @property
     def whole(self) -> bool:

@@ -40,11 +40,22 @@ class Randomization:
         """Return the arrays (n, size) of the values of n episodes."""
         return {one.name: np.zeros((n, _size(one, n_arms))) for one, _ in self.varied}
 
-    def draw(self, generator: np.random.Generator, n_arms: int) -> dict[str, NDArray[np.float64]]:
-        """Draw the values (size,) of an episode."""
+    def draw(self, generators: Sequence[np.random.Generator], n_arms: int) -> Values:
+        """Draw the values (k, size) of k episodes.
+
+        Constants need no random numbers, so that they leave the starts as they are.
+
+        :param generators: of the k episodes.
+        :param n_arms: number of arms.
+        """
+        sizes = [0 if one.ends[0] == one.ends[1] else _size(of, n_arms) for of, one in self.varied]
+        shares = np.stack([generator.random(sum(sizes)) for generator in generators])
+        parts = np.split(shares, np.cumsum(sizes)[:-1], axis=1)
         return {
-            one.name: distribution.draw(generator, _size(one, n_arms))
-            for one, distribution in self.varied
+            of.name: distribution.at(part)
+            if size
+            else np.full((len(shares), _size(of, n_arms)), distribution.ends[0])
+            for (of, distribution), size, part in zip(self.varied, sizes, parts, strict=True)
         }
 
     def as_json(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from saver_advisors.benchmark.peers import worker
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import (
     COMPLETE,
+    ENVPOOL_PUSH,
     FETCH_PUSH,
     TWO_ARM_LIFT,
     Peer,
@@ -23,6 +25,8 @@ from saver_advisors.benchmark.peers.suites import (
     install,
 )
 from saver_advisors.benchmark.speed.learner_parts import advice_row
+from saver_advisors.benchmark.speed.randomized_steps import randomized_row
+from saver_advisors.benchmark.speed.speed_page import render
 from saver_advisors.benchmark.speed.steps import memory_per_env, reset_row, step_rows
 from saver_advisors.cli import main
 
@@ -50,6 +54,8 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert main([*tiny, "--json", str(figures), "--table", str(page)]) == 0
     content = json.loads(figures.read_text())
     assert [row["n_envs"] for row in content["rows"]] == [1, 2]
+    (varied,) = content["randomized"]
+    assert (varied["env"], varied["n_envs"], varied["identical"]) == ("DualJacoPush-v0", 2, True)
     assert content["replay"]["rows"] == 200_000
     assert {one["strategy"] for one in content["advice"]} == {"early", "mc-q"}
     assert content["provenance"].keys() >= {"command", "commit", "versions", "machine"}
@@ -89,6 +95,35 @@ def test_resets_and_memory() -> None:
         assert 0.0 < found[32] < 50.0
 
 
+@pytest.mark.parametrize(
+    "env_id",
+    ["JacoPickAndPlace-v0", pytest.param("WristPush-v0", marks=pytest.mark.slow)],
+)
+def test_worlds_with_nominal_values_are_the_default_one(env_id: str) -> None:
+    rounds = []
+    row = randomized_row(env_id, 2, 1, lambda: rounds.append(0))
+    assert len(rounds) == 1
+    assert row["identical"]
+    rates = ("steps_per_second", "nominal", "wide", "raw_steps_per_second", "wide_to_raw", "reset")
+    assert all(row[name] > 0 for name in rates)
+    assert set(row["memory_per_env_mb"]) == {"default", "wide"}
+
+
+def test_the_page_has_the_bars_of_worlds_that_vary() -> None:
+    docs = Path(__file__).resolve().parents[2] / "docs"
+    figures = json.loads((docs / "results" / "speed.json").read_text())
+    row = {
+        **{"env": "JacoPush-v0", "n_envs": 64, "steps_per_second": 5000.0, "nominal": 0.985},
+        **{"identical": False, "wide": 0.9, "raw_steps_per_second": 5200.0, "wide_to_raw": 0.94},
+        **{"reset": 1.25, "memory_per_env_mb": {"default": 0.2, "wide": 0.3}},
+    }
+    text = render({**figures, "randomized": [row]})
+    assert "| nominal (at least 0.94) | identical |" in text
+    assert "| JacoPush-v0 | 64 | 5,000 | 0.98 | no | 0.90 | 5,200 | 0.94 | 1.25x | 1.50x |" in text
+    row["memory_per_env_mb"] = {"default": None, "wide": None}
+    assert "| 1.25x | - |" in render({**figures, "randomized": [row]})
+
+
 def test_ratios_are_taken_round_by_round() -> None:
     # The second round was disturbed: both parts took ten times as long.
     assert median_ratio([1.0, 10.0, 1.0], [2.0, 20.0, 2.0]) == 0.5
@@ -103,9 +138,11 @@ def test_cores_are_given_back() -> None:
     assert os.sched_getaffinity(0) == before
 
 
-@pytest.mark.parametrize("peer", [TWO_ARM_LIFT, Peer("NoSuchEnv", "robosuite", 1, ())])
+@pytest.mark.parametrize(
+    "peer", [TWO_ARM_LIFT, ENVPOOL_PUSH, Peer("NoSuchEnv", "robosuite", 1, ())]
+)
 def test_a_peer_that_does_not_start_says_why(peer: Peer) -> None:
-    with pytest.raises(PeerError, match=rf"{peer.env} does not run: .*robosuite"):
+    with pytest.raises(PeerError, match=rf"{re.escape(peer.name)} does not run: .*{peer.suite}"):
         RunningPeer(peer, Path(sys.executable))
 
 

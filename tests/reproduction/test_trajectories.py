@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from saver_envs.wrappers.sb3_sensor_noise import NoisyVecSensors
-from saver_envs.wrappers.sensor_noise import SensorNoise
 
 from reproduction.transfer.trajectories import run_trials
 from saver_advisors.evaluation.episodes import evaluate_policy
@@ -18,7 +16,8 @@ from saver_envs.tasks.layout import Layout
 from saver_envs.wrappers.finger_readings import translated_fingers
 
 PUSH, PICK = "DualMicoPush-v0", "DualMicoPickAndPlace-v0"
-OPTIONS = {"max_episode_steps": 12, "object_size": 0.07}
+OPTIONS = {"max_episode_steps": 12, "randomization": {"object_size": 0.07}}
+NOISY = {"max_episode_steps": 12, "randomization": {"object_size": 0.07, "sensor_noise": 1.0}}
 LAYOUT = Layout(ARM_AND_OBJECT, 2)
 
 
@@ -55,23 +54,37 @@ def test_trials_are_the_episodes_of_an_evaluation() -> None:
         assert not one.closing.any()
 
 
-def test_what_the_policy_is_told_is_what_an_environment_with_noise_would_tell() -> None:
-    noise, told = SensorNoise(), []
+def test_what_is_recorded_is_the_true_state_and_not_the_noisy_observation() -> None:
+    told: list[Any] = []
 
     def spy(observation: Any) -> Any:
         told.append(observation["observation"].copy())
         return follow(observation)
 
-    trials = run_trials(spy, PUSH, 3, seed=8, env_kwargs=OPTIONS, noise=noise)
-    env = NoisyVecSensors(SaverVecEnv(PUSH, 3, **OPTIONS), noise)
+    trials = run_trials(spy, PUSH, 3, seed=8, env_kwargs=NOISY)
+    env = SaverVecEnv(PUSH, 3, **NOISY)
     observation = env.reset_episodes([8, 9, 10])
-    for seen in told:
+    for step, seen in enumerate(told):
         np.testing.assert_array_equal(seen, observation["observation"])
+        # The achieved goals are exact.
+        true = np.stack([one.object[step].ravel() for one in trials])
+        np.testing.assert_array_equal(true.astype(np.float32), observation["achieved_goal"])
         observation = env.step(follow(observation))[0]
-    # What is recorded is what was, not what was told.
     first = told[0].reshape(3, 2, 28)[..., 12:15]
     errors = np.abs(np.stack([one.object[0] for one in trials]) - first)
     assert 1e-4 < errors.max() < 0.05
+
+
+def test_conditions_with_cubes_of_one_size_have_the_same_starts() -> None:
+    different = {"object_friction": 0.1, "sensor_noise": 1.0}
+    slippery = {"max_episode_steps": 12, "randomization": different}
+    usual = run_trials(follow, PUSH, 4, seed=8, env_kwargs={"max_episode_steps": 12})
+    changed = run_trials(follow, PUSH, 4, seed=8, env_kwargs=slippery)
+    for one, other in zip(usual, changed, strict=True):
+        np.testing.assert_array_equal(one.target, other.target)
+        np.testing.assert_allclose(one.object[0], other.object[0], atol=1e-9)
+    ends = [np.stack([one.object[-1] for one in trials]) for trials in (usual, changed)]
+    assert (ends[0] != ends[1]).any()
 
 
 def test_the_policy_reads_the_hand_that_it_knows() -> None:
@@ -93,7 +106,7 @@ def test_the_policy_reads_the_hand_that_it_knows() -> None:
 
 def test_the_same_call_plays_the_same_trials_and_shows_them() -> None:
     shown: list[int] = []
-    arguments: dict[str, Any] = {"env_kwargs": OPTIONS, "noise": SensorNoise()}
+    arguments: dict[str, Any] = {"env_kwargs": NOISY}
     first = run_trials(follow, PUSH, 2, **arguments)
     second = run_trials(
         follow, PUSH, 2, frame_callback=lambda _, step: shown.append(step), **arguments

@@ -11,7 +11,6 @@ import pytest
 
 from reproduction.program import main as reproduce
 from reproduction.transfer.attempts import (
-    ENVIRONMENTS,
     EXPERT,
     OBJECT_SIZE,
     TITLES,
@@ -20,8 +19,14 @@ from reproduction.transfer.attempts import (
     conditions,
 )
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, Failure
-from reproduction.transfer.transfer_command import attempts, entrants, paper_rows, render
-from saver_advisors.policies import WEIGHTS_DIR
+from reproduction.transfer.transfer_command import (
+    STUDENTS,
+    attempts,
+    entrants,
+    paper_rows,
+    render,
+)
+from saver_advisors.policies import WEIGHTS_DIR, load_policy
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import make_episodes
 
@@ -47,16 +52,18 @@ def test_every_condition_can_be_built_and_differs_in_what_it_says(task: str) -> 
     assert several[0].name == "home"
     assert several[-1].name == "all"
     for one in several:
-        made = make_episodes(ENVIRONMENTS[task, one.robot], **one.options)
+        attempt = Attempt(task, one, "expert", EXPERT)
+        made = make_episodes(attempt.env_id, **attempt.options)
         made.reset()
-        usual = make_episodes(ENVIRONMENTS[task, one.robot]).task
+        usual = make_episodes(attempt.env_id).task
         for option in ("object_size", "object_friction", "object_mass", "object_damping"):
-            changed = getattr(made.task, option) != getattr(usual, option)
-            assert changed == (option in one.options), (one.name, option)
-        assert ("noise" in one.words) == (one.noise is not None)
-    assert ("object_size" in several[-1].options) == (task == "push")
+            own = getattr(made.worlds.tasks[0], option)
+            assert own == one.randomization.get(option, getattr(usual, option)), (one.name, option)
+        assert ("noise" in one.words) == ("sensor_noise" in one.randomization)
+        assert (not one.randomization) == (one.name in ("home", "raw", "mico"))
+    assert ("object_size" in several[-1].randomization) == (task == "push")
     if task == "push":
-        assert several[-1].options["object_size"] == OBJECT_SIZE == 0.09
+        assert several[-1].randomization["object_size"] == OBJECT_SIZE == 0.09
 
 
 def test_who_tries() -> None:
@@ -124,7 +131,8 @@ def test_the_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert "| Push | advised |" in text
     assert "| 40/50 | 10 slid away |" in text
     assert "| 30/50 | 12 weak grasp, 8 inaccurate |" in text
-    assert "| object offset | 0.005 |" in text
+    assert "| object position | 0.003 | 0.005 |" in text
+    assert [one["name"] for one in content["weights"]] == ["dual-jaco-push", "jaco-pick-and-place"]
     capsys.readouterr()
     assert reproduce(["transfer", "--from", str(figures)]) == 0
     assert capsys.readouterr().out.strip() == text.strip()
@@ -178,6 +186,15 @@ def test_a_file_that_is_no_measurement_is_named(
     path.write_text(text)
     assert reproduce(["transfer", "--from", str(path)]) == 2
     assert str(path) in capsys.readouterr().err
+
+
+def test_shipped_weights_are_those_that_were_measured() -> None:
+    docs = Path(__file__).resolve().parents[2] / "docs"
+    measured = json.loads((docs / "results" / "transfer.json").read_text())["weights"]
+    assert {one["name"] for one in measured} >= set(STUDENTS.values())
+    for one in measured:
+        card = load_policy(one["name"]).card
+        assert (card.steps, card.commit) == (one["steps"], one["commit"]), one["name"]
 
 
 def test_the_page_is_that_of_the_file() -> None:

@@ -34,14 +34,21 @@ class Peer:
     n_envs: int
     requirements: tuple[str, ...]
 
+    @property
+    def name(self) -> str:
+        """Name in tables and messages: two suites have a FetchPush."""
+        return f"{self.env} ({self.suite})"
 
-#: Both suites fail with MuJoCo 3.12 and later, where its enumerations no longer equal NumPy's
-#: integers; robosuite also reads `MjData.qM`, which later versions of 3 lack.
+
+#: The suites in Python fail with MuJoCo 3.12 and later, where its enumerations no longer equal
+#: NumPy's integers; robosuite also reads `MjData.qM`, which later versions of 3 lack.
 FETCH_PUSH: Final = Peer(
     "FetchPush-v4", "gymnasium-robotics", 64, ("gymnasium-robotics==1.4.2", "mujoco==3.11.0")
 )
 TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "mujoco==3.3.7"))
-PEERS: Final = (FETCH_PUSH, TWO_ARM_LIFT)
+#: The same environment in C++, with its own MuJoCo.
+ENVPOOL_PUSH: Final = Peer("FetchPush-v4", "envpool", 64, ("envpool==1.2.5",))
+PEERS: Final = (FETCH_PUSH, ENVPOOL_PUSH, TWO_ARM_LIFT)
 
 #: Stable-Baselines3 in JAX, whose gradient steps are timed; it has no environment.
 SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
@@ -101,7 +108,7 @@ class RunningPeer(PeerProcess):
     """
 
     def __init__(self, peer: Peer, python: Path) -> None:
-        super().__init__(peer.env, python, WORKER, peer.suite, peer.env, str(peer.n_envs))
+        super().__init__(peer.name, python, WORKER, peer.suite, peer.env, str(peer.n_envs))
         self.peer = peer
         ready = self.read()
         self.modes: list[str] = ready["modes"]

@@ -53,6 +53,27 @@ def gymnasium_robotics(env_id: str, n: int) -> Work:
     return {"vector": as_vector, "loop": as_loop}, n * horizon
 
 
+def envpool(env_id: str, n: int) -> Work:
+    """Prepare whole episodes with their resets: ``vector``, on one thread.
+
+    :param env_id: a registered id
+    :param n: environments in this process
+    """
+    suite: Any = importlib.import_module("envpool")
+    env = suite.make(env_id, env_type="gymnasium", num_envs=n, num_threads=1, seed=0)
+    env.reset()
+    horizon = env.spec.config.max_episode_steps
+    random = np.random.default_rng(0)
+    actions = random.uniform(-1, 1, (horizon, n, *env.action_space.shape)).astype("float32")
+
+    def vector() -> None:
+        for action in actions:
+            env.step(action)
+        env.step(actions[0])  # this step resets all environments
+
+    return {"vector": vector}, n * horizon
+
+
 def robosuite(env_id: str, n: int) -> Work:
     """Prepare an environment with two Pandas, the default controller and the objects' state.
 
@@ -85,7 +106,7 @@ def robosuite(env_id: str, n: int) -> Work:
 
 
 #: Distribution -> how its environments are prepared.
-SUITES = {"gymnasium-robotics": gymnasium_robotics, "robosuite": robosuite}
+SUITES = {"gymnasium-robotics": gymnasium_robotics, "envpool": envpool, "robosuite": robosuite}
 
 
 def serve(work: Work, versions: dict[str, str]) -> None:
@@ -118,7 +139,9 @@ def main(suite: str, env_id: str, n: int) -> None:
     answers, sys.stdout = sys.stdout, sys.stderr
     work = SUITES[suite](env_id, n)
     sys.stdout = answers
-    serve(work, {name: metadata.version(name) for name in (suite, "mujoco", "numpy")})
+    installed = {one.name.lower(): one.version for one in metadata.distributions()}
+    # EnvPool contains the simulator.
+    serve(work, {name: installed[name] for name in (suite, "mujoco", "numpy") if name in installed})
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from saver_advisors.benchmark.speed.randomized_steps import MUST
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, join_parts, markdown, row_cells, rows_table
 
@@ -23,10 +24,19 @@ environment of Stable-Baselines3; no reset is in the time that was measured. The
 environment takes.
 """
 
+RANDOMIZED: Final = """\
+Each environment in its default world, in one whose every parameter is drawn but always has its
+nominal value, and under the preset `wide`; in processor time, on one core. An episode of random
+actions is timed without its reset. *Nominal* and *wide* are rates in proportion to that of the
+default world; *identical* says whether the nominal world's episodes are the default world's, bit
+for bit. *Raw* is MuJoCo alone on the models of `wide` with the same controls. Resets and memory are
+those of `wide` in proportion to the default world's. The bars are in brackets.
+"""
+
 PEERS: Final = """\
 Whole episodes with their resets, on one core. The peers run in virtual environments of their own,
-in one process each, as their users have them; the faster mode counts. TwoArmLift's resets, half a
-second each, are left out.
+in one process each, as their users have them; the faster mode counts. EnvPool has the FetchPush of
+gymnasium-robotics in C++. TwoArmLift's resets, half a second each, are left out.
 """
 
 
@@ -45,12 +55,12 @@ _STEPS: Final[Sequence[tuple[str, Column]]] = (
     ("threads' gain", "{speed_up_of_threads:.2f}x"),
     ("MB an environment", lambda row: _memory(row.get("memory_per_env_mb"))),
 )
-_RATIOS: Final = {
+_RATIOS: Final[Mapping[str, Column]] = {
     "environment": "{env}",
     "peer": "{peer}",
     "times as fast": "{ratio:.1f}x",
-    "must": "{must:g}x",
-    "aim": "{aim:g}x",
+    "must": lambda row: _bar(row["must"]),
+    "aim": lambda row: _bar(row["aim"]),
 }
 _RATES: Final[Mapping[str, Column]] = {
     "environment": "{env}",
@@ -83,10 +93,36 @@ def render(figures: Mapping[str, Any]) -> str:
         parts += [rows_table(peers["ratios"], _RATIOS), rows_table(rates, _RATES)]
     headings, columns = zip(*_STEPS, strict=True)
     parts += ["## Steps per second", STEPS, markdown(headings, row_cells(figures["rows"], columns))]
+    if randomized := figures.get("randomized"):
+        parts += ["## Worlds that vary", RANDOMIZED, _randomized(randomized)]
     parts += ["## Starting episodes", _resets(figures["resets"])]
     parts += ["## Replay and advice", _replay(figures["replay"])]
     parts += [rows_table(figures["advice"], _ADVICE), _origin(figures)]
     return join_parts(parts)
+
+
+def _bar(times: float | None) -> str:
+    return "-" if times is None else f"{times:g}x"
+
+
+def _randomized(rows: Sequence[Mapping[str, Any]]) -> str:
+    def memory(row: Mapping[str, Any]) -> str:
+        default, wide = (row["memory_per_env_mb"][name] for name in ("default", "wide"))
+        return f"{wide / default:.2f}x" if default and wide else "-"
+
+    columns: dict[str, Column] = {
+        "environment": "{env}",
+        "n_envs": "{n_envs}",
+        "default": "{steps_per_second:,.0f}",
+        f"nominal (at least {MUST['nominal']:g})": "{nominal:.2f}",
+        "identical": lambda row: "yes" if row["identical"] else "no",
+        f"wide (at least {MUST['wide']:g})": "{wide:.2f}",
+        "raw": "{raw_steps_per_second:,.0f}",
+        f"wide of raw (at least {MUST['wide_to_raw']:g})": "{wide_to_raw:.2f}",
+        f"reset (at most {MUST['reset']:g}x)": "{reset:.2f}x",
+        f"memory (at most {MUST['memory']:g}x)": memory,
+    }
+    return rows_table(rows, columns)
 
 
 def _memory(megabytes: float | None) -> str:

@@ -26,7 +26,7 @@ SPARE: Final = 5
 MEMORY_FILE: Final = Path("/proc/self/statm")
 #: Stages of the simulator's calls of one action, as :class:`saver_envs.simulation.Simulation` asks
 #: for them.
-_STAGES: Final = [int(mjtStage.mjSTAGE_NONE)] * (CONTACT_SAMPLES - 1) + [int(mjtStage.mjSTAGE_VEL)]
+STAGES: Final = [int(mjtStage.mjSTAGE_NONE)] * (CONTACT_SAMPLES - 1) + [int(mjtStage.mjSTAGE_VEL)]
 
 
 class _Bench:
@@ -95,7 +95,7 @@ class _Bench:
     def _step_raw(self, control: NDArray[np.float64]) -> None:
         """Make only the simulator's calls of one action."""
         self._raw.ctrl = control
-        for stage in _STAGES:
+        for stage in STAGES:
             self._raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
 
 
@@ -194,11 +194,14 @@ def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
     return {"env": env_id, "milliseconds_per_episode": found}
 
 
-def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float]:
+def memory_per_env(
+    env_id: str, n_envs: Sequence[int], randomization: str = "none"
+) -> dict[int, float]:
     """Measure in a new process how much memory each environment takes.
 
     :param env_id: a registered id
     :param n_envs: numbers of environments
+    :param randomization: a preset
     :return: megabytes (10^6 bytes) per environment, by number; without the number 1, whose memory
         cannot be separated from the rest of the process, and empty if the system does not report it
     """
@@ -210,14 +213,14 @@ def memory_per_env(env_id: str, n_envs: Sequence[int]) -> dict[int, float]:
         return {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
-        return pool.submit(_memory_here, env_id, counts).result()
+        return pool.submit(_memory_here, env_id, counts, randomization).result()
 
 
-def _memory_here(env_id: str, counts: list[int]) -> dict[int, float]:
+def _memory_here(env_id: str, counts: list[int], randomization: str) -> dict[int, float]:
     from saver_envs.registration import make_episodes
 
     def grow(count: int) -> Any:
-        episodes = make_episodes(env_id, count)
+        episodes = make_episodes(env_id, count, randomization=randomization)
         episodes.reset()
         for _ in range(3):
             episodes.step(np.zeros((count, episodes.action_size)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
@@ -13,18 +13,22 @@ import numpy as np
 
 from saver_advisors.benchmark.machine import cores, median_ratio, progress
 from saver_advisors.benchmark.peers.suites import (
+    ENVPOOL_PUSH,
     FETCH_PUSH,
     PEERS,
     TWO_ARM_LIFT,
+    Peer,
     RunningPeer,
     install,
 )
 from saver_envs.registration import ONE_ARM_ID, TWO_ARM_ID
 
-#: Our id, the peer, and how many times as fast ours must be and should be.
-COMPARISONS: Final = (
+#: Our id, the peer, and how many times as fast ours must be and should be, if that was set.
+COMPARISONS: Final[Sequence[tuple[str, Peer, float | None, float | None]]] = (
     (ONE_ARM_ID, FETCH_PUSH, 3.0, 5.0),
     (TWO_ARM_ID, FETCH_PUSH, 1.5, 2.5),
+    (ONE_ARM_ID, ENVPOOL_PUSH, None, None),
+    (TWO_ARM_ID, ENVPOOL_PUSH, None, None),
     (TWO_ARM_ID, TWO_ARM_LIFT, 20.0, 40.0),
 )
 N_ENVS: Final = 64
@@ -45,7 +49,7 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
         running = [stack.enter_context(RunningPeer(peer, pythons[peer])) for peer in PEERS]
         ours = {env_id: _whole_episodes(env_id) for env_id, *_ in COMPARISONS}
         peer_times: dict[str, dict[str, list[float]]] = {
-            one.peer.env: {mode: [] for mode in one.modes} for one in running
+            one.peer.name: {mode: [] for mode in one.modes} for one in running
         }
         our_times: dict[str, list[float]] = {env_id: [] for env_id in ours}
         with progress("peers", rounds) as advance:
@@ -53,7 +57,7 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
                 for env_id, episodes in ours.items():
                     our_times[env_id].append(episodes(seconds))
                 for one in running:
-                    for mode, times in peer_times[one.peer.env].items():
+                    for mode, times in peer_times[one.peer.name].items():
                         times.append(one.measure(mode, seconds))
                 advance()
     return {
@@ -67,7 +71,7 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
                 "versions": one.versions,
             }
             for one in running
-            for mode, times in peer_times[one.peer.env].items()
+            for mode, times in peer_times[one.peer.name].items()
         ],
         "ours": [
             {"env": env_id, "n_envs": N_ENVS, "steps_per_second": 1 / median(times)}
@@ -76,9 +80,9 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
         "ratios": [
             {
                 "env": env_id,
-                "peer": peer.env,
+                "peer": peer.name,
                 "ratio": median_ratio(
-                    min(peer_times[peer.env].values(), key=median), our_times[env_id]
+                    min(peer_times[peer.name].values(), key=median), our_times[env_id]
                 ),
                 "must": must,
                 "aim": aim,
