@@ -313,6 +313,19 @@ def test_every_agent_reports() -> None:
         assert infos[agent]["parameters"]["tool_offset"].shape == (6,)
 
 
+@pytest.mark.slow
+def test_pictures_as_observations_report_and_show_the_same_world() -> None:
+    options: dict[str, Any] = {"randomization": "wide", "report_parameters": True}
+    env = gymnasium.make("WristPushPixels-v0", **options)
+    plain = gymnasium.make(WRISTS, **options)
+    infos = env.reset(seed=3)[1], plain.reset(seed=3)[1]
+    assert_same(infos[0]["parameters"], infos[1]["parameters"])
+    assert len(infos[0]["parameters"]) == 17
+    usual = gymnasium.make("WristPushPixels-v0")
+    seen, other = env.reset(seed=3)[0], usual.reset(seed=3)[0]
+    assert all((seen[name] != other[name]).any() for name in ("rgb", "depth"))
+
+
 def test_the_batch_of_stable_baselines_reports() -> None:
     env = SaverVecEnv(PUSH, 3, seed=0, **OPTIONS)
     env.reset()
