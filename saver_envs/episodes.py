@@ -287,7 +287,7 @@ class Episodes:
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
         self.elapsed[rows] = 0
         self._failed[rows] = self._collided[rows] = False
-        self._read(rows)
+        self._read(rows, begins=True)
         self.simulation.collided[:] = False
         return self._outcome(np.zeros(self.n, dtype=bool))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -140,6 +140,7 @@ class EpisodeOutcomes:
         distinguishes it from success (tasks with a constraint); else None
     :param deviations: (episodes, 2) mean and maximum over the episode of the deviation of the
         constraint's value from the required one, metres; None for tasks without a constraint
+    :param randomization: what differs between the episodes, each with its distribution
     """
 
     env_id: str
@@ -153,6 +154,7 @@ class EpisodeOutcomes:
     diverged: NDArray[np.bool_]
     goal_reached: NDArray[np.bool_] | None = None
     deviations: NDArray[np.float64] | None = None
+    randomization: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def episodes(self) -> int:
@@ -216,6 +218,8 @@ class EpisodeOutcomes:
         if self.deviations is not None:
             values["deviation_mean"] = float(self.deviations[:, 0].mean())
             values["deviation_worst"] = float(self.deviations[:, 1].max())
+        if self.randomization:
+            values["randomization"] = dict(self.randomization)
         rates = {name: getattr(self, name) for name in CONSTRAINT_RATES}
         return values | {name: rate for name, rate in rates.items() if rate is not None}
 
@@ -251,7 +255,9 @@ def evaluate_policy(
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **(env_kwargs or {}))
     with closing(vec_env):
         task = vec_env.episodes.task
-        return run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
+        varied = vec_env.episodes.settings.randomization.as_json()
+        outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
+    return replace(outcomes, randomization=varied)
 
 
 def run_episodes(
