@@ -21,6 +21,7 @@ from saver_advisors.training.curve_file import POINT, is_point, read_curve
 from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
 from saver_envs.files import read_json, written_whole
+from saver_envs.registration import varied_in
 
 STEPS_FILE: Final = "steps.json"
 """Environment steps of a third-party algorithm in progress, written every few seconds."""
@@ -136,12 +137,16 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
             outcomes = evaluate_trained(
                 folder, "latest", episodes=episodes, seed=REPORT_SEED + first, threads=threads
             )
-            arrays = {k: v for k, v in vars(outcomes).items() if k not in ("env_id", "seed")}
+            of_all = ("env_id", "seed", "randomization")
+            arrays = {k: v for k, v in vars(outcomes).items() if k not in of_all}
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
         parts.append(read_json(path))
     arrays = joined(parts, np.concatenate)
-    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, **arrays)
+    varied = varied_in(run.config.env_id, run.config.env_kwargs)
+    return EpisodeOutcomes(
+        env_id=run.config.env_id, seed=REPORT_SEED, randomization=varied, **arrays
+    )
 
 
 def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1) -> dict[str, Any]:

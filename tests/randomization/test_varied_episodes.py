@@ -30,6 +30,7 @@ from saver_envs.registration import make_episodes
 from saver_envs.tasks.contract import NoStart
 
 HORIZON = 6
+KEYS = ("observation", "achieved_goal", "desired_goal")
 PUSH, PICK, WRISTS = "JacoPush-v0", "JacoPickAndPlace-v0", "WristPush-v0"
 
 
@@ -311,6 +312,22 @@ def test_every_agent_reports() -> None:
     for agent in env.agents:
         assert_same(infos[agent]["parameters"], drawn(env, 0))
         assert infos[agent]["parameters"]["tool_offset"].shape == (6,)
+
+
+def test_agents_share_the_world_of_the_single_environment() -> None:
+    env = SaverParallelEnv("DualJacoPush-v0", randomization="wide", max_episode_steps=HORIZON)
+    single = SaverGoalEnv("DualJacoPush-v0", randomization="wide", max_episode_steps=HORIZON)
+    for seed in (4, None):
+        env.reset(seed=seed)
+        alone = single.reset(seed=seed)[0]
+        for action in random_actions(6, HORIZON, 1)[:, 0]:
+            assert_same(env.state(), np.concatenate([alone[name] for name in KEYS]))
+            blocks = dict(zip(env.agents, action.reshape(2, 3), strict=True))
+            _, rewards, _, truncated, _ = env.step(blocks)
+            alone, reward, _, over, _ = single.step(action)
+            assert set(rewards.values()) == {reward}
+            assert set(truncated.values()) == {over}
+        assert over
 
 
 @pytest.mark.slow
