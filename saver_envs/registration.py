@@ -334,6 +334,15 @@ def task_and_settings(env_id: str, options: Mapping[str, Any]) -> tuple[Task, Se
     return _described(row_of(env_id), ControlOptions(**control), of_task)
 
 
+def varied_in(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the distributions of what varies in an environment, as JSON; none if nothing does.
+
+    :raises ValueError: for an unknown id or an option out of range.
+    :raises TypeError: for an unknown option.
+    """
+    return task_and_settings(env_id, options)[1].randomization.as_json()
+
+
 def _described(
     row: EnvironmentRow, control: ControlOptions, of_task: Mapping[str, Any]
 ) -> tuple[Task, Settings]:

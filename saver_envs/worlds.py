@@ -46,6 +46,7 @@ class Worlds:
         self._task, self._simulation, self._randomization = task, simulation, randomization
         #: Parameter -> (n, size) of what was drawn.
         self.values: Values = randomization.empty(n, task.n_arms)
+        self._drawn = np.zeros(n, dtype=bool)
         #: The task of every episode.
         self.tasks: list[Task] = [task] * n
         #: Top speed of the set-points, m/s: one number, or (n, 1, 1).
@@ -86,6 +87,7 @@ class Worlds:
         own = [generators[row] for row in rows.tolist()]
         for name, values in self._randomization.draw(own, self._task.n_arms).items():
             self.values[name][rows] = values
+        self._drawn[rows] = True
         self._give(rows)
 
     def begin_errors(self, rows: Rows, generators: Sequence[np.random.Generator]) -> None:
@@ -159,16 +161,17 @@ class Worlds:
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of everything that differs."""
-        return copy.deepcopy({"values": self.values, "lines": self._lines, "errors": self._errors})
+        names = ("values", "_drawn", "_lines", "_errors")
+        return copy.deepcopy({name: getattr(self, name) for name in names})
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go back to a state that :meth:`get_state` returned."""
         if not self._randomization:
             return
-        copied = copy.deepcopy(dict(state))
-        self.values, self._lines = copied["values"], copied["lines"]
-        self._errors = copied["errors"]
-        self._give(np.arange(self._simulation.n))
+        for name, value in copy.deepcopy(dict(state)).items():
+            setattr(self, name, value)
+        if self._drawn.any():
+            self._give(np.flatnonzero(self._drawn))
 
     def decorate(self, model: mujoco.MjModel, row: int) -> None:
         """Move the cameras of a drawing model to where they are in an episode."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from reproduction.joint_speeds import in_words
+from reproduction.pages.page_templates import template
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
@@ -49,19 +50,10 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
     :param results: result files, see :func:`~reproduction.pages.results.read_result_files`.
     :return: Markdown.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    templates = Environment(
-        loader=PackageLoader("reproduction.pages"),
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        # Markdown needs no HTML escapes, and all of it comes from our own code.
-        autoescape=False,
-    )
     episodes = make_episodes(one.env_id)
     task = episodes.task
     page = task.page(episodes.scene)
-    return templates.get_template("environment.md.j2").render(
+    return template("environment.md.j2").render(
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one.env_id),

@@ -15,6 +15,7 @@ from reproduction.pages.environments import (
     environments_table,
 )
 from reproduction.pages.results import read_result_files, results_page, success_overview
+from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
 from saver_advisors.reporting.tables import between_markers, markdown
@@ -32,6 +33,7 @@ def all_pages(output: Path) -> dict[str, str]:
     entries = [entry(name) for name in sparse_ids()]
     pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries) + GENERATED
+    pages["worlds.md"] = worlds_page(sparse_ids()) + GENERATED
     pages["weights.md"] = weights_page() + GENERATED
     pages["results.md"] = f"{results_page(results)} {GENERATED}"
     pose = output / "results" / "pose.json"

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
-    """Draw a picture and record a clip of every environment.
+    """Draw a picture and record a clip of every environment, and worlds that vary of some.
 
     :param output: folder of the documentation.
     :param only: ids of the environments; all of them if None.
@@ -88,6 +88,7 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from reproduction.pages.clips import CLIP_EVERY, clip_frames
+    from reproduction.pages.worlds import SHOWN, world_pictures
     from saver_advisors.reporting.video import start_picture, write_clip
 
     folder = output / "images" / "environments"
@@ -96,3 +97,7 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
         picture = Image.fromarray(start_picture(env_id))
         picture.save(folder / f"{env_id}.jpg", quality=88, optimize=True)
         write_clip(folder / f"{env_id}.webp", clip_frames(env_id), stride=CLIP_EVERY)
+        if env_id in SHOWN:
+            worlds = output / "images" / "worlds" / f"{env_id}.webp"
+            worlds.parent.mkdir(exist_ok=True)
+            Image.fromarray(world_pictures(env_id)).save(worlds, quality=80, method=6)

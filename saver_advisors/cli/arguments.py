@@ -303,9 +303,18 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 
 
 def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
-    """Add ``--env-kwargs name=value ...``."""
+    """Add ``--env-kwargs name=value ...`` and ``--randomization``, which adds one of them."""
     text = "keyword arguments of the environment, such as rated=true object_size=0.07"
     add_settings(parser, "--env-kwargs", text)
+    parser.add_argument(
+        "--randomization",
+        dest="env_kwargs",
+        action="append",
+        type="randomization={}".format,
+        metavar="NAME",
+        help="what differs between episodes: none, mild, wide, held-out:NAME or held-out:all; "
+        "short for --env-kwargs randomization=NAME",
+    )
 
 
 def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:

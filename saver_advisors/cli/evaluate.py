@@ -31,6 +31,7 @@ examples:
   saver evaluate --env JacoPush-v0 --policy random --episodes 20
   saver evaluate --env DualJacoPush-v0 --policy side-by-side:jaco-push
   saver evaluate --env JacoPush-v0 --policy jaco-push --env-kwargs object_mass=0.4
+  saver evaluate --env JacoPush-v0 --policy jaco-push --randomization held-out:object_size
 
 policies:
   NAME                    a shipped policy, such as jaco-push

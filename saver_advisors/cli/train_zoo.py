@@ -41,7 +41,8 @@ def _zoo_words(args: argparse.Namespace) -> list[str]:
     """Return RL Zoo's command line.
 
     RL Zoo 2.9 does not pass the file's `env_kwargs`, which make starts easier, to its evaluations.
-    The command line does not rely on that: it resets each of them to its default there.
+    The command line does not rely on that: it resets each of them to its default there, except for
+    `randomization`, which the evaluations share.
     """
     from saver_advisors.zoo import arguments as zoo
     from saver_envs.registration import default_options
@@ -61,7 +62,9 @@ def _zoo_words(args: argparse.Namespace) -> list[str]:
     hyperparameters = {k: v for k, v in chosen.items() if k not in entry or v != entry[k]}
     env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
     easier = entry.get("env_kwargs") or {}
-    defaults = default_options(args.env)
+    usual = default_options(args.env)
+    kept = ("randomization",)
+    measured = {name: value if name in kept else usual[name] for name, value in easier.items()}
     seed = args.seed or 0
     algorithm = zoo.algorithm_name(args.zoo, advised=values["advice"] is not None)
     if values["advice"] is not None:
@@ -80,7 +83,7 @@ def _zoo_words(args: argparse.Namespace) -> list[str]:
     for name, given in (
         ("--hyperparams", hyperparameters),
         ("--env-kwargs", {**easier, **env_kwargs}),
-        ("--eval-env-kwargs", {**{name: defaults[name] for name in easier}, **env_kwargs}),
+        ("--eval-env-kwargs", {**measured, **env_kwargs}),
     ):
         if given:
             # RL Zoo evaluates what follows the colon as Python.

@@ -145,6 +145,7 @@ class EpisodeOutcomes:
     :param lost: (episodes,) whether an object left the table; None where the environment does not
         report it
     :param world: digest of the world, see :mod:`saver_envs.digest`; None if unknown
+    :param randomization: what differs between the episodes, each with its distribution
     """
 
     env_id: str
@@ -161,6 +162,7 @@ class EpisodeOutcomes:
     collision_forces: NDArray[np.float64] | None = None
     lost: NDArray[np.bool_] | None = None
     world: str | None = None
+    randomization: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def episodes(self) -> int:
@@ -230,6 +232,8 @@ class EpisodeOutcomes:
             values["collision_force_max"] = float(self.collision_forces.max())
         if self.lost is not None:
             values["object_lost"] = int(self.lost.sum())
+        if self.randomization:
+            values["randomization"] = dict(self.randomization)
         rates = {name: getattr(self, name) for name in CONSTRAINT_RATES}
         return values | {name: rate for name, rate in rates.items() if rate is not None}
 
@@ -267,8 +271,10 @@ def evaluate_policy(
     vec_env = SaverVecEnv(env_id, n_envs=n_envs, seed=seed, threads=threads, **options)
     with closing(vec_env):
         task = vec_env.episodes.task
+        varied = vec_env.episodes.settings.randomization.as_json()
         outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
-    return replace(outcomes, world=world_digest(env_id, env_kwargs))
+    world = world_digest(env_id, env_kwargs)
+    return replace(outcomes, world=world, randomization=varied)
 
 
 def run_episodes(

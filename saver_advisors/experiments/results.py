@@ -22,6 +22,7 @@ from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
 from saver_envs.digest import world_digest
 from saver_envs.files import read_json, written_whole
+from saver_envs.registration import varied_in
 
 STEPS_FILE: Final = "steps.json"
 """Environment steps of a third-party algorithm in progress, written every few seconds."""
@@ -137,15 +138,21 @@ def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> Episod
             outcomes = evaluate_trained(
                 folder, "latest", episodes=episodes, seed=REPORT_SEED + first, threads=threads
             )
-            of_all = ("env_id", "seed", "world")
+            of_all = ("env_id", "seed", "world", "randomization")
             arrays = {k: v for k, v in vars(outcomes).items() if k not in of_all}
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
         parts.append(read_json(path))
     arrays = joined(parts, np.concatenate)
     assert isinstance(run.config, RunConfig)
-    world = world_digest(run.config.env_id, run.config.env_kwargs)
-    return EpisodeOutcomes(env_id=run.config.env_id, seed=REPORT_SEED, world=world, **arrays)
+    place = run.config.env_id, run.config.env_kwargs
+    return EpisodeOutcomes(
+        env_id=run.config.env_id,
+        seed=REPORT_SEED,
+        world=world_digest(*place),
+        randomization=varied_in(*place),
+        **arrays,
+    )
 
 
 def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1) -> dict[str, Any]:

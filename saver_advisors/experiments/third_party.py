@@ -181,6 +181,8 @@ def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     import gymnasium
     from stable_baselines3.common.base_class import BaseAlgorithm
 
+    from saver_envs.registration import task_and_settings
+
     plan = recorder.plan
     kwargs = resolved(plan.algo_kwargs)
     is_class = inspect.isclass(algorithm)
@@ -189,11 +191,13 @@ def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     lacking = [name for name in ("learn", "predict") if not hasattr(algorithm, name)]
     if is_class and lacking:
         raise AlgorithmError(f"{plan.algorithm} has no method {lacking[0]!r}")
+    # Gymnasium would apply the registered length, also to slow arms, unlike the evaluations.
+    horizon = task_and_settings(plan.env_id, plan.env_kwargs)[1].horizon
     env = gymnasium.make_vec(
         f"saver_envs:{plan.env_id}",
         plan.n_envs,
         vectorization_mode="vector_entry_point",
-        **plan.env_kwargs,
+        **{**plan.env_kwargs, "max_episode_steps": horizon},
     )
     with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
         learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)

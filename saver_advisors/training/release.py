@@ -110,7 +110,8 @@ def release_run(
         **_rates(summary),
         "task": task,
         "env_kwargs": config.env_kwargs,
-        "notes": {"config": config.to_mapping(), "selection": selection},
+        "notes": {"config": config.to_mapping(), "selection": selection}
+        | {name: summary[name] for name in ("randomization",) if name in summary},
     }
     save_policy(path, networks_from_sb3(load_trained(run_dir, chosen)), card)
     return {"selection": selection, "chosen": chosen, "summary": summary}

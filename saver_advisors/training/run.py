@@ -42,6 +42,7 @@ from saver_advisors.training.run_folder import RECORD_FILE, locked, read_record
 from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.training.stopping import Stop
 from saver_envs.digest import world_digest
+from saver_envs.registration import varied_in
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
@@ -191,6 +192,8 @@ class Run:
             "config": self.config.to_mapping(),
             "world": _world_of(self.config),
         }
+        if "randomization" in self.config.env_kwargs:
+            record["randomization"] = varied_in(self.config.env_id, self.config.env_kwargs)
         write_json_atomic(self.output_dir / RECORD_FILE, {**record, "sessions": sessions})
         if checkpoint is None:
             # There is always one to resume from, and a full disk is noticed before the training.

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, TypeAlias, TypeVar, get_args, get_type
 
 from saver_advisors.evaluation.protocol import check_selection, training_seed
 from saver_advisors.variable_reward.replay import RELABELLINGS
+from saver_envs.randomization.presets import plain_options
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
 
@@ -202,6 +203,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         _check_fields(self)
+        for name in ("env_kwargs", "train_env_kwargs"):
+            object.__setattr__(self, name, plain_options(getattr(self, name)))
         if self.algorithm not in ALGORITHM_NAMES:
             raise ValueError(
                 f"algorithm={self.algorithm!r} must be one of {ALGORITHM_NAMES}: hindsight goals "

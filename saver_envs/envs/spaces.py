@@ -13,6 +13,18 @@ from saver_envs.episodes import Episodes
 from saver_envs.validation import real_array, require
 
 
+def episodes_of(env: Any) -> Episodes:
+    """Return the episodes of an environment of this package, possibly wrapped.
+
+    :param env: single or a vector, of Gymnasium or of Stable-Baselines3.
+    :raises TypeError: for another environment.
+    """
+    episodes = getattr(env.unwrapped, "episodes", None)
+    if not isinstance(episodes, Episodes):
+        raise TypeError(f"env={env!r}: must be an environment of saver_envs")
+    return episodes
+
+
 def observation_space(episodes: Episodes) -> spaces.Dict:
     """Return the goal-conditioned space: ``observation``, ``achieved_goal``, ``desired_goal``."""
 

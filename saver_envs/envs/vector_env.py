@@ -162,6 +162,7 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         for name, values in begun.info().items():
             infos[name] = np.where(over, values, infos.get(name, values))
             infos[f"_{name}"] = np.ones(self.num_envs, dtype=bool)
+        infos |= _parameters(begun, np.ones(self.num_envs, dtype=bool))
         self._over = truncated.copy()
         observation = self.episodes.observation().as_dict()
         return observation, reward, np.zeros(self.num_envs, dtype=bool), truncated, infos
@@ -176,8 +177,10 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
         for row in rows:
             final[row] = {name: values[row].copy() for name, values in observation.items()}
         final_infos = _infos(outcome, ended)
-        for name, values in self.episodes.reset(rows).info().items():
+        begun = self.episodes.reset(rows)
+        for name, values in begun.info().items():
             infos[name] = np.where(ended, values, infos[name])
+        infos |= _parameters(begun, np.ones(self.num_envs, dtype=bool))
         infos["final_obs"], infos["_final_obs"] = final, ended.copy()
         infos["final_info"], infos["_final_info"] = final_infos, ended.copy()
         return self.episodes.observation().as_dict()
@@ -246,10 +249,16 @@ def _infos(outcome: Outcome, present: NDArray[np.bool_]) -> Infos:
     for name, values in outcome.info().items():
         infos[name] = np.where(present, values, np.zeros_like(values))
         infos[f"_{name}"] = present.copy()
-    if outcome.parameters is not None:
-        infos["parameters"], infos["_parameters"] = {}, present.copy()
-        for name, drawn in outcome.parameters.items():
-            own = np.where(present[:, None], drawn, 0.0)
-            infos["parameters"][name] = own[:, 0] if own.shape[1] == 1 else own
-            infos["parameters"][f"_{name}"] = present.copy()
-    return infos
+    return infos | _parameters(outcome, present)
+
+
+def _parameters(outcome: Outcome, present: NDArray[np.bool_]) -> Infos:
+    """Return what was drawn for the episodes, if they report it; see :func:`_infos`."""
+    if outcome.parameters is None:
+        return {}
+    entry: Infos = {}
+    for name, drawn in outcome.parameters.items():
+        own = np.where(present[:, None], drawn, 0.0)
+        entry[name] = own[:, 0] if own.shape[1] == 1 else own
+        entry[f"_{name}"] = present.copy()
+    return {"parameters": entry, "_parameters": present.copy()}

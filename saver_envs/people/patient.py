@@ -143,8 +143,12 @@ class Patient:
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
         """Give the models of simulations ``rows`` the bodies of ``people``."""
         where, fields = self._where, self._fields
+        # Bodies have other sites; the tools of the arms stay where they are.
+        sites, tools = self._simulation.per_simulation("site_pos"), self._scene.tool_site
+        own_tools = sites[rows[:, None], tools]
         for name, values in self._bodies.items():
             fields[name][rows] = values[people.body]
+        sites[rows[:, None], tools] = own_tools
         dofs, geoms = where.limb_dofs, where.limb_geoms
         fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
         fields[_DAMPING][rows[:, None], dofs] = self._damping * people.stiffness[:, None]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ class Uniform:
 
     def as_json(self) -> Any:
         """Return what :func:`parse_distribution` reads."""
-        return {"uniform": [self.low, self.high]}
+        return {"uniform": [_plain(self.low), _plain(self.high)]}
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class LogUniform:
 
     def as_json(self) -> Any:
         """Return what :func:`parse_distribution` reads."""
-        return {"log_uniform": [self.low, self.high]}
+        return {"log_uniform": [_plain(self.low), _plain(self.high)]}
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class Choice:
     def as_json(self) -> Any:
         """Return what :func:`parse_distribution` reads."""
         values = [
-            value.as_json() if isinstance(value, Uniform | LogUniform) else value
+            value.as_json() if isinstance(value, Uniform | LogUniform) else _plain(value)
             for value in self.values
         ]
         return values[0] if len(values) == 1 and _is_number(values[0]) else {"choice": values}
@@ -193,6 +193,11 @@ def parse_distribution(name: str, value: Any) -> Distribution:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _plain(value: float) -> float:
+    """Return a number of Python for one of NumPy."""
+    return int(value) if isinstance(value, Integral) else float(value)
 
 
 def _require_ends(low: object, high: object) -> None:

@@ -143,7 +143,7 @@ COMMON = (
         held_out=Choice((Uniform(0.60, 0.75), Uniform(1.25, 1.40))),
     ),
     Parameter(
-        *("joint_friction", "", "dry friction in the arms' joints, as a share of their greatest"),
+        *("joint_friction", "", "dry friction in the arms' joints, share of their greatest torque"),
         *(0.0, (0.0, 0.3)),
         wide=Uniform(0.0, 0.05),
     ),

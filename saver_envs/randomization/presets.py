@@ -80,7 +80,7 @@ def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization
     :raises ValueError: for an unknown name, or a distribution that the simulation cannot do.
     """
     by_name = {one.name: one for one in known}
-    if value is None or value == "none":
+    if value is None or (isinstance(value, str) and value == "none"):
         return NO_RANDOMIZATION
     if isinstance(value, Randomization):
         value = value.as_json()
@@ -92,7 +92,7 @@ def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization
                     f"are {', '.join(by_name)}"
                 )
         chosen = {name: by_name[name].parse(one) for name, one in value.items()}
-    elif value in PRESETS:
+    elif isinstance(value, str) and value in PRESETS:
         chosen = {one.name: getattr(one, value) for one in known if one.wide is not None}
     elif isinstance(value, str) and value.startswith(HELD_OUT):
         chosen = _held_out(value, known)
@@ -102,6 +102,23 @@ def parse_randomization(value: Any, known: Sequence[Parameter]) -> Randomization
             f"{HELD_OUT}NAME, {HELD_OUT}{ALL}, or a mapping of names to distributions"
         )
     return Randomization(tuple((one, chosen[one.name]) for one in known if one.name in chosen))
+
+
+def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keyword arguments of an environment as JSON and YAML can hold them.
+
+    :param options: of which ``randomization`` may have distributions.
+    """
+    value = options.get("randomization")
+    if isinstance(value, Randomization):
+        return {**options, "randomization": value.as_json()}
+    if isinstance(value, Mapping):
+        plain = {
+            name: one.as_json() if isinstance(one, Distribution) else one
+            for name, one in value.items()
+        }
+        return {**options, "randomization": plain}
+    return dict(options)
 
 
 def _held_out(value: str, known: Sequence[Parameter]) -> dict[str, Distribution]:

@@ -16,6 +16,7 @@ from saver_envs.scenes import (
     ARM_COLOURS,
     COLLISION,
     OBJECT_BIT,
+    TARGET,
     Arms,
     Content,
     add_contact_sensor,
@@ -55,7 +56,8 @@ OBJECT_PARAMETERS = (
         held_out=Uniform(2.0, 3.0),
     ),
     Parameter(
-        *("table_height", "m", "height of the table above the arms' bases", 0.0, (-0.05, 0.05)),
+        # Arms reach 2 cm below their usual table.
+        *("table_height", "m", "height of the table above the arms' bases", 0.0, (-0.02, 0.05)),
         wide=Uniform(-0.01, 0.01),
     ),
     Parameter(
@@ -148,10 +150,11 @@ class Cubes(Content):
 
     def draw(self, model: mujoco.MjModel) -> None:
         """Give a drawing model these cubes and this table."""
-        for name in self.names:
-            geom = model.geom(name)
+        for index, name in enumerate(self.names):
+            geom, target = model.geom(name), model.site(f"{TARGET}{index}")
             geom.type[:] = int(SHAPES[self.shape][0])
             geom.size[:] = geom_sizes(np.array([self.size]), [self.shape])[0]
+            target.size[0] = self.size / 2
             geom.rbound[:] = np.sqrt(3) * self.size / 2
         move_table(model, self.table_height)
 

@@ -11,11 +11,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from saver_envs.control import checked_action
+from saver_envs.envs.spaces import episodes_of
 from saver_envs.episodes import RATED_SPEED
 from saver_envs.modelling.kinematics import REFINEMENT, LearnedInverseKinematics
 from saver_envs.modelling.models import InverseModel
 from saver_envs.simulation import ACTION_DURATION
-from saver_envs.wrappers.sensor_noise import episodes_of
 
 #: Entries of ``info``: which arms' set-points are out of reach, and the distance to them that
 #: remains (m).
@@ -56,9 +56,8 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         self._cartesian = spaces.Box(-1.0, 1.0, (arms * (3 + self._gripper),), np.float32)
         self.action_space = self._cartesian
         self._error = np.zeros(arms)
-        robot, settings = episodes.settings.robot, episodes.settings
-        largest = settings.max_speed / RATED_SPEED * ACTION_DURATION
-        self._largest = np.asarray(robot.joint_speed_limits) * largest
+        limits = np.asarray(episodes.settings.robot.joint_speed_limits)
+        self._rated_step = limits / RATED_SPEED * ACTION_DURATION
 
     def action(self, action: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the joint action for a Cartesian one, (arms * (3 or 4),) in [-1, 1].
@@ -76,7 +75,7 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         self._error = solution.error
         commanded = episodes.simulation.ctrl.take(episodes.scene.arm_ctrl, 1)
         joints = solution.joints.reshape(commanded.shape)
-        motion = (joints - commanded) / self._largest
+        motion = (joints - commanded) / (self._rated_step * episodes.worlds.speed)
         # One factor for all joints of an arm: clipped one by one they would bend the tool's path.
         motion /= np.maximum(np.abs(motion).max(axis=-1, keepdims=True), 1.0)
         result = np.concatenate([motion, blocks[..., 3:]], axis=-1)

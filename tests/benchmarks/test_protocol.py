@@ -40,6 +40,7 @@ from saver_advisors.experiments.third_party import (
 from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.training.defaults import default_settings
 from saver_envs.digest import world_digest
+from saver_envs.registration import varied_in
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).with_name("algorithms.py")
@@ -157,6 +158,19 @@ def test_steps_that_only_reset_are_not_counted(tmp_path: Path, mode: str) -> Non
     assert recorder.steps == 46
     assert stepped == (23 + 2 if mode == "NextStep" else 23)
     assert [line["steps"] for line in recorder.curve] == [46]
+
+
+def test_worlds_vary_in_training_and_in_evaluations(tmp_path: Path) -> None:
+    """With episodes of one length: slow arms need longer ones than Gymnasium has registered."""
+    usual = words(tmp_path, f"{HERE}:Drifter")[:-2]  # the length
+    assert main([*usual, "--randomization", "wide"]) == 0
+    trained = load_last("Drifter").made[-1].env.unwrapped.episodes.settings
+    assert trained.horizon == 125
+    varied = trained.randomization.as_json()
+    assert varied == varied_in("JacoPush-v0", {"randomization": "wide"})
+    written = record(tmp_path)
+    assert written["config"]["env_kwargs"] == {"randomization": "wide"}
+    assert written["final"]["randomization"] == varied
 
 
 def test_greed_for_steps_ends_with_the_budget(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ PAGES = (
     "docs/advising.md",
     "docs/your-own-strategy.md",
     "docs/variable-reward.md",
+    "docs/worlds.md",
 )
 #: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
 #: counts.

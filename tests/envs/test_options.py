@@ -176,7 +176,7 @@ def test_number_of_arms(env_id: str, n_arms: int, layout: Any) -> None:
         ({"max_episode_steps": 0}, "1 to 1000000"),
         ({"max_speed": 0}, "max_speed"),
         ({"success_threshold": 0.5}, "success_threshold"),
-        ({"object_size": 0.4}, "object_size=0.4: must be 0.04 to 0.12 m"),
+        ({"object_size": 0.4}, "object_size=0.4: must be 0.035 to 0.12 m"),
         ({"object_mass": 0}, "object_mass"),
         ({"object_friction": -1}, "object_friction"),
         ({"object_damping": float("nan")}, "object_damping"),
@@ -248,6 +248,8 @@ def test_an_option_is_accepted_or_refused_by_name(name: str, value: Any) -> None
     default = default_options("DualJacoPush-v0")[name]
     if isinstance(default, bool):
         assert isinstance(value, bool)
+    elif name == "randomization":
+        assert value is None or isinstance(value, str)
     elif isinstance(default, str):
         assert isinstance(value, str)
     elif value is not None:

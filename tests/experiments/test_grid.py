@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,11 @@ def test_a_wrong_third_party_row_is_named(
     [
         ({"settings": {"env_kwargs": {"n_arms": 9}}}, "env_kwargs: n_arms=9"),
         ({"settings": {"env_kwargs": {"speeed": 1}}}, "'speeed'"),
+        ({"settings": {"env_kwargs": {"randomization": "wild"}}}, "randomization='wild': must be"),
+        (
+            {"settings": {"env_kwargs": {"randomization": {"object_mass": 0}}}},
+            "must be within 0.001 to 100 kg",
+        ),
         ({"advice": {"strategy": "early", "teacher": "nobody"}}, "policy 'nobody' is unknown"),
         ({"advice": {"strategy": "lately"}}, "'lately'"),
         ({"algorithm": "no.such.module:A"}, "'no.such.module' cannot be imported"),
@@ -218,6 +224,22 @@ def test_all_rows_are_checked_before_the_first_run(
     assert message in said
     assert said.count("\n") == 1
     assert not output.exists(), "nothing was begun"
+
+
+@pytest.mark.slow
+def test_worlds_vary_in_a_grid(grid_file: GridFile, tmp_path: Path) -> None:
+    """Its results have what differed in the evaluations of every run."""
+    varied = {"object_size": [0.04, 0.09], "action_delay": {"choice": [0, 1]}}
+    options = {"max_episode_steps": 10, "randomization": varied}
+    content = tiny_grid(env_kwargs=options, total_steps=80)
+    assert main(["experiments", "run", str(grid_file(content)), "--output", str(tmp_path)]) == 0
+    found = [json.loads(path.read_text()) for path in (tmp_path / "results").glob("*.json")]
+    found = [one for one in found if one.get("final")]
+    assert len(found) == 3
+    expected = {"object_size": {"uniform": [0.04, 0.09]}, "action_delay": {"choice": [0, 1]}}
+    for one in found:
+        assert one["config"]["env_kwargs"] == options
+        assert one["final"]["randomization"] == expected
 
 
 def test_no_module_is_imported_before_all_other_rows_fit(

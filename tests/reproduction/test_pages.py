@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from reproduction.pages.worlds import DRAWS, world_pictures
 from reproduction.program import main as reproduce
+from saver_envs.randomization.parameters import COMMON
 from saver_envs.registration import ENVIRONMENTS
+from saver_envs.sensor_errors import SENSORS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,6 +47,13 @@ def test_docs_are_complete_and_noticed_when_stale(
     for name in ENVIRONMENTS:
         page = (docs / "environments" / f"{name.replace('Dense', '')}.md").read_text()
         assert f"`{name}`" in page or f"# {name}\n" in page
+    worlds = (docs / "worlds.md").read_text()
+    for row in ENVIRONMENTS.values():
+        for parameter in (*row.task.parameters, *COMMON):
+            assert f"| `{parameter.name}` | {parameter.text}" in worlds
+    for sensor in SENSORS:
+        assert f"| {sensor.part} |" in worlds
+    assert "| 0.05 to 0.8, log | 0.126 to 0.317, log | 0.8 to 1.2 |" in worlds
     assert "| X | 4 |" in (docs / "results.md").read_text()
     page = docs / "environments" / "JacoPush-v0.md"
     page.write_text(page.read_text().replace("5 cm", "6 cm"))
@@ -54,3 +64,13 @@ def test_docs_are_complete_and_noticed_when_stale(
 def test_the_pages_of_this_repository_are_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:
     status = reproduce(["pages", "--output", str(ROOT / "docs"), "--check"])
     assert status == 0, capsys.readouterr().err
+
+
+def test_the_pictures_of_worlds_differ() -> None:
+    strip = world_pictures("JacoPush-v0")
+    height, width, _ = strip.shape
+    pictures = strip.reshape(2, height // 2, DRAWS // 2, width // (DRAWS // 2), 3).swapaxes(1, 2)
+    shown = pictures.reshape(DRAWS, -1)
+    assert len({picture.tobytes() for picture in shown}) == DRAWS
+    # It is the same scene from nearly the same place.
+    assert (abs(shown.astype(int) - shown.mean(axis=0)).mean(axis=1) < 40).all()

@@ -26,6 +26,7 @@ from saver_advisors.zoo.__main__ import main as zoo_program
 from saver_advisors.zoo.manager import SuccessEvalCallback
 from saver_advisors.zoo.vec_env import BatchedVecEnv
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
+from saver_envs.registration import varied_in
 
 STOCK = ("ddpg", "td3", "sac", "tqc")
 DUAL = "DualJacoPush-v0"
@@ -398,3 +399,35 @@ def test_rl_zoo_is_left_as_it_was(tmp_path: Path) -> None:
     zoo_program([*words, str(tmp_path)])
     with pytest.raises(SystemExit, match="usage"):
         zoo_program(["play"])
+
+
+@pytest.mark.parametrize("where", ["file", "command"])
+def test_worlds_vary_under_rl_zoo(where: str, tmp_path: Path, monkeypatch: Any) -> None:
+    """In training and in its evaluations, although a file's other arguments are for training."""
+    made: list[dict[str, Any]] = []
+    create = manager.SaverExperimentManager.create_envs
+
+    def keep(self: Any, n_envs: int, eval_env: bool = False, no_log: bool = False) -> Any:
+        venv = create(self, n_envs, eval_env, no_log)
+        made.append(venv.get_attr("episodes", 0)[0].settings.randomization.as_json())
+        return venv
+
+    monkeypatch.setattr(manager.SaverExperimentManager, "create_envs", keep)
+    more: list[str] = ["--randomization", "mild"]
+    expected = varied_in("JacoPush-v0", {"randomization": "mild"})
+    if where == "file":
+        entry = yaml.safe_load((CONFIGS / "td3.yml").read_text())["default"]
+        entry["env_kwargs"] = {"randomization": {"object_size": [0.04, 0.09]}}
+        config = tmp_path / "td3.yml"
+        config.write_text(yaml.safe_dump({"JacoPush-v0": entry}))
+        more = ["--config", str(config)]
+        expected = {"object_size": {"uniform": [0.04, 0.09]}}
+    words = tiny("td3", "JacoPush-v0", tmp_path / "logs", *more, steps=80)
+    at = words.index("--eval-freq")
+    words[at + 1] = "40"
+    assert main(words) == 0
+    assert len(made) == 2  # for training and for evaluations
+    assert made == [expected, expected]
+    folder = tmp_path / "logs" / "td3" / "JacoPush-v0_1"
+    arguments = ["evaluate", "--env", "JacoPush-v0", "--policy", str(folder), "--episodes", "2"]
+    assert main([*arguments, "--randomization", "wide"]) == 0
