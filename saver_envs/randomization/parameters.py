@@ -125,7 +125,7 @@ def require_allowed(task: object, parameters: Sequence[Parameter]) -> None:
     """
     for one in parameters:
         value = getattr(task, one.name)
-        if value is not None:
+        if value is not None or getattr(type(task), one.name) is not None:
             holds = value in one.names if one.names else one.allows(value)
             require(one.name, value, holds, one.valid)
 
