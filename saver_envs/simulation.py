@@ -345,7 +345,7 @@ class Simulation:
 
         :param ids: (k,) simulations whose fields were written.
         """
-        self._batch.set_const(ids)
+        self._batch.set_const(np.sort(ids))
         weights, arms = self.per_simulation("body_invweight0"), self.arm_bodies
         weights[ids[:, None], arms] = self.scene.model.body_invweight0[arms]
 
