@@ -49,6 +49,13 @@ class Parameter:
     names: tuple[str, ...] = ()
 
     @property
+    def usual(self) -> float | str | None:
+        """The nominal value, by its name if values have names."""
+        if self.names and self.nominal is not None:
+            return self.names[int(self.nominal)]
+        return self.nominal
+
+    @property
     def valid(self) -> str:
         """The limits in words."""
         if self.names:

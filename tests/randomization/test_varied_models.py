@@ -139,11 +139,7 @@ def test_nominal_values_in_all_fields_are_bit_identical(env_id: str) -> None:
     """With the same starts: a batch with a model each moves as one that shares its model."""
     plain = make_episodes(env_id, N)
     known = parameters_of(plain.task)
-    nominal = {
-        one.name: one.names[int(one.nominal)] if one.names else one.nominal
-        for one in known
-        if one.nominal is not None
-    }
+    nominal = {one.name: one.usual for one in known if one.usual is not None}
     varied = make_episodes(env_id, N, randomization=nominal)
     both = (plain, varied)
     for index in range(N):

@@ -46,7 +46,7 @@ class _Bench:
 
         default = make_episodes(env_id, n_envs)
         known = parameters_of(default.task)
-        nominal = {one.name: one.nominal for one in known if one.nominal is not None}
+        nominal = {one.name: one.usual for one in known if one.usual is not None}
         self.n_envs = n_envs
         #: Actions of a block: it has no reset.
         self.actions = default.settings.horizon - 1
