@@ -82,6 +82,8 @@ def world_digest(env_id: str, options: Mapping[str, Any] | None = None) -> str:
         "options": changed_options(env_id, options),
         "models": [model_digest(model) for model in scene.models],
     }
+    if settings.randomization:  # by what it means, since presets may change
+        world["randomization"] = settings.randomization.as_json()
     text = json.dumps(world, sort_keys=True, allow_nan=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_HEX_DIGITS]
 
@@ -89,7 +91,7 @@ def world_digest(env_id: str, options: Mapping[str, Any] | None = None) -> str:
 def changed_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments that differ from an id's defaults and are no rule, as JSON."""
     defaults = {name: plain(value) for name, value in default_options(env_id).items()}
-    resolved = {*RULES, "max_episode_steps", "rated", "collision_force"}
+    resolved = {*RULES, "max_episode_steps", "rated", "collision_force", "randomization"}
     given = {name: plain(value) for name, value in options.items() if name not in resolved}
     return {name: value for name, value in given.items() if value != defaults.get(name)}
 

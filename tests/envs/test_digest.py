@@ -87,3 +87,12 @@ def test_other_vector_instructions_give_the_same() -> None:
         words, env={**os.environ, **plainest}, capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == world_digest("DualMicoPush-v0")
+
+
+def test_a_randomization_counts_by_what_it_means() -> None:
+    default = world_digest("JacoPush-v0")
+    assert world_digest("JacoPush-v0", {"randomization": "none"}) == default
+    held_out = world_digest("JacoPush-v0", {"randomization": "held-out:object_mass"})
+    assert held_out != default
+    meant = {"object_mass": {"uniform": [0.8, 1.2]}}
+    assert world_digest("JacoPush-v0", {"randomization": meant}) == held_out
