@@ -71,8 +71,8 @@ class PushSkill(Skill):
     PASSAGE = 0.006
     #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
     PREFER = 1.5
-    #: A hand whose tool is lower or higher than this (m) is jammed, with its fingers on the table
-    #: or under the cube, and backs off.
+    #: A hand whose tool is less or more than this above the table (m) is jammed, with its fingers
+    #: on the table or under the cube, and backs off.
     SUNK, RAISED = 0.0195, 0.031
     #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
     NEARER = 0.5
@@ -144,7 +144,8 @@ class PushSkill(Skill):
         )
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        jammed = (view.tool[..., 2:] < self.SUNK) | (view.tool[..., 2:] > self.RAISED)
+        height = (view.tool[..., 2] - view.table)[..., None]
+        jammed = (height < self.SUNK) | (height > self.RAISED)
         return np.where(jammed, tool + self.step * unit(relative), np.where(rests, tool, point))
 
     def _side(

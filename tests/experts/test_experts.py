@@ -125,12 +125,23 @@ def test_the_size_is_that_of_the_beginning() -> None:
     first = viewer(seen.as_dict())
     assert first.begins.all()
     np.testing.assert_allclose(first.object_size, 0.08, atol=1e-3)
+    for _ in range(viewer.BEGINNING):
+        first = viewer(seen.as_dict())
     later = seen.as_dict()
     later["observation"] = seen.observation.copy()
     world.task.observation_layout.get(later["observation"], "object position")[..., 2] += 0.01
     second = viewer(later)
     assert not second.begins.any()
     np.testing.assert_array_equal(second.object_size, first.object_size)
+
+
+@pytest.mark.parametrize("table_height", [-0.01, 0.0, 0.01])
+def test_a_held_hand_shows_the_height_of_the_table(table_height: float) -> None:
+    world = make_episodes("DualJacoPush-v0", 2, object_size=0.08, table_height=table_height)
+    world.reset()
+    view = Viewer(make_expert("DualJacoPush-v0").task)(world.observation().as_dict())
+    np.testing.assert_allclose(view.table, table_height, atol=1e-3)
+    np.testing.assert_allclose(view.object_size, 0.08, atol=2e-3)
 
 
 @pytest.mark.long
