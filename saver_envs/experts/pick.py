@@ -36,7 +36,7 @@ class PickSkill(Skill):
     grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
     finger_open: float = 0.20
     finger_held: float = 0.85
-    half_open: float = 0.15
+    half_open: float = 0.30
     cruise: float = 0.11
     usual: float = 0.056
 
@@ -46,9 +46,9 @@ class PickSkill(Skill):
     GAIN = 0.3
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
-    ABOVE, AT_GRASP = 0.02, 0.008
+    ABOVE, AT_GRASP = 0.02, 0.015
     #: A cube this far from the tool's place of grasp may still be between the fingers (m).
-    WITHIN = 0.03
+    WITHIN = 0.055
     #: A carried cube comes down to its target where it is this near, horizontally (m).
     NEAR_TARGET = 0.06
     #: A cube this near its target is there (m).
@@ -58,6 +58,10 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
+    #: Hands wait until the grip on a cube that is larger by more than this (m) is firm.
+    LARGER = 0.01
+    #: Sizes of larger cubes are inferred, with errors of up to this (m).
+    UNSURE = 0.02
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
     #: Height above a cube's top at which a hand comes over it (m).
@@ -77,7 +81,9 @@ class PickSkill(Skill):
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) hold their cube."""
-        stopped: NDArray[np.bool_] = np.abs(view.finger_velocity.mean(axis=-1)) < self.STOPPED
+        now = np.abs(view.finger_velocity.mean(axis=-1))
+        large = view.object_size > self.usual + self.LARGER
+        stopped: NDArray[np.bool_] = np.where(large, view.finger_speed, now) < self.STOPPED
         return stopped & self.is_closing(view)
 
     def is_closing(self, view: ArmView) -> NDArray[np.bool_]:
@@ -88,7 +94,9 @@ class PickSkill(Skill):
 
     def opening(self, view: ArmView) -> FloatArray:
         """Return the gripper commands (n, arms) for coming down over the cubes."""
-        wider = np.maximum(self._earlier(view), 0.0) / self.FINGER_COMMAND
+        larger = view.object_size > self.usual
+        wider = np.where(larger, self._earlier(view) + self.EARLIER * self.UNSURE, 0.0)
+        wider = wider / self.FINGER_COMMAND
         return np.minimum(self.half_open + wider, 1.0)
 
     def _earlier(self, view: ArmView) -> FloatArray:
@@ -104,8 +112,9 @@ class PickSkill(Skill):
     def place(self, view: ArmView) -> FloatArray:
         """Return where the tools (n, arms, 3) grasp, metres."""
         place = view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
-        # Higher at small cubes, since the closing fingers go down.
-        place[..., 2] += np.maximum(self.usual - view.object_size, 0.0) / 2
+        # Higher at small cubes, since the closing fingers go down, and at large ones, which wide
+        # fingers hold better there.
+        place[..., 2] += np.abs(view.object_size - self.usual) / 2
         return place
 
     def actions(
@@ -133,7 +142,8 @@ class PickSkill(Skill):
         over = view.object[..., 2] + view.object_size / 2 + self.OVER
         above = np.maximum(self._cruise(view), over) - view.tool[..., 2]
         rise = np.where(aside < self.ABOVE, gap[..., 2], above)
-        low = (aside >= self.ABOVE) & (aside < 0.12) & (above > 0.03)
+        # Near the base not every hand gets as high as it would travel.
+        low = (aside >= self.ABOVE) & (aside < 0.12) & (over - view.tool[..., 2] > 0.03)
         across = np.where(low[..., None], 0.0, gap[..., :2])
         return np.concatenate([across, rise[..., None]], axis=-1)
 
@@ -179,6 +189,7 @@ class PickSkill(Skill):
             tool=view.tool + moved,
             fingers=fingers,
             finger_velocity=velocity,
+            finger_speed=np.abs(velocity.mean(axis=-1)),
             object=view.object + np.where(carried, moved, 0),
             object_velocity=0 * view.object_velocity,
         )

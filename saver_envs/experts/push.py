@@ -154,7 +154,8 @@ class PushSkill(Skill):
         berth = berth - self.BERTH
         berth = np.where(passable, np.minimum(room, berth), berth)
         radius: FloatArray = np.concatenate([own, berth], axis=-1)
-        discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
+        ways = [-relative[..., None, :], others - tool[..., None, :]]
+        discs: FloatArray = np.concatenate(ways, axis=-2)
         if self.trail > 0:
             gaps, passable, discs, radius = self._with_wrist(
                 view, own - self.AIR, gaps, passable, discs, radius
