@@ -19,7 +19,6 @@ class ArmView:
     :param tool: (n, arms, 3), metres.
     :param fingers: (n, arms, 3), radians.
     :param finger_velocity: (n, arms, 3), radians per second.
-    :param finger_speed: (n, arms) mean over the fingers, rad/s; it falls gradually where they stop.
     :param object: (n, arms, 3), metres.
     :param object_quaternion: (n, arms, 4), w first.
     :param object_velocity: (n, arms, 3), metres per second.
@@ -33,7 +32,6 @@ class ArmView:
     tool: FloatArray
     fingers: FloatArray
     finger_velocity: FloatArray
-    finger_speed: FloatArray
     object: FloatArray
     object_quaternion: FloatArray
     object_velocity: FloatArray
@@ -59,8 +57,6 @@ class Viewer:
     SIZES = (0.03, 0.13)
     #: A size this near that of the task (m) is taken for it, since observations have errors.
     ALIKE = 0.004
-    #: Share of the fingers' speed that remains with each observation.
-    SLOWING = 0.75
     #: Observations over which heights are averaged at the beginning of an episode.
     BEGINNING = 10
 
@@ -88,16 +84,10 @@ class Viewer:
         target = task.goal_layout.get(observation["desired_goal"], "object position")
         begins = self._begins(tool, target)
         size, table = self._heights(tool, position, target, begins)
-        fingers_move = layout.get(seen, finger_velocity.name) / finger_velocity.scale
-        speed = np.abs(fingers_move.mean(axis=-1))
-        if self._last is not None and not begins.all():
-            kept = np.where(begins[:, None], 0.0, self.SLOWING * self._last.finger_speed)
-            speed = np.maximum(speed, kept)
         self._last = ArmView(
             tool=tool,
             fingers=layout.get(seen, "finger positions"),
-            finger_velocity=fingers_move,
-            finger_speed=speed,
+            finger_velocity=layout.get(seen, finger_velocity.name) / finger_velocity.scale,
             object=position,
             object_quaternion=layout.get(seen, "object orientation, a quaternion with w >= 0"),
             object_velocity=layout.get(seen, velocity.name) / velocity.scale,

@@ -31,7 +31,6 @@ def serves_all(task: Task, skill: Skill, free: int) -> Expert:
             tool=view.tool[:, own],
             fingers=view.fingers[:, own],
             finger_velocity=view.finger_velocity[:, own],
-            finger_speed=view.finger_speed[:, own],
             object=view.object[rows, arm][:, None] + shift,
             object_quaternion=view.object_quaternion[rows, arm][:, None],
             object_velocity=view.object_velocity[rows, arm][:, None],

@@ -58,10 +58,10 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
-    #: Hands wait until the grip on a cube that is larger by more than this (m) is firm.
-    LARGER = 0.01
     #: Sizes of larger cubes are inferred, with errors of up to this (m).
     UNSURE = 0.02
+    #: Share of a larger size by which hands grasp higher.
+    HIGHER = 0.25
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
     #: Height above a cube's top at which a hand comes over it (m).
@@ -81,16 +81,17 @@ class PickSkill(Skill):
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) hold their cube."""
-        now = np.abs(view.finger_velocity.mean(axis=-1))
-        large = view.object_size > self.usual + self.LARGER
-        stopped: NDArray[np.bool_] = np.where(large, view.finger_speed, now) < self.STOPPED
+        stopped: NDArray[np.bool_] = np.abs(view.finger_velocity.mean(axis=-1)) < self.STOPPED
         return stopped & self.is_closing(view)
 
     def is_closing(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) have begun to close on their cube."""
-        from_open = self.finger_open + self.FINGER_COMMAND * (1 - self.opening(view))
-        begun: NDArray[np.bool_] = view.fingers.max(axis=-1) > from_open + self.BEGUN
+        begun: NDArray[np.bool_] = view.fingers.max(axis=-1) > self._open(view) + self.BEGUN
         return begun & self.between_fingers(view)
+
+    def _open(self, view: ArmView) -> FloatArray:
+        """Finger angles (n, arms) of hands that come down over their cubes, radians."""
+        return self.finger_open + self.FINGER_COMMAND * (1 - self.opening(view))
 
     def opening(self, view: ArmView) -> FloatArray:
         """Return the gripper commands (n, arms) for coming down over the cubes."""
@@ -114,7 +115,8 @@ class PickSkill(Skill):
         place = view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
         # Higher at small cubes, since the closing fingers go down, and at large ones, which wide
         # fingers hold better there.
-        place[..., 2] += np.abs(view.object_size - self.usual) / 2
+        larger = view.object_size - self.usual
+        place[..., 2] += np.where(larger > 0, self.HIGHER * larger, -larger / 2)
         return place
 
     def actions(
@@ -181,7 +183,8 @@ class PickSkill(Skill):
         moved = TRACKING * shortened(actions[..., :3] * self.step, self.step)
         closing = np.where(actions[..., 3:] < 0, self.FINGER_RATE, -self.FINGER_RATE)
         most = (self.finger_held - self._earlier(view))[..., None]
-        fingers = np.clip(view.fingers + closing, np.minimum(0.5, most), most)
+        least = np.minimum(self._open(view)[..., None], most)
+        fingers = np.clip(view.fingers + closing, least, most)
         velocity = (fingers - view.fingers) / ACTION_DURATION
         carried = self.holds(view)[..., None]
         return replace(
@@ -189,7 +192,6 @@ class PickSkill(Skill):
             tool=view.tool + moved,
             fingers=fingers,
             finger_velocity=velocity,
-            finger_speed=np.abs(velocity.mean(axis=-1)),
             object=view.object + np.where(carried, moved, 0),
             object_velocity=0 * view.object_velocity,
         )

@@ -126,7 +126,7 @@ class PushSkill(Skill):
         half, ring = view.object_size[..., None] / 2, self.ring(view.object_size)[..., None]
         berth = self.ring(others[..., 2])
         others = others[..., :2]
-        gaps = others - cube[..., None, :]
+        gaps: FloatArray = others - cube[..., None, :]
         direct: FloatArray = unit(target - cube)
         attainable = self._attainable(cube, view.object_size, direct)
         heading = self._clear_of(gaps, berth, ring, attainable, relative, side)
