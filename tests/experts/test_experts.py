@@ -99,6 +99,7 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
         ("DualJacoPush-v0", {"object_size": 0.09}, 0.85, 0.60),
         ("JacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.82),
         ("JacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
+        ("DualJacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("JacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
     ],
 )
