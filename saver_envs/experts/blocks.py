@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ class ArmView:
     :param object_velocity: (n, arms, 3), metres per second.
     :param target: (n, arms, 3), metres.
     :param object_size: (n, arms) edges of the objects, metres.
+    :param table: (n, arms) height of the table above the bases where held hands show it, else 0,
+        metres.
     :param begins: (n,) whether an episode begins with this observation.
     """
 
@@ -35,14 +37,16 @@ class ArmView:
     object_velocity: FloatArray
     target: FloatArray
     object_size: FloatArray
+    table: FloatArray
     begins: NDArray[np.bool_]
 
 
 class Viewer:
     """Reads observations, and remembers of each episode what its beginning shows.
 
-    The resting height of an object at the beginning shows its size. A new target or a hand that
-    jumped marks a new episode.
+    A resting object's centre is half its size above the table. Hands that are held at a known
+    height above the table show where that is; else it is taken to be level with the bases.
+    A new target or a hand that jumped marks a new episode.
 
     :param task: says where the parts lie; each arm has an object with a position as its goal.
     """
@@ -53,10 +57,16 @@ class Viewer:
     SIZES = (0.03, 0.13)
     #: A size this near that of the task (m) is taken for it, since observations have errors.
     ALIKE = 0.004
+    #: Observations over which heights are averaged at the beginning of an episode.
+    BEGINNING = 10
 
     def __init__(self, task: Task) -> None:
         self.task = task
         self._last: ArmView | None = None
+        # Observations since the beginning (n,), and means (n, arms) of heights over the first ones.
+        self._age = np.zeros(0, dtype=np.intp)
+        self._tool: FloatArray = np.zeros((0, task.n_arms))
+        self._object: FloatArray = np.zeros((0, task.n_arms))
 
     def __call__(self, observation: dict[str, FloatArray]) -> ArmView:
         """Split a batched goal-conditioned observation.
@@ -65,33 +75,60 @@ class Viewer:
             ``desired_goal``; the same episodes in the same order at every call.
         :return: the parts.
         """
-        task, last = self.task, self._last
+        task = self.task
         layout, seen = task.observation_layout, observation["observation"]
         velocity = layout.part("object linear velocity")
         finger_velocity = layout.part("finger velocities")
+        tool = layout.get(seen, "gripper position")
         position = layout.get(seen, "object position")
-        view = ArmView(
-            tool=layout.get(seen, "gripper position"),
+        target = task.goal_layout.get(observation["desired_goal"], "object position")
+        begins = self._begins(tool, target)
+        size, table = self._heights(tool, position, target, begins)
+        self._last = ArmView(
+            tool=tool,
             fingers=layout.get(seen, "finger positions"),
             finger_velocity=layout.get(seen, finger_velocity.name) / finger_velocity.scale,
             object=position,
             object_quaternion=layout.get(seen, "object orientation, a quaternion with w >= 0"),
             object_velocity=layout.get(seen, velocity.name) / velocity.scale,
-            target=task.goal_layout.get(observation["desired_goal"], "object position"),
-            object_size=self._size(position[..., 2]),
-            begins=np.ones(len(seen), dtype=bool),
+            target=target,
+            object_size=size,
+            table=table,
+            begins=begins,
         )
-        if last is not None and last.target.shape == view.target.shape:
-            begins = (last.target != view.target).any(axis=(1, 2))
-            begins |= (length(view.tool - last.tool) > self.JUMP).any(axis=1)
-            size = np.where(begins[:, None], view.object_size, last.object_size)
-            view = replace(view, begins=begins, object_size=size)
-        self._last = view
-        return view
+        return self._last
+
+    def _begins(self, tool: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
+        """Return whether an episode begins, (n,)."""
+        last = self._last
+        if last is None or last.target.shape != target.shape:
+            return np.ones(len(target), dtype=bool)
+        begins: NDArray[np.bool_] = (last.target != target).any(axis=(1, 2))
+        return begins | (length(tool - last.tool) > self.JUMP).any(axis=1)
+
+    def _heights(
+        self, tool: FloatArray, position: FloatArray, target: FloatArray, begins: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the edges of the objects and the height of the table, (n, arms), metres."""
+        if len(self._age) != len(begins):
+            self._age = np.zeros(len(begins), dtype=np.intp)
+            self._tool, self._object = tool[..., 2].copy(), position[..., 2].copy()
+        self._age = np.where(begins, 0, self._age + 1)
+        early = self._age < self.BEGINNING
+        share = (early / (self._age + 1.0))[:, None]
+        self._tool = self._tool + share * (tool[..., 2] - self._tool)
+        self._object = self._object + share * (position[..., 2] - self._object)
+        held = self.task.held_height
+        if held is None:
+            return self._size(self._object), np.zeros_like(self._object)
+        table = np.broadcast_to(self._tool.mean(axis=1, keepdims=True) - held, self._tool.shape)
+        # Pushed objects stay on the table, so that their targets show their height without errors.
+        return self._size(target[..., 2] - table), table
 
     def _size(self, height: FloatArray) -> FloatArray:
         """Edges of objects whose centres are at ``height`` above the table, metres."""
         usual = float(getattr(self.task, "object_size", 0.0))
         size = 2 * height
-        resting = (size > self.SIZES[0]) & (size < self.SIZES[1])
+        resting = size < self.SIZES[1]
+        size = np.maximum(size, self.SIZES[0])
         return np.where(resting & (np.abs(size - usual) > self.ALIKE), size, usual)

@@ -36,6 +36,7 @@ def serves_all(task: Task, skill: Skill, free: int) -> Expert:
             object_velocity=view.object_velocity[rows, arm][:, None],
             target=view.target[rows, arm][:, None] + shift,
             object_size=view.object_size[rows, arm][:, None],
+            table=view.table[:, own],
             begins=view.begins,
         )
         action = skill.actions(served)

@@ -36,7 +36,7 @@ class PickSkill(Skill):
     grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
     finger_open: float = 0.20
     finger_held: float = 0.85
-    half_open: float = 0.15
+    half_open: float = 0.30
     cruise: float = 0.11
     usual: float = 0.056
 
@@ -46,9 +46,9 @@ class PickSkill(Skill):
     GAIN = 0.3
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
-    ABOVE, AT_GRASP = 0.02, 0.008
+    ABOVE, AT_GRASP = 0.02, 0.015
     #: A cube this far from the tool's place of grasp may still be between the fingers (m).
-    WITHIN = 0.03
+    WITHIN = 0.055
     #: A carried cube comes down to its target where it is this near, horizontally (m).
     NEAR_TARGET = 0.06
     #: A cube this near its target is there (m).
@@ -58,6 +58,10 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
+    #: Sizes of larger cubes are inferred, with errors of up to this (m).
+    UNSURE = 0.02
+    #: Share of a larger size by which hands grasp higher.
+    HIGHER = 0.25
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
     #: Height above a cube's top at which a hand comes over it (m).
@@ -82,13 +86,18 @@ class PickSkill(Skill):
 
     def is_closing(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) have begun to close on their cube."""
-        from_open = self.finger_open + self.FINGER_COMMAND * (1 - self.opening(view))
-        begun: NDArray[np.bool_] = view.fingers.max(axis=-1) > from_open + self.BEGUN
+        begun: NDArray[np.bool_] = view.fingers.max(axis=-1) > self._open(view) + self.BEGUN
         return begun & self.between_fingers(view)
+
+    def _open(self, view: ArmView) -> FloatArray:
+        """Finger angles (n, arms) of hands that come down over their cubes, radians."""
+        return self.finger_open + self.FINGER_COMMAND * (1 - self.opening(view))
 
     def opening(self, view: ArmView) -> FloatArray:
         """Return the gripper commands (n, arms) for coming down over the cubes."""
-        wider = np.maximum(self._earlier(view), 0.0) / self.FINGER_COMMAND
+        larger = view.object_size > self.usual
+        wider = np.where(larger, self._earlier(view) + self.EARLIER * self.UNSURE, 0.0)
+        wider = wider / self.FINGER_COMMAND
         return np.minimum(self.half_open + wider, 1.0)
 
     def _earlier(self, view: ArmView) -> FloatArray:
@@ -104,8 +113,10 @@ class PickSkill(Skill):
     def place(self, view: ArmView) -> FloatArray:
         """Return where the tools (n, arms, 3) grasp, metres."""
         place = view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
-        # Higher at small cubes, since the closing fingers go down.
-        place[..., 2] += np.maximum(self.usual - view.object_size, 0.0) / 2
+        # Higher at small cubes, since the closing fingers go down, and at large ones, which wide
+        # fingers hold better there.
+        larger = view.object_size - self.usual
+        place[..., 2] += np.where(larger > 0, self.HIGHER * larger, -larger / 2)
         return place
 
     def actions(
@@ -133,7 +144,8 @@ class PickSkill(Skill):
         over = view.object[..., 2] + view.object_size / 2 + self.OVER
         above = np.maximum(self._cruise(view), over) - view.tool[..., 2]
         rise = np.where(aside < self.ABOVE, gap[..., 2], above)
-        low = (aside >= self.ABOVE) & (aside < 0.12) & (above > 0.03)
+        # Near the base not every hand gets as high as it would travel.
+        low = (aside >= self.ABOVE) & (aside < 0.12) & (over - view.tool[..., 2] > 0.03)
         across = np.where(low[..., None], 0.0, gap[..., :2])
         return np.concatenate([across, rise[..., None]], axis=-1)
 
@@ -171,7 +183,8 @@ class PickSkill(Skill):
         moved = TRACKING * shortened(actions[..., :3] * self.step, self.step)
         closing = np.where(actions[..., 3:] < 0, self.FINGER_RATE, -self.FINGER_RATE)
         most = (self.finger_held - self._earlier(view))[..., None]
-        fingers = np.clip(view.fingers + closing, np.minimum(0.5, most), most)
+        least = np.minimum(self._open(view)[..., None], most)
+        fingers = np.clip(view.fingers + closing, least, most)
         velocity = (fingers - view.fingers) / ACTION_DURATION
         carried = self.holds(view)[..., None]
         return replace(

@@ -71,13 +71,20 @@ class PushSkill(Skill):
     PASSAGE = 0.006
     #: By how much a requested side outweighs the detours in the choice of where to begin (rad).
     PREFER = 1.5
-    #: A hand whose tool is lower or higher than this (m) is jammed, with its fingers on the table
-    #: or under the cube, and backs off.
+    #: A hand whose tool is less or more than this above the table (m) is jammed, with its fingers
+    #: on the table or under the cube, and backs off.
     SUNK, RAISED = 0.0195, 0.031
     #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
     NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
+    #: A pitched hand leans more the further it is from its base: by how much more the wrist trails
+    #: behind the tool, where high cubes meet it (m/m), and where it is upright (m).
+    PITCH, UPRIGHT = 0.55, 0.375
+    #: Furthest a pitched hand gets from its base at the height of pushing (m).
+    REACH = 0.503
+    #: A hand this near the edge of its workspace (m) goes along it.
+    EDGE = 0.01
 
     def ring(self, size: FloatArray) -> FloatArray:
         """Return the radii around cubes of edges ``size`` on which a hand touches none, metres."""
@@ -119,8 +126,10 @@ class PushSkill(Skill):
         half, ring = view.object_size[..., None] / 2, self.ring(view.object_size)[..., None]
         berth = self.ring(others[..., 2])
         others = others[..., :2]
-        gaps = others - cube[..., None, :]
-        heading = self._clear_of(gaps, berth, ring, unit(target - cube), relative, side)
+        gaps: FloatArray = others - cube[..., None, :]
+        direct: FloatArray = unit(target - cube)
+        attainable = self._attainable(cube, view.object_size, direct)
+        heading = self._clear_of(gaps, berth, ring, attainable, relative, side)
         coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
         left = length(target - cube - coasting)[..., None]
         along = dot(relative, heading)[..., None]
@@ -129,23 +138,66 @@ class PushSkill(Skill):
         is_behind = along < -half
         near = along > -(ring + 0.01)
         aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
-        push = tool - self.CENTRING * lateral + heading * np.minimum(self.GAIN * left, self.step)
-        gap = -relative - heading * (ring + self._trail(cube, -heading)[..., None])
-        own = ring + self._trail(cube, unit(relative))[..., None]
+        # A hand that cannot get behind its cube drags it along with the rough fingers.
+        drags = (dot(attainable, direct) < 1 - 1e-3)[..., None]
+        drive = np.where(drags, direct, heading)
+        push = tool - np.where(drags, 0.0, self.CENTRING) * lateral
+        push = push + drive * np.minimum(self.GAIN * left, self.step)
+        away = length(cube - heading * ring)
+        trail = self._trail(cube, -heading, view.object_size, away)[..., None]
+        gap = -relative - heading * (ring + trail)
+        own = ring + self._trail(cube, unit(relative), view.object_size, length(tool))[..., None]
+        own = np.where(self._meets_wrist(view.object_size)[..., None], ring, own)
         own = own * (1 - 0.9 * (is_behind & (deviation < half)))
         room = length(gaps) - ring
         passable = room > berth - self.AIR + self.PASSAGE
         berth = berth - self.BERTH
-        radius = np.concatenate([own, np.where(passable, np.minimum(room, berth), berth)], axis=-1)
-        discs = np.concatenate([-relative[..., None, :], others - tool[..., None, :]], axis=-2)
+        berth = np.where(passable, np.minimum(room, berth), berth)
+        radius: FloatArray = np.concatenate([own, berth], axis=-1)
+        ways = [-relative[..., None, :], others - tool[..., None, :]]
+        discs: FloatArray = np.concatenate(ways, axis=-2)
+        if self.trail > 0:
+            gaps, passable, discs, radius = self._with_wrist(
+                view, own - self.AIR, gaps, passable, discs, radius
+            )
         side = self._side(relative, -heading, gaps, passable, side)
-        approach = tool + self.APPROACH * length(gap)[..., None] * way_round(
-            gap, discs, radius, side
-        )
+        way = way_round(gap, discs, radius, side)
+        if self.trail > 0:
+            at_edge = (tool < HAND_LOWER + self.EDGE) & (way < 0)
+            along_edge = self._meets_wrist(view.object_size)[..., None] & at_edge
+            way = unit(np.where(along_edge, 0.0, way))
+        approach = tool + self.APPROACH * length(gap)[..., None] * way
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        jammed = (view.tool[..., 2:] < self.SUNK) | (view.tool[..., 2:] > self.RAISED)
+        height = (view.tool[..., 2] - view.table)[..., None]
+        jammed = (height < self.SUNK) | (height > self.RAISED)
         return np.where(jammed, tool + self.step * unit(relative), np.where(rests, tool, point))
+
+    def _with_wrist(
+        self,
+        view: ArmView,
+        radius: FloatArray,
+        gaps: FloatArray,
+        passable: NDArray[np.bool_],
+        discs: FloatArray,
+        radii: FloatArray,
+    ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
+        """Add what a pitched hand may not do beyond a high cube, where its wrist would meet it.
+
+        :param radius: (n, arms, 1) of the disc that the tool has to pass, metres.
+        :param gaps, passable: as in :meth:`_side`; the far side may be impassable.
+        :param discs, radii: as in :func:`way_round`, of which the last one is for the wrist.
+        """
+        tool, cube, size = view.tool[..., :2], view.object[..., :2], view.object_size
+        high = self._meets_wrist(size)
+        wrist = self._trail(cube, unit(cube), size, length(tool))[..., None] * unit(cube)
+        beyond = self._away(cube, size, np.zeros(1)) < self.REACH
+        return (
+            np.concatenate([gaps, unit(cube)[..., None, :]], axis=-2),
+            np.concatenate([passable, beyond | ~high[..., None]], axis=-1),
+            np.concatenate([discs, (cube + wrist - tool)[..., None, :]], axis=-2),
+            np.concatenate([radii, np.where(high[..., None], radius, 0.0)], axis=-1),
+        )
 
     def _side(
         self,
@@ -228,9 +280,56 @@ class PushSkill(Skill):
         left = left - self.PREFER * side
         return np.where(np.abs(off) >= least, 0.0, np.where(left <= right, least, -least) - off)
 
-    def _trail(self, cube: FloatArray, direction: FloatArray) -> FloatArray:
-        """What is added to the ring in ``direction`` from the cube, (n, arms), metres."""
-        return self.trail * np.maximum(dot(unit(cube), direction), 0.0)
+    def _trail(
+        self, cube: FloatArray, direction: FloatArray, size: FloatArray, hand: FloatArray
+    ) -> FloatArray:
+        """What is added to the ring in ``direction`` from the cube, (n, arms), metres.
+
+        :param cube: (n, arms, 2) base frames, metres.
+        :param direction: (n, arms, 2) unit vectors.
+        :param size: (n, arms) edges, metres.
+        :param hand: (n, arms) distances of the hands from their bases, metres.
+        """
+        leans = np.maximum(self.trail, self.PITCH * (hand - self.UPRIGHT))
+        far = np.maximum(dot(unit(cube), direction), 0.0)
+        return np.where(self._meets_wrist(size), leans, self.trail) * far
+
+    def _meets_wrist(self, size: FloatArray) -> NDArray[np.bool_]:
+        """Whether cubes of edges ``size`` are so high that a pitched hand's wrist meets them."""
+        return (size > self.BELOW_PALM) & (self.trail > 0)
+
+    def _attainable(self, cube: FloatArray, size: FloatArray, heading: FloatArray) -> FloatArray:
+        """Turn headings (n, arms, 2) as little as lets a pitched hand get behind a high cube.
+
+        Behind a cube that is far from the base the hand would be out of reach.
+
+        :param cube: (n, arms, 2) base frames, metres.
+        :param size: (n, arms) edges, metres.
+        :param heading: the direct ones.
+        """
+        inward = np.arctan2(-cube[..., 1], -cube[..., 0])
+        angle = wrapped(np.arctan2(heading[..., 1], heading[..., 0]) - inward)
+        turns = np.linspace(0.0, np.pi / 2, 19)
+        least = turns[np.argmax(self._away(cube, size, turns) < self.REACH, axis=-1)]
+        turned = inward + np.where(angle < 0, -1.0, 1.0) * np.maximum(np.abs(angle), least)
+        out_of_reach = self._meets_wrist(size) & (np.abs(angle) < least)
+        direction = np.stack([np.cos(turned), np.sin(turned)], axis=-1)
+        return np.where(out_of_reach[..., None], direction, heading)
+
+    def _away(self, cube: FloatArray, size: FloatArray, turns: FloatArray) -> FloatArray:
+        """Distances (n, arms, k) from their bases of hands that push at angles from inward, metres.
+
+        :param cube: (n, arms, 2) base frames, metres.
+        :param size: (n, arms) edges, metres.
+        :param turns: (k,) angles, radians.
+        """
+        cube, size = np.stack([length(cube), 0 * size], axis=-1)[..., None, :], size[..., None]
+        direction = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+        hand = length(cube)
+        for _ in range(3):
+            behind = self.touch(size) + self._trail(cube, direction, size, hand)
+            hand = length(cube + behind[..., None] * direction)
+        return hand
 
     def actions(
         self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None

@@ -98,11 +98,33 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
         ("JacoPush-v0", {"object_size": 0.09}, 0.85, 0.82),
         ("DualJacoPush-v0", {"object_size": 0.09}, 0.85, 0.60),
         ("JacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.82),
+        ("JacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
+        ("DualJacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
+        ("JacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
     ],
 )
 def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, safe: float) -> None:
     rate, safe_rate = rates(env_id, 200, **options)
     assert rate >= least and safe_rate >= safe
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
+def test_an_expert_copes_with_worlds_that_vary(env_id: str) -> None:
+    assert success(env_id, 30, seed=1000, randomization="wide") >= 0.8
+
+
+def test_a_pitched_hand_pushes_high_cubes_from_where_it_can_get() -> None:
+    skill = PushSkill(trail=0.02)
+    inward = np.array([[[-1.0, 0.0]]])
+    for away, size, kept in ((0.30, 0.09, True), (0.45, 0.09, False), (0.45, 0.056, True)):
+        cube, edge = np.array([[[away, 0.0]]]), np.array([[size]])
+        heading = skill._attainable(cube, edge, inward)[0, 0]
+        assert np.allclose(heading, inward) == kept
+        assert np.hypot(*heading) == pytest.approx(1.0)
+        if not kept:  # the hand is then within reach behind the cube
+            hand = cube[0, 0] - skill.touch(edge)[0, 0] * heading
+            assert np.hypot(*hand) < skill.REACH
 
 
 @pytest.mark.slow
@@ -125,12 +147,23 @@ def test_the_size_is_that_of_the_beginning() -> None:
     first = viewer(seen.as_dict())
     assert first.begins.all()
     np.testing.assert_allclose(first.object_size, 0.08, atol=1e-3)
+    for _ in range(viewer.BEGINNING):
+        first = viewer(seen.as_dict())
     later = seen.as_dict()
     later["observation"] = seen.observation.copy()
     world.task.observation_layout.get(later["observation"], "object position")[..., 2] += 0.01
     second = viewer(later)
     assert not second.begins.any()
     np.testing.assert_array_equal(second.object_size, first.object_size)
+
+
+@pytest.mark.parametrize("table_height", [-0.01, 0.0, 0.01])
+def test_a_held_hand_shows_the_height_of_the_table(table_height: float) -> None:
+    world = make_episodes("DualJacoPush-v0", 2, object_size=0.08, table_height=table_height)
+    world.reset()
+    view = Viewer(make_expert("DualJacoPush-v0").task)(world.observation().as_dict())
+    np.testing.assert_allclose(view.table, table_height, atol=1e-3)
+    np.testing.assert_allclose(view.object_size, 0.08, atol=2e-3)
 
 
 @pytest.mark.long
