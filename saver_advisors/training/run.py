@@ -268,6 +268,9 @@ class Run:
         if result.constraint_met_rate is not None:
             rates = {name: getattr(result, name) for name in RATES}
             point |= {name: rate for name, rate in rates.items() if rate is not None}
+        for name in ("episode_cost", "cost_multiplier"):
+            if f"train/{name}" in logged:
+                point[name] = _number(logged[f"train/{name}"])
         if self.stages is not None:
             point["stage"] = self.stages.stage.name
         append_point(self.output_dir, point)
