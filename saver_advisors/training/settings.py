@@ -152,6 +152,9 @@ class RunConfig:
         hindsight goal and reward, and ``batch_size`` transitions are as many samples per arm (TD3).
     :param team_rewards: reward each arm with the mean over all arms' goals instead (TD3, with
         ``shared_arms`` or ``per_arm_critics``).
+    :param start_from: folder of a run whose best policy is this run's first, with its normaliser
+        and critics but a new replay. The networks must be the same; with ``shared_arms``, they are
+        for any number of arms.
     :param contact_cost: weight of steps with ``cost_collision`` relative to steps away from the
         goal, in a value of the critics' own (TD3).
     :param cost_limit: steps with ``cost_collision`` per episode beyond which that weight, which
@@ -204,6 +207,7 @@ class RunConfig:
     per_arm_critics: bool = False
     shared_arms: bool = False
     team_rewards: bool = False
+    start_from: str | None = None
     contact_cost: NonNegativeFloat = 0.0
     cost_limit: NonNegativeFloat | None = None
     multiplier_lr: PositiveFloat = 0.035

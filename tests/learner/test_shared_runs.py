@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,26 @@ def test_shared_arms_start_from_and_are_advised_by_a_teacher(strategy: str, tmp_
     assert result.finished
     spent = read_curve(tmp_path)[-1]["advice_spent"]
     assert spent == 0 if strategy == "none" else spent > 0
+
+
+def test_three_arms_start_as_two(tmp_path: Path) -> None:
+    two, three = tmp_path / "two", tmp_path / "three"
+    train(replace(CONFIG, total_steps=40), two, progress=False)
+    more = {**CONFIG.env_kwargs, "n_arms": 3}
+    config = replace(CONFIG, total_steps=40, env_kwargs=more, start_from=str(two))
+    assert train(config, three, progress=False, stop_after_steps=0).steps == 0
+    start = load_file(two / "best" / "policy.safetensors")
+    begun = load_file(three / "latest" / "policy.safetensors")
+    assert start.keys() == begun.keys()
+    assert all(th.equal(tensor, start[name]) for name, tensor in begun.items())
+    shutil.rmtree(two)  # a resumed run no longer needs it
+    assert train(config, three, progress=False, resume=True).finished
+    with pytest.raises(FileNotFoundError, match="two"):
+        train(config, tmp_path / "other", progress=False)
+    assert not list((tmp_path / "other").glob("*.json*"))
+    wider = replace(config, net_arch=(16,), start_from=str(three))
+    with pytest.raises(ValueError, match=r"start_from: .*does not fit this policy"):
+        train(wider, tmp_path / "other", progress=False)
 
 
 def test_a_distance_is_shared_by_the_arms(tmp_path: Path) -> None:
