@@ -179,6 +179,11 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         """Set the arguments that a policy of shared arms needs, as far as they are missing."""
         if not issubclass(self.policy_class, SharedArmsPolicy):
             return
+        if not isinstance(self, ImitatingTD3):
+            raise TypeError(
+                f"{type(self).__name__} learns one value: SharedArmsPolicy, which has one for each "
+                "arm, needs GoalTD3"
+            )
         if "arms" not in self.policy_kwargs:
             if self.env is None:
                 raise ValueError("env=None needs policy_kwargs={'arms': ...} of SharedArmsPolicy")

@@ -11,7 +11,7 @@ import pytest
 import torch as th
 from gymnasium import spaces
 
-from saver_advisors.learner import GoalTD3
+from saver_advisors.learner import GoalDDPG, GoalTD3
 from saver_advisors.learner.arms import ArmBlocks
 from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmsPolicy
 from saver_advisors.policies.files import load_policy, load_teacher, save_policy
@@ -243,6 +243,11 @@ def test_sb3_saves_and_loads_it(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.predict(observation)[0], model.predict(observation)[0])
         assert float(one.multiplier) == float(model.multiplier) != 0.5
     loaded.learn(20)
+
+
+def test_learners_of_one_value_are_refused() -> None:
+    with pytest.raises(TypeError, match="GoalDDPG learns one value"):
+        GoalDDPG(SharedArmsPolicy, SaverVecEnv("DualJacoPush-v0"))
 
 
 def test_another_environment_is_refused(make_env: Any) -> None:
