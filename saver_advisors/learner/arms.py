@@ -133,10 +133,9 @@ class ArmBlocks:
         return found
 
     def neighbours(self) -> list[list[int]]:
-        """Return the other arms of each arm."""
-        return [
-            [other for other in range(self.n_arms) if other != arm] for arm in range(self.n_arms)
-        ]
+        """Return the other arms of each arm: the one that follows it, then the next."""
+        n = self.n_arms
+        return [[(arm + ahead) % n for ahead in range(1, n)] for arm in range(n)]
 
     def poses(self) -> th.Tensor:
         """Return where the neighbours' bases stand in each arm's base frame.

@@ -92,7 +92,6 @@ class ArmNetwork(nn.Module):
     """
 
     poses: th.Tensor
-    others: th.Tensor
 
     def __init__(
         self,
@@ -116,8 +115,6 @@ class ArmNetwork(nn.Module):
         self.tail = nn.Sequential(*(norm(net_arch[0]) for norm in norms), activation(), *tail)
         # Not saved: weights do not depend on the number of arms.
         self.register_buffer("poses", arms.poses(), persistent=False)
-        others = th.as_tensor(arms.neighbours(), dtype=th.long).flatten()
-        self.register_buffer("others", others, persistent=False)
 
     def forward(self, own: th.Tensor, seen: th.Tensor) -> th.Tensor:
         """Evaluate the network for every arm.
@@ -130,11 +127,15 @@ class ArmNetwork(nn.Module):
         if self.n_arms > 1:
             of_own, of_other, of_pose = self.pair.weight.split(self.sizes, dim=1)
             # Linear in all three, so that each arm is multiplied once.
-            mine = functional.linear(own, of_own).unsqueeze(2)
-            theirs = functional.linear(seen, of_other).index_select(1, self.others)
+            mine = functional.linear(own, of_own)
+            theirs = functional.linear(seen, of_other)
             place = functional.linear(self.poses, of_pose, self.pair.bias)
-            pairs = mine + theirs.unflatten(1, (self.n_arms, -1)) + place
-            hidden = hidden + self.pool(pairs.relu().sum(dim=2))
+            encoded = [
+                # Of each arm and the one that follows it by `ahead`.
+                (mine + theirs.roll(-ahead, 1) + place[:, ahead - 1]).relu()
+                for ahead in range(1, self.n_arms)
+            ]
+            hidden = hidden + self.pool(sum(encoded[1:], start=encoded[0]))
         result: th.Tensor = self.tail(hidden)
         return result
 
