@@ -46,7 +46,8 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "saver_advisors": (
         "evaluation",
         "reporting",
-        "learner safe_baselines",
+        "learner",
+        "safe_baselines",
         "policies",
         "pretrained",
         "advising",

@@ -7,6 +7,8 @@ teachers' units; the zeros between the blocks are trained like all other weights
 - The actor and the normaliser are always exact.
 - Per-arm critics without LayerNorm are exact. A student's LayerNorm averages over the units of all
   arms, each teacher's over its own, so such critics only start near their teachers'.
+- Networks that all arms share become the teacher's, with nothing seen of the neighbours at first:
+  actor, critics and normaliser are exact.
 - A joint critic differs from all teachers' (its value requires every arm to succeed): joint and
   quantile critics start from scratch.
 """
@@ -23,6 +25,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
+from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmFeatures
 from saver_advisors.policies.freezing import actor_layers
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherGroup
@@ -57,6 +60,20 @@ def warm_start_from_teachers(
         )
     for teacher in teachers.teachers:
         _check_teacher(teacher, features, model.action_space, mapping)
+    if isinstance(features, SharedArmFeatures):
+        critics = _start_shared(policy, features, teachers, mapping)
+    else:
+        critics = _start_side_by_side(policy, features, teachers, mapping)
+    for name in ("actor", "critic"):
+        if getattr(policy, f"{name}_target", None) is not None:
+            getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
+    return critics
+
+
+def _start_side_by_side(
+    policy: Any, features: NormalizedGoalFeatures, teachers: TeacherGroup, mapping: ArmMapping
+) -> Critics:
+    """Copy the teachers into blocks of the student's networks."""
     columns = [
         _feature_columns(features, teacher, arm) for arm, teacher in enumerate(teachers.teachers)
     ]
@@ -65,11 +82,46 @@ def warm_start_from_teachers(
     _check_hidden("actor", actor, blocks)
     _start_normaliser(features, teachers, columns)
     _place(actor, blocks, columns, mapping.action_size)
-    critics = _start_critics(policy.critic, features, teachers, mapping, columns)
-    for name in ("actor", "critic"):
-        if getattr(policy, f"{name}_target", None) is not None:
-            getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
-    return critics
+    return _start_critics(policy.critic, features, teachers, mapping, columns)
+
+
+def _start_shared(
+    policy: Any, features: SharedArmFeatures, teachers: TeacherGroup, mapping: ArmMapping
+) -> Critics:
+    """Copy one teacher into the networks that all arms share, and hide the neighbours."""
+    if len(set(map(id, teachers.teachers))) > 1:
+        raise ValueError(
+            f"the teachers are {teachers.names}: arms that share their weights start from one "
+            "teacher for all arms"
+        )
+    teacher = teachers.teachers[0]
+    single, spec = TeacherGroup(teacher, 1), teacher.networks.spec
+    columns = _feature_columns(features, teacher, 0)
+    block = _linears(teacher.networks.actor)
+    _check_hidden("actor", _own_linears(policy.actor.mu), [block])
+    _start_normaliser(features, single, [columns])
+    _place(_own_linears(policy.actor.mu), [block], [columns], mapping.action_size)
+    policy.actor.mu.pool.weight.data.zero_()
+    networks = list(policy.critic.q_networks)
+    layer_norm = bool(_norms(networks[0]))
+    if spec.n_critics == 0 or spec.critic_outputs != 1 or spec.critic_layer_norm != layer_norm:
+        return "fresh"
+    inputs = th.cat((columns, features.features_dim + th.arange(mapping.action_size)))
+    for index, network in enumerate(networks):
+        source = teacher.networks.critics[index % spec.n_critics]
+        _check_hidden("critic", _own_linears(network), [_linears(source)])
+        _place(_own_linears(network), [_linears(source)], [inputs], 1)
+        _place_norms(network, [source])
+        network.pool.weight.data.zero_()
+    # LayerNorm averages over all units, those that a wider student has besides too.
+    widths = [layer.out_features for layer in _own_linears(networks[0])[:-1]]
+    exact = not layer_norm or widths == list(spec.critic_hidden)
+    return "exact" if exact else "approximate"
+
+
+def _own_linears(network: ArmNetwork) -> list[nn.Linear]:
+    """Return the layers of a shared network that compute what an arm sees of itself."""
+    return _linears(network.own, network.tail)
 
 
 def _check_teacher(
@@ -196,12 +248,17 @@ def _start_critics(
         linears, blocks = _linears(network), [_linears(source) for source in sources]
         _check_hidden("critic", linears, blocks)
         _place(linears, blocks, inputs, 1)
-        norms = zip(*(_norms(source) for source in sources), strict=True)
-        for norm, own in zip(_norms(network), norms, strict=True):
-            for name in ("weight", "bias"):
-                placed = th.cat([getattr(one, name) for one in own])
-                getattr(norm, name).data[: len(placed)] = placed
+        _place_norms(network, sources)
     return "approximate" if layer_norm and mapping.n_arms > 1 else "exact"
+
+
+def _place_norms(network: nn.Module, sources: Sequence[nn.Module]) -> None:
+    """Write the teachers' LayerNorms into the student's, block by block."""
+    norms = zip(*(_norms(source) for source in sources), strict=True)
+    for norm, own in zip(_norms(network), norms, strict=True):
+        for name in ("weight", "bias"):
+            placed = th.cat([getattr(one, name) for one in own])
+            getattr(norm, name).data[: len(placed)] = placed
 
 
 @th.no_grad()

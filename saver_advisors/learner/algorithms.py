@@ -4,8 +4,8 @@ The mixin keeps the algorithm's own ``train`` and adds
 
 - ``GoalReplayBuffer`` and the goal policies of this package as defaults, with the horizon, the
   reward function and the range of returns from the environment and the discount
-- exploration by Gaussian noise and occasional uniform actions (OpenAI baselines' HER), drawn from a
-  generator of its own, so that a resumed run explores as an uninterrupted one
+- exploration by Gaussian noise and occasional uniform actions (OpenAI baselines' HER), which may be
+  held for several steps
 - statistics for the policies' normaliser, updated when an episode ends
 
 It is cooperative: ``type("AdvisedTD3", (AdvisedMixin, GoalTD3), {})`` composes. The result of an
@@ -29,6 +29,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv
 
+from saver_advisors.learner.arms import ArmBlocks
+from saver_advisors.learner.exploration import HeldActions
 from saver_advisors.learner.imitation import ImitatingTD3, candidate_values
 from saver_advisors.learner.policies import (
     GoalSACPolicy,
@@ -37,8 +39,12 @@ from saver_advisors.learner.policies import (
     NormalizedGoalFeatures,
 )
 from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
+from saver_advisors.learner.shared_arms import SharedArmsPolicy
 
 Policies = dict[str, type[BasePolicy]]
+
+COST_KEY = "cost_collision"
+"""Entry of ``info`` that is the cost of a step, for learners of costs: 1 in a step with contact."""
 
 
 def episode_horizon(env: VecEnv) -> int:
@@ -62,6 +68,20 @@ def episode_horizon(env: VecEnv) -> int:
             "`spec.max_episode_steps`): pass replay_buffer_kwargs={'horizon': steps}"
         )
     return int(horizon)
+
+
+def arms_of(env: VecEnv) -> ArmBlocks:
+    """Return where the arms' blocks lie in an environment's observations and goals.
+
+    :param env: our vector env, or SB3's vector env of our goal envs.
+    :raises ValueError: for another environment.
+    """
+    if task_of(env) is None:
+        raise ValueError(
+            "weights shared by arms need an environment of saver_envs, whose task says where the "
+            "arms' blocks are"
+        )
+    return ArmBlocks.of_episodes(_attribute(env, "episodes"))
 
 
 def task_of(env: VecEnv) -> Any:
@@ -90,10 +110,11 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         task's least reward per step.
     :param exploration_noise: standard deviation of Gaussian noise on the scaled action, which spans
         [-1, 1]; SB3's ``action_noise`` works too, with NumPy's global generator.
-    :param random_action_probability: of a uniform action instead of the exploratory one, drawn for
-        each environment and step.
-    :raises ValueError: if the probability is outside [0, 1], the noise negative, or the horizon
-        unknown.
+    :param random_action_probability: fraction of steps with a uniform action instead; see
+        ``HeldActions``.
+    :param random_action_steps: mean number of steps for which a uniform action is held.
+    :raises ValueError: if the probability is outside [0, 1], the noise negative, an action is held
+        for less than a step, or the horizon unknown.
     :raises TypeError: if the replay buffer is of another kind.
     """
 
@@ -107,16 +128,15 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         *arguments: Any,
         exploration_noise: float = 0.0,
         random_action_probability: float = 0.2,
+        random_action_steps: int = 1,
         **named: Any,
     ) -> None:
         if exploration_noise < 0:
             raise ValueError(f"exploration_noise={exploration_noise} must not be negative")
-        if not 0.0 <= random_action_probability <= 1.0:
-            raise ValueError(
-                f"random_action_probability={random_action_probability} must lie in [0, 1]"
-            )
+        self.held_actions = HeldActions(random_action_probability, random_action_steps)
         self.exploration_noise = exploration_noise
         self.random_action_probability = random_action_probability
+        self.random_action_steps = random_action_steps
         self.training_cost = 0.0
         super().__init__(*arguments, **named)
 
@@ -124,6 +144,8 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         """Build buffer and networks with defaults from the environment and the discount."""
         # Separate streams: the draws of one part must not shift another's.
         seeds = np.random.SeedSequence(self.seed).generate_state(2)
+        # Rebuilt here, since SB3's `load` sets the arguments after the constructor.
+        self.held_actions = HeldActions(self.random_action_probability, self.random_action_steps)
         self._exploration_random = np.random.default_rng(int(seeds[0]))
         if self.replay_buffer_class is None:
             self.replay_buffer_class = GoalReplayBuffer
@@ -136,6 +158,10 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
             if self.env is None:
                 raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
             self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
+        self._share_arms()
+        if getattr(self, "learns_costs", False):
+            self.policy_kwargs.setdefault("n_costs", 1)
+            self.replay_buffer_kwargs.setdefault("cost_key", COST_KEY)
         task = None if self.env is None else task_of(self.env)
         least_reward = float(getattr(task, "least_reward", -1.0))
         self.policy_kwargs.setdefault("q_min", least_reward / (1.0 - self.gamma))
@@ -149,6 +175,27 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
             # The reward function holds the environment, which SB3's `save` must not pickle.
             self.replay_buffer_kwargs = permanent
 
+    def _share_arms(self) -> None:
+        """Set the arguments that a policy of shared arms needs, as far as they are missing."""
+        if not issubclass(self.policy_class, SharedArmsPolicy):
+            return
+        if not isinstance(self, ImitatingTD3):
+            raise TypeError(
+                f"{type(self).__name__} learns one value: SharedArmsPolicy, which has one for each "
+                "arm, needs GoalTD3"
+            )
+        if "arms" not in self.policy_kwargs:
+            if self.env is None:
+                raise ValueError("env=None needs policy_kwargs={'arms': ...} of SharedArmsPolicy")
+            self.policy_kwargs["arms"] = arms_of(self.env).to_mapping()
+        arms = ArmBlocks.from_mapping(self.policy_kwargs["arms"])
+        replay = self.replay_buffer_kwargs
+        if replay.get("goal_parts") is None:
+            shared = (arms.shared_goal,) * (arms.shared_goal > 0)
+            replay["goal_parts"] = (arms.goal,) * arms.n_arms + shared
+        # An arm's own goal may be relabelled; what the others did had to do with their own goals.
+        replay.setdefault("episode_goals", not replay.get("team_rewards", False))
+
     def set_env(self, env: Any, force_reset: bool = True) -> None:
         """Set the environment as SB3 does; a buffer without a reward function takes its own."""
         super().set_env(env, force_reset)
@@ -158,7 +205,7 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
             buffer.reward_function = reward_function_of(self.env)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_exploration_random"]
+        return [*super()._excluded_save_params(), "_exploration_random", "held_actions"]
 
     def _sample_action(
         self,
@@ -175,11 +222,15 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         if self.exploration_noise > 0.0:
             noise = self.exploration_noise * random.standard_normal(stored.shape)
             stored = np.clip(stored + noise, -1.0, 1.0)
-        replaced = random.random(n_envs) < self.random_action_probability
-        stored = np.where(replaced[:, None], random.uniform(-1.0, 1.0, stored.shape), stored)
+        stored = self.held_actions.replace(stored, random, self._n_explorers())
         # Rounded as in the buffer, so that executed and stored actions are equal.
         stored = stored.astype(np.float32)
         return np.asarray(self.policy.unscale_action(stored)), stored
+
+    def _n_explorers(self) -> int:
+        """Return how many parts of an action take random actions independently of one another."""
+        arms = getattr(self.policy, "arms", None)
+        return 1 if arms is None else int(arms.n_arms)
 
     def _store_transition(
         self,
@@ -259,9 +310,16 @@ class GoalDDPG(GoalLearnerMixin, DDPG):
 
 
 class GoalTD3(GoalLearnerMixin, ImitatingTD3):
-    """``ImitatingTD3`` with ``GoalLearnerMixin``."""
+    """``ImitatingTD3`` with ``GoalLearnerMixin``.
 
-    policy_aliases: ClassVar[Policies] = {"MultiInputPolicy": GoalTD3Policy}
+    With the policy ``SharedArmsPolicy``, all arms share the weights of actor and critics; each arm
+    has its own hindsight goal and reward.
+    """
+
+    policy_aliases: ClassVar[Policies] = {
+        "MultiInputPolicy": GoalTD3Policy,
+        "SharedArmsPolicy": SharedArmsPolicy,
+    }
 
 
 class GoalSAC(GoalLearnerMixin, SAC):

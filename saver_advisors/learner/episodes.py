@@ -49,6 +49,7 @@ class EpisodeBuffer(ReplayBuffer):
     :param n_envs: environments that step together.
     :param horizon: maximum length of an episode in steps.
     :param seed: of the buffer's own random generator.
+    :param cost_key: entry of ``info`` that is stored as the cost of a step; None stores none.
     :raises ValueError: if spaces or sizes do not fit.
     """
 
@@ -66,6 +67,7 @@ class EpisodeBuffer(ReplayBuffer):
         *,
         horizon: int,
         seed: int | None = None,
+        cost_key: str | None = None,
     ) -> None:
         _check_spaces(observation_space, action_space)
         if horizon < 1:
@@ -82,6 +84,8 @@ class EpisodeBuffer(ReplayBuffer):
         self.horizon = horizon
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
+        self.cost_key = cost_key
+        self._slot_arrays = _SLOT_ARRAYS if cost_key is None else (*_SLOT_ARRAYS, "cost")
         self._allocate()
         self.reset()
 
@@ -96,6 +100,8 @@ class EpisodeBuffer(ReplayBuffer):
         self.desired_goal = np.zeros((self.n_slots, goal_dim), np.float32)
         self.action = np.zeros((self.n_slots, self.horizon, self.action_dim), np.float32)
         self.advised = np.zeros((self.n_slots, self.horizon), bool)
+        # Without a key it only takes up addresses.
+        self.cost = np.zeros((self.n_slots, self.horizon), np.float32)
         self.length = np.zeros(self.n_slots, np.int64)
 
     def reset(self) -> None:
@@ -129,8 +135,9 @@ class EpisodeBuffer(ReplayBuffer):
         :param action: (n_envs, action_dim), scaled to [-1, 1].
         :param reward: (n_envs,), ignored: rewards are computed when sampled.
         :param done: (n_envs,), whether the episode ends here.
-        :param infos: one dict per environment; ``advised`` is read.
+        :param infos: one dict per environment; ``advised`` and ``cost_key`` are read.
         :raises ValueError: if a value is not finite, or an episode exceeds the horizon.
+        :raises KeyError: if an environment does not report the cost.
         """
         del reward
         continued = self._continued(obs)
@@ -147,6 +154,10 @@ class EpisodeBuffer(ReplayBuffer):
         _require_finite("next observation", next_obs["observation"])
         _require_finite("next achieved goal", next_obs["achieved_goal"])
         _require_finite("action", action)
+        if self.cost_key is not None:
+            cost = np.array([_cost_of(info, self.cost_key) for info in infos], np.float32)
+            _require_finite(self.cost_key, cost)
+            self.cost[slot, step] = cost
         self.observation[slot, step + 1] = next_obs["observation"]
         self.achieved_goal[slot, step + 1] = next_obs["achieved_goal"]
         self.action[slot, step] = action
@@ -252,7 +263,7 @@ class EpisodeBuffer(ReplayBuffer):
                 header=np.array(json.dumps(self._header(used))),
                 slot=self._slot,
                 running=self._running,
-                **{name: getattr(self, name)[:used] for name in _SLOT_ARRAYS},
+                **{name: getattr(self, name)[:used] for name in self._slot_arrays},
             )
 
     def _header(self, used: int) -> dict[str, Any]:
@@ -282,7 +293,7 @@ class EpisodeBuffer(ReplayBuffer):
         :raises ValueError: if the file is damaged, of another format, or of another shape.
         """
         path = Path(path)
-        own: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in _SLOT_ARRAYS}
+        own: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in self._slot_arrays}
         others = {"slot": self._slot, "running": self._running}
         with _opened(path) as archive:
             header = self._checked_header(path, archive)
@@ -347,6 +358,12 @@ def _layout(archive: NpzFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]
         np.lib.format.read_magic(member)
         shape, _, kind = np.lib.format.read_array_header_1_0(member)
     return shape, kind
+
+
+def _cost_of(info: Mapping[str, Any], key: str) -> float:
+    if key not in info:
+        raise KeyError(f"cost_key={key!r}: the environment's info has only {sorted(info)}")
+    return float(info[key])
 
 
 def _require_finite(name: str, values: npt.NDArray[Any]) -> None:

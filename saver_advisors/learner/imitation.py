@@ -27,7 +27,8 @@ from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.td3 import TD3
 from torch.nn import functional
 
-from saver_advisors.learner.policies import conservative_values
+from saver_advisors.learner.multiplier import LagrangeMultiplier
+from saver_advisors.learner.policies import conservative_values, cost_values, goal_values
 from saver_advisors.learner.replay import GoalReplayBuffer
 
 Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
@@ -47,7 +48,16 @@ class ImitatingTD3(TD3):
         actor's action and the advised one; 0 for plain TD3.
     :param imitation_filter_start: environment step from which on only those advised actions are
         imitated that the critic rates higher than the actor's.
-    :raises ValueError: if the weight or the step is negative.
+    :param contact_cost: weight of the cost's value in the actor's objective, relative to that of
+        the goal: 0.5 means that a step with contact costs half of a step away from the goal. The
+        cost is a further value of the critics, learned in the same replay.
+    :param cost_limit: cost of an episode at the actor's actions, in steps; the weight, which starts
+        at ``contact_cost``, then rises while the cost exceeds it and falls below it, as a Lagrange
+        multiplier. It is updated once per call of ``train``, with the mean of the target critics'
+        conservative values in sampled states, which keeps the noise of exploration out of it
+        (off-policy Lagrangian: Ha et al., arXiv 2002.08550). None keeps the weight fixed.
+    :param multiplier_lr: learning rate of the multiplier's Adam.
+    :raises ValueError: if an argument is out of range.
     """
 
     bootstrap_proposals: Callable[[Mapping[str, th.Tensor]], Proposals | None] | None
@@ -61,17 +71,38 @@ class ImitatingTD3(TD3):
         *arguments: Any,
         imitation_weight: float = 0.0,
         imitation_filter_start: int = 0,
+        contact_cost: float = 0.0,
+        cost_limit: float | None = None,
+        multiplier_lr: float = 0.035,
         **named: Any,
     ) -> None:
+        if not contact_cost >= 0:
+            raise ValueError(f"contact_cost={contact_cost} must be 0 or more")
+        if cost_limit is not None and not cost_limit >= 0:
+            raise ValueError(f"cost_limit={cost_limit} must be 0 or more")
         if not imitation_weight >= 0:
             raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
         if not imitation_filter_start >= 0:
             raise ValueError(f"imitation_filter_start={imitation_filter_start} must be 0 or more")
+        self.contact_cost = contact_cost
+        self.cost_limit = cost_limit
+        self.multiplier_lr = multiplier_lr
+        self.multiplier = LagrangeMultiplier(contact_cost, multiplier_lr)
         self.bootstrap_proposals = None
         self.value_weights = None
         self.imitation_weight = imitation_weight
         self.imitation_filter_start = imitation_filter_start
         super().__init__(*arguments, **named)
+
+    @property
+    def learns_costs(self) -> bool:
+        """Whether the critics have a value of the cost."""
+        return self.contact_cost > 0 or self.cost_limit is not None
+
+    def _setup_model(self) -> None:
+        # SB3's `load` sets the arguments after the constructor.
+        self.multiplier = LagrangeMultiplier(self.contact_cost, self.multiplier_lr)
+        super()._setup_model()
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Perform gradient steps; TD3's if the weight is 0 and the goal has one part.
@@ -82,6 +113,7 @@ class ImitatingTD3(TD3):
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
         critic_losses, actor_losses, imitation_losses = [], [], []
+        self._costs: list[float] = []
         for _ in range(gradient_steps):
             self._n_updates += 1
             batch, advised = self._draw(batch_size)
@@ -97,6 +129,21 @@ class ImitatingTD3(TD3):
         if actor_losses:
             self.logger.record("train/actor_loss", np.mean(actor_losses))
             self.logger.record("train/imitation_loss", np.mean(imitation_losses))
+        if self._costs:
+            self._update_multiplier(float(np.mean(self._costs)))
+
+    def _update_multiplier(self, value: float) -> None:
+        """Take a step of the multiplier, if the cost has a limit.
+
+        :param value: mean discounted cost from a sampled state on.
+        """
+        assert isinstance(self.replay_buffer, GoalReplayBuffer)
+        # A constant cost per step of the same value, summed over an episode without discount.
+        episode_cost = value * (1.0 - self.gamma) * self.replay_buffer.horizon
+        if self.cost_limit is not None:
+            self.multiplier.update(episode_cost, self.cost_limit)
+        self.logger.record("train/episode_cost", episode_cost)
+        self.logger.record("train/cost_multiplier", float(self.multiplier))
 
     def _draw(self, batch_size: int) -> tuple[DictReplayBufferSamples, th.Tensor]:
         """Sample transitions as tensors, and which of them were advised (batch,)."""
@@ -113,7 +160,14 @@ class ImitatingTD3(TD3):
             if self.bootstrap_proposals is not None:
                 next_actions = self._better_actions(batch.next_observations, next_actions)
             values = conservative_values(self.critic_target, batch.next_observations, next_actions)
-            target = batch.rewards + self.gamma * values
+            if self.learns_costs:
+                # The actor exploits errors of the critic that it maximises; these are of both.
+                self._costs.append(-float(cost_values(self.critic, values).mean()))
+            rewards = batch.rewards
+            critic: Any = self.critic
+            if critic.reward_columns != tuple(range(rewards.shape[1])):
+                rewards = rewards[:, critic.reward_columns]
+            target = rewards + self.gamma * values
         estimates = self.critic(batch.observations, batch.actions)
         loss = th.stack([functional.mse_loss(value, target) for value in estimates]).sum()
         self.critic.optimizer.zero_grad()
@@ -135,14 +189,27 @@ class ImitatingTD3(TD3):
         return th.as_tensor(mixed.reshape(len(own), -1), device=self.device)
 
     def _weighted(self, values: th.Tensor) -> th.Tensor:
-        """Combine the parts' values (batch, parts) into one (batch,)."""
+        """Combine the critic's values (batch, values) into one (batch,)."""
+        parts = goal_values(self.critic, values)
         if self.value_weights is None:
-            return values.mean(dim=1)
-        weights = th.as_tensor(self.value_weights, dtype=values.dtype)
-        return values @ weights / weights.sum()
+            goal = parts.mean(dim=1)
+        else:
+            weights = th.as_tensor(self.value_weights, dtype=values.dtype)
+            goal = parts @ weights / weights.sum()
+        if not self.learns_costs:
+            return goal
+        multiplier = float(self.multiplier)
+        cost = cost_values(self.critic, values).sum(dim=1)
+        return (goal + multiplier * cost) / (1.0 + multiplier)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "bootstrap_proposals"]
+        return [*super()._excluded_save_params(), "bootstrap_proposals", "multiplier", "_costs"]
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        modules, variables = super()._get_torch_save_params()
+        if self.cost_limit is None:
+            return modules, variables
+        return [*modules, "multiplier", "multiplier.optimizer"], variables
 
     def _update_actor(
         self, batch: DictReplayBufferSamples, advised: th.Tensor
@@ -183,7 +250,7 @@ def candidate_values(
     repeated = {key: value.repeat(len(actions), 1) for key, value in observations.items()}
     flat = actions.reshape(-1, actions.shape[2])
     scaled = th.as_tensor(flat, dtype=th.float32, device=critic.device)
-    values = conservative_values(critic, repeated, scaled).cpu().numpy()
+    values = goal_values(critic, conservative_values(critic, repeated, scaled)).cpu().numpy()
     return np.asarray(values.reshape(*actions.shape[:2], -1))
 
 

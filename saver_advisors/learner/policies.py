@@ -10,7 +10,7 @@ All are arguments in ``policy_kwargs``, so that SB3's own ``save`` and ``load`` 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -151,14 +151,21 @@ def _add_networks(
 class GoalCritic(ContinuousCritic):
     """Q-values of one or more networks, optionally bounded, for DDPG, TD3 and SAC.
 
+    The values are those of the parts of the goal, then those of costs: the negative discounted sum
+    of a cost.
+
     :param layer_norm: whether each hidden linear layer is followed by LayerNorm.
     :param action_penalty: weight of the actions' mean square in the actor's loss (DDPG and TD3).
     :param n_values: outputs of each network, one for each part of the goal.
+    :param n_costs: further outputs, one for each cost.
     :param n_critics: number of networks.
     :param arguments: as for ``ContinuousCritic``.
     """
 
     value_bounds: tuple[float, float] | None
+
+    reward_columns: tuple[int, ...]
+    """The column of the sampled rewards that each value is learned from."""
 
     def __init__(
         self,
@@ -166,38 +173,57 @@ class GoalCritic(ContinuousCritic):
         layer_norm: bool = True,
         action_penalty: float = 0.0,
         n_values: int = 1,
+        n_costs: int = 0,
         n_critics: int = 2,
         **arguments: Any,
     ) -> None:
         super().__init__(**arguments, n_critics=0)
         self.action_penalty = action_penalty
-        _add_networks(self, n_critics, n_values, layer_norm, arguments)
+        self.n_values = n_values
+        self.n_costs = n_costs
+        self.reward_columns = tuple(range(n_values + n_costs))
+        if n_costs > 0:
+            # Readers of the weights see which outputs are not values of the goal.
+            self.register_buffer("cost_outputs", th.tensor(n_costs))
+        _add_networks(self, n_critics, n_values + n_costs, layer_norm, arguments)
+
+    def _values(
+        self, obs: PyTorchObs, actions: th.Tensor, networks: list[nn.Module]
+    ) -> list[th.Tensor]:
+        """Evaluate networks, (batch, values) each."""
+        features = self.extract_features(obs, self.features_extractor)
+        joined = th.cat([features, actions], dim=1)
+        return [network(joined) for network in networks]
 
     def forward(self, obs: PyTorchObs, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """Evaluate every network.
 
         :param obs: entries (batch, dim).
         :param actions: (batch, action_dim), scaled to [-1, 1].
-        :return: (batch, n_values) for each network, within ``value_bounds`` if there are any.
+        :return: (batch, values) for each network, within ``value_bounds`` if there are any.
         """
-        values = super().forward(obs, actions)  # type: ignore[arg-type]
+        values = self._values(obs, actions, self.q_networks)
         if self.value_bounds is None:
-            return values
+            return tuple(values)
         return tuple(value.clamp(*self.value_bounds) for value in values)
 
     def q1_forward(self, obs: PyTorchObs, actions: th.Tensor) -> th.Tensor:
-        """Compute the actor's objective: the first network's value minus the action penalty.
+        """Compute the actor's objective: the first network's values, the goal's minus the penalty.
 
         SB3 calls this only in the actor's loss. The critic takes no step there, so its gradients,
         which SB3 would compute and discard, are not recorded.
 
         :param obs: entries (batch, dim).
         :param actions: (batch, action_dim), scaled to [-1, 1].
-        :return: (batch, n_values).
+        :return: (batch, values).
         """
         with _frozen(self.q_networks[0]):
-            value = super().q1_forward(obs, actions)  # type: ignore[arg-type]
-        return value - self.action_penalty * actions.square().mean(dim=1, keepdim=True)
+            value = self._values(obs, actions, self.q_networks[:1])[0]
+        penalty = self.action_penalty * actions.square().mean(dim=1, keepdim=True)
+        if self.n_costs == 0:
+            return value - penalty
+        n_goal = sum(column < self.n_values for column in self.reward_columns)
+        return th.cat((value[:, :n_goal] - penalty, value[:, n_goal:]), dim=1)
 
 
 class GoalQuantileCritic(QuantileCritic):
@@ -232,7 +258,7 @@ def conservative_values(critic: Any, observations: Any, actions: th.Tensor) -> t
     :param critic: a critic of this package or of SB3.
     :param observations: entries (batch, dim).
     :param actions: (batch, action_dim), scaled to [-1, 1].
-    :return: (batch, values), one joint value or one per part of the goal.
+    :return: (batch, values), one joint value or one per part of the goal, and those of costs.
     """
     values: Any = critic(observations, actions)
     least: th.Tensor = (
@@ -241,6 +267,40 @@ def conservative_values(critic: Any, observations: Any, actions: th.Tensor) -> t
         else values.mean(dim=(1, 2)).unsqueeze(1)
     )
     return least
+
+
+def goal_values(critic: Any, values: th.Tensor) -> th.Tensor:
+    """Return the values of the parts of the goal, without those of costs.
+
+    :param critic: a critic of this package or of SB3.
+    :param values: (batch, values), as the critic computes them.
+    :return: (batch, parts): the mean where several values are of the same part.
+    """
+    columns = getattr(critic, "reward_columns", None)
+    if columns is None or columns == tuple(range(critic.n_values)):
+        return values
+    return _column_means(values, columns, range(critic.n_values))
+
+
+def cost_values(critic: Any, values: th.Tensor) -> th.Tensor:
+    """Return the values of costs, which are negative.
+
+    :param critic: a critic of this package.
+    :param values: (batch, values), as the critic computes them.
+    :return: (batch, costs): the mean where several values are of the same cost.
+    """
+    columns = range(critic.n_values, critic.n_values + critic.n_costs)
+    return _column_means(values, critic.reward_columns, columns)
+
+
+def _column_means(values: th.Tensor, columns: Sequence[int], wanted: Iterable[int]) -> th.Tensor:
+    """Average the values that are learned from the same column of the rewards."""
+    means = []
+    for column in wanted:
+        # Equal columns are neighbours.
+        first = columns.index(column)
+        means.append(values[:, first : first + columns.count(column)].mean(dim=1))
+    return th.stack(means, dim=1)
 
 
 class GoalPolicyMixin(BasePolicy):
@@ -255,6 +315,7 @@ class GoalPolicyMixin(BasePolicy):
     :param action_penalty: weight of the actions' mean square in the actor's loss.
     :param n_values: outputs of a critic, one for each part of the goal; for algorithms that support
         several, such as ``ImitatingTD3``.
+    :param n_costs: further outputs, one for each cost; for the same algorithms.
     :param arguments: as for the SB3 policy; without ``optimizer_kwargs`` Adam is fused.
     :raises ValueError: if the bounds are reversed, the penalty is negative, or the critics do not
         support ``n_values``.
@@ -277,16 +338,22 @@ class GoalPolicyMixin(BasePolicy):
         q_max: float = 0.0,
         action_penalty: float = 0.0,
         n_values: int = 1,
+        n_costs: int = 0,
         **arguments: Any,
     ) -> None:
+        if n_costs < 0:
+            raise ValueError(f"n_costs={n_costs} must not be negative")
         if n_values < 1:
             raise ValueError(f"n_values={n_values} must be at least 1")
         if q_min is not None and q_min >= q_max:
             raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
         if action_penalty < 0:
             raise ValueError(f"action_penalty={action_penalty} must not be negative")
-        if n_values != 1 and not issubclass(self.critic_class, GoalCritic):
-            raise ValueError(f"n_values={n_values}: quantile critics give one value, so only 1")
+        if n_values + n_costs != 1 and not issubclass(self.critic_class, GoalCritic):
+            raise ValueError(
+                f"n_values={n_values}, n_costs={n_costs}: quantile critics give one value, so only "
+                "1 and 0"
+            )
         # Set first: SB3's constructor builds the networks.
         self._options: dict[str, Any] = {
             "layer_norm": layer_norm,
@@ -294,6 +361,7 @@ class GoalPolicyMixin(BasePolicy):
             "q_max": q_max,
             "action_penalty": action_penalty,
             "n_values": n_values,
+            "n_costs": n_costs,
         }
         arguments.setdefault("features_extractor_class", NormalizedGoalFeatures)
         if arguments.get("optimizer_kwargs") is None:
@@ -314,11 +382,14 @@ class GoalPolicyMixin(BasePolicy):
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         """Build a critic of ``critic_class``, on the shared features unless others are given."""
         arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
+        return self.critic_class(**arguments, **self._critic_arguments()).to(self.device)
+
+    def _critic_arguments(self) -> dict[str, Any]:
+        """Return the arguments of ``critic_class`` that SB3's critics do not have."""
         names = ["layer_norm"]
         if issubclass(self.critic_class, GoalCritic):
-            names += ["action_penalty", "n_values"]
-        arguments |= {name: self._options[name] for name in names}
-        return self.critic_class(**arguments).to(self.device)
+            names += ["action_penalty", "n_values", "n_costs"]
+        return {name: self._options[name] for name in names}
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {**super()._get_constructor_parameters(), **self._options}

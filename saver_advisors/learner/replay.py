@@ -36,7 +36,9 @@ class GoalTransitions:
     :param achieved_goal: (batch, goal_dim), before the action.
     :param desired_goal: (batch, goal_dim), the episode's own or a relabelled one.
     :param action: (batch, action_dim), scaled to [-1, 1].
+    :param episode_goal: (batch, goal_dim), the episode's own goal.
     :param reward: (batch, rewards), computed from ``next_achieved_goal`` and ``desired_goal``.
+    :param cost: (batch,), of the step; it does not depend on goals. 0 if no costs are stored.
     :param next_observation: (batch, observation_dim).
     :param next_achieved_goal: (batch, goal_dim), after the action.
     :param advised: (batch,), whether a teacher chose the action.
@@ -50,7 +52,9 @@ class GoalTransitions:
     achieved_goal: FloatArray
     desired_goal: FloatArray
     action: FloatArray
+    episode_goal: FloatArray
     reward: FloatArray
+    cost: FloatArray
     next_observation: FloatArray
     next_achieved_goal: FloatArray
     advised: BoolArray
@@ -90,6 +94,9 @@ class GoalReplayBuffer(EpisodeBuffer):
         relabelled independently, and gets the reward that applies if all other parts are reached;
         None for a goal of one part.
     :param reward_function: computes rewards from goals; an attribute that may be replaced later.
+    :param team_rewards: whether each part of the goal gets the mean reward of all parts.
+    :param episode_goals: whether sampled observations also have the episode's own goal, as
+        ``episode_goal``.
     :param named: further arguments of ``EpisodeBuffer``; ``horizon`` is required.
     :raises ValueError: if spaces or sizes do not fit.
     """
@@ -104,6 +111,8 @@ class GoalReplayBuffer(EpisodeBuffer):
         relabel_probability: float = 0.8,
         goal_parts: Sequence[int] | None = None,
         reward_function: RewardFunction | None = None,
+        team_rewards: bool = False,
+        episode_goals: bool = False,
         **named: Any,
     ) -> None:
         if not 0.0 <= relabel_probability <= 1.0:
@@ -111,6 +120,8 @@ class GoalReplayBuffer(EpisodeBuffer):
         super().__init__(buffer_size, observation_space, action_space, *arguments, **named)
         self.relabel_probability = relabel_probability
         self.reward_function = reward_function
+        self.team_rewards = team_rewards
+        self.episode_goals = episode_goals
         self.part_columns = _columns_of(goal_parts, observation_space)
 
     def sample(  # type: ignore[override]  # as SB3's own DictReplayBuffer
@@ -121,7 +132,8 @@ class GoalReplayBuffer(EpisodeBuffer):
         :param batch_size: transitions to sample, with replacement.
         :param env: normalises observations and rewards, if given.
         :return: tensors on the buffer's device; rewards are (batch_size, rewards), one for each of
-            ``goal_parts`` or one in total, dones (batch_size, 1).
+            ``goal_parts`` or one in total, then minus the cost if costs are stored; dones are
+            (batch_size, 1).
         :raises ValueError: if the buffer is empty, or has no reward function.
         """
         return self.as_samples(self.sample_transitions(batch_size), env)
@@ -146,10 +158,14 @@ class GoalReplayBuffer(EpisodeBuffer):
             "desired_goal": drawn.desired_goal,
         }
         reward = drawn.reward
+        if self.episode_goals:
+            observations["episode_goal"] = next_observations["episode_goal"] = drawn.episode_goal
         if env is not None:
             observations = env.normalize_obs(observations)  # type: ignore[assignment]
             next_observations = env.normalize_obs(next_observations)  # type: ignore[assignment]
             reward = env.normalize_reward(reward).astype(np.float32)
+        if self.cost_key is not None:
+            reward = np.column_stack((reward, -drawn.cost))
         return DictReplayBufferSamples(
             observations={key: self._tensor(value) for key, value in observations.items()},
             actions=self._tensor(drawn.action),
@@ -176,7 +192,8 @@ class GoalReplayBuffer(EpisodeBuffer):
         achieved = self.achieved_goal.reshape(-1, self.achieved_goal.shape[-1])
         action_row = slot * self.horizon + step
 
-        desired = np.take(self.desired_goal, slot, axis=0)
+        episode_goal = np.take(self.desired_goal, slot, axis=0)
+        desired = episode_goal.copy()
         if relabel_probability is None:
             relabel_probability = self.relabel_probability
         goal_step = self._relabel(desired, slot, step, relabel_probability)
@@ -186,7 +203,9 @@ class GoalReplayBuffer(EpisodeBuffer):
             achieved_goal=np.take(achieved, row, axis=0),
             desired_goal=desired,
             action=np.take(self.action.reshape(-1, self.action_dim), action_row, axis=0),
+            episode_goal=episode_goal,
             reward=self._rewards(next_achieved, desired),
+            cost=np.take(self.cost.reshape(-1), action_row),
             next_observation=np.take(observation, row + 1, axis=0),
             next_achieved_goal=next_achieved,
             advised=np.take(self.advised.reshape(-1), action_row),
@@ -221,7 +240,10 @@ class GoalReplayBuffer(EpisodeBuffer):
             asked = achieved.copy()
             asked[:, columns] = desired[:, columns]
             rewards.append(self._reward(achieved, asked))
-        return np.stack(rewards, axis=1)
+        joined = np.stack(rewards, axis=1)
+        if self.team_rewards:
+            joined[:] = joined.mean(axis=1, keepdims=True)
+        return joined
 
     def _reward(self, achieved: FloatArray, desired: FloatArray) -> FloatArray:
         """Compute rewards (batch,) and check their shape."""

@@ -8,7 +8,7 @@ included, or `NormalizedGoalFeatures` of the `learner` package.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,10 @@ from stable_baselines3.common.torch_layers import CombinedExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
 
+from saver_advisors.learner.arms import ArmBlocks
 from saver_advisors.learner.policies import NormalizedGoalFeatures
+from saver_advisors.learner.shared_arms import SharedArmFeatures
+from saver_advisors.policies.expanding import joint_columns, joint_layers, single_arm_layers
 from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
 
 Layers = Sequence[tuple[Tensor, Tensor]]
@@ -34,13 +37,15 @@ def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
         supported.
     """
     actor, critic, action_space = _parts(model)
+    if isinstance(actor.features_extractor, SharedArmFeatures):
+        return _shared_networks(actor, critic, action_space)
     inputs, normaliser = _normaliser(model, actor.features_extractor)
     layers = actor_layers(actor)
     critics = [list(_flatten([network])) for network in critic.q_networks]
     try:
         networks = build_frozen(
             _tensors(layers),
-            [_tensors(one) for one in critics],
+            [without_costs(_tensors(one), getattr(critic, "n_costs", 0)) for one in critics],
             inputs,
             normaliser,
             (torch.as_tensor(action_space.low), torch.as_tensor(action_space.high)),
@@ -71,7 +76,7 @@ def build_frozen(
     """Build frozen networks, whose shapes follow from the weights.
 
     :param actor: weight and bias of each layer; those of a LayerNorm have one dimension.
-    :param critics: the same for each critic; at least one.
+    :param critics: the same for each critic; none for a policy without.
     :param inputs: names and sizes of the inputs, in order.
     :param normaliser: mean, standard deviation and clip of each input.
     :param bounds: least and greatest action.
@@ -84,12 +89,12 @@ def build_frozen(
         inputs=inputs,
         action_size=len(actor[-1][1]),
         actor_hidden=_widths(actor)[:-1],
-        critic_hidden=_widths(critics[0])[:-1],
+        critic_hidden=_widths(critics[0])[:-1] if critics else (),
         n_critics=len(critics),
-        critic_outputs=len(critics[0][-1][1]),
+        critic_outputs=len(critics[0][-1][1]) if critics else 1,
         activation=activation,
         actor_layer_norm=any(weight.dim() == 1 for weight, _ in actor),
-        critic_layer_norm=any(weight.dim() == 1 for weight, _ in critics[0]),
+        critic_layer_norm=any(weight.dim() == 1 for one in critics[:1] for weight, _ in one),
     )
     with torch.device("meta"):  # nothing is allocated before all shapes have been compared
         networks = PolicyNetworks(spec)
@@ -101,6 +106,64 @@ def build_frozen(
     copies = {name: one.detach().cpu().float().clone() for name, one in tensors.items()}
     networks.load_state_dict(copies, assign=True)
     return networks.requires_grad_(False)
+
+
+def without_costs(layers: Layers, n_costs: int) -> Layers:
+    """Return a critic's layers without the values of costs, which are its last outputs.
+
+    :param layers: weight and bias of each.
+    :param n_costs: number of costs.
+    """
+    weight, bias = layers[-1]
+    end = len(bias) - n_costs
+    return [*layers[:-1], (weight[:end], bias[:end])]
+
+
+def _shared_networks(actor: Any, critic: Any, action_space: spaces.Box) -> PolicyNetworks:
+    """Return a frozen copy of networks that arms share."""
+    features = actor.features_extractor
+    if actor.activation_fn is not nn.ReLU:
+        raise TypeError(
+            f"shared arms with {actor.activation_fn.__name__} cannot be frozen: use relu layers"
+        )
+    return build_shared(
+        actor.mu.state_dict(),
+        [network.state_dict() for network in critic.q_networks],
+        features.arms,
+        features.keys,
+        (features.shift, 1.0 / features.scale, torch.full_like(features.shift, features.clip)),
+        (torch.as_tensor(action_space.low), torch.as_tensor(action_space.high)),
+    )
+
+
+def build_shared(
+    actor: Mapping[str, Tensor],
+    critics: Sequence[Mapping[str, Tensor]],
+    arms: ArmBlocks,
+    keys: tuple[str, ...],
+    normaliser: tuple[Tensor, Tensor, Tensor],
+    bounds: tuple[Tensor, Tensor],
+) -> PolicyNetworks:
+    """Build frozen networks of all arms from networks that the arms share.
+
+    The critics of several arms are omitted: their LayerNorm is one for each arm, which a
+    perceptron of all arms cannot represent.
+
+    :param actor: state of an `ArmNetwork`.
+    :param critics: the same for each critic.
+    :param arms: the arms.
+    :param keys: observation entries that an arm's network reads, in order.
+    :param normaliser: mean, standard deviation and clip of each input of one arm.
+    :param bounds: least and greatest action of all arms.
+    :return: as `build_frozen`.
+    """
+    sizes = arms.sizes()
+    columns = joint_columns(arms, keys)
+    mean, std, clip = (values[columns] for values in normaliser)
+    own = [single_arm_layers(one, outputs=1) for one in critics] if arms.n_arms == 1 else []
+    inputs = tuple((key, sizes[key]) for key in keys)
+    layers = joint_layers(actor, arms, keys)
+    return build_frozen(layers, own, inputs, (mean, std, clip), bounds, "relu")
 
 
 def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:

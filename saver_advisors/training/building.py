@@ -47,6 +47,9 @@ TD3_ARGUMENTS = (
     "target_noise_clip",
     "imitation_weight",
     "imitation_filter_start",
+    "contact_cost",
+    "cost_limit",
+    "multiplier_lr",
 )
 
 
@@ -84,7 +87,8 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
     """
     build: Any = ALGORITHMS[config.algorithm]
     advice, horizon = config.advice, episode_horizon(env)
-    goal_parts = _goal_parts(env) if config.per_arm_critics else None
+    by_arm = config.per_arm_critics or config.shared_arms
+    goal_parts = _goal_parts(env) if by_arm else None
     arguments = _replay_arguments(config, horizon, goal_parts)
     if config.algorithm == "td3":
         arguments |= {name: getattr(config, name) for name in TD3_ARGUMENTS}
@@ -93,7 +97,7 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         with naming("advice"):
             arguments["advisor"] = build_advisor(config, env)
     model: Any = build(
-        "MultiInputPolicy",
+        "SharedArmsPolicy" if config.shared_arms else "MultiInputPolicy",
         env,
         learning_rate=config.learning_rate,
         buffer_size=config.buffer_size,
@@ -106,6 +110,7 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
         policy_kwargs=_policy_arguments(config, goal_parts),
         exploration_noise=config.exploration_noise,
         random_action_probability=config.random_action_probability,
+        random_action_steps=config.random_action_steps,
         seed=config.seed,
         device="cpu",
         **arguments,
@@ -198,6 +203,7 @@ def _replay_arguments(
         "horizon": horizon,
         "relabel_probability": config.relabel_probability,
         "goal_parts": goal_parts,
+        "team_rewards": config.team_rewards,
     }
     if config.advice is not None and config.advice.demonstration_steps > 0:
         kind = DemonstrationReplayBuffer
@@ -234,6 +240,8 @@ def _goal_parts(env: VecEnv) -> tuple[int, ...]:
     """Return the sizes of the goal's parts: one per arm, and one that all share, if any."""
     task = task_of(env)
     if task is None:
-        raise ValueError("per_arm_critics=True: the environment must be one of saver_envs")
+        raise ValueError(
+            "per_arm_critics or shared_arms: the environment must be one of saver_envs"
+        )
     layout = task.goal_layout
     return (layout.block,) * layout.n_arms + ((layout.shared,) if layout.shared else ())

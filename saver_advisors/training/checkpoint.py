@@ -124,6 +124,8 @@ def load_checkpoint(folder: Path, model: GoalLearnerMixin) -> dict[str, Any]:
         )
         np.random.set_state(random["numpy"])  # noqa: NPY002
         model._exploration_random.bit_generator.state = random["exploration"]
+        if "held_actions" in random:  # checkpoints of earlier versions held none
+            model.held_actions.load_state_dict(random["held_actions"])
         model.action_space.np_random.bit_generator.state = random["action_space"]
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{folder / STATE_FILE} does not fit this model: {error!r}") from error
@@ -174,6 +176,7 @@ def _counters(model: GoalLearnerMixin) -> dict[str, Any]:
         "random": {
             "numpy": numpy_state,
             "exploration": model._exploration_random.bit_generator.state,
+            "held_actions": model.held_actions.state_dict(),
             "action_space": model.action_space.np_random.bit_generator.state,
         },
     }
@@ -184,8 +187,12 @@ def _training_tensors(model: OffPolicyAlgorithm) -> dict[str, th.Tensor]:
     modules, variables = model._get_torch_save_params()
     tensors = {TORCH_RANDOM: th.get_rng_state()}
     for name in modules:
-        if name != "policy":
-            for index, moments in recursive_getattr(model, name).state_dict()["state"].items():
+        part = recursive_getattr(model, name)
+        if isinstance(part, th.nn.Module):
+            if name != "policy":
+                tensors |= {f"{name}/{k}": v.detach().clone() for k, v in part.state_dict().items()}
+        else:
+            for index, moments in part.state_dict()["state"].items():
                 for moment, value in moments.items():
                     tensors[f"{name}/{index}/{moment}"] = th.as_tensor(value).detach().cpu().clone()
     for name in variables:
@@ -198,8 +205,11 @@ def _load_training_tensors(path: Path, model: OffPolicyAlgorithm) -> None:
     modules, variables = model._get_torch_save_params()
     try:
         for name in modules:
-            if name != "policy":
-                _load_optimizer(recursive_getattr(model, name), tensors, f"{name}/")
+            part = recursive_getattr(model, name)
+            if not isinstance(part, th.nn.Module):
+                _load_optimizer(part, tensors, f"{name}/")
+            elif name != "policy":
+                part.load_state_dict({key: tensors[f"{name}/{key}"] for key in part.state_dict()})
         for name in variables:
             variable = recursive_getattr(model, name)
             variable.data.copy_(tensors[f"variable/{name}"])

@@ -33,6 +33,7 @@ from saver_advisors.training.checkpoint import (
     STATE_FILE,
     find_checkpoint,
     load_checkpoint,
+    load_policy,
     read_state,
     save_checkpoint,
     save_policy,
@@ -124,7 +125,8 @@ class Run:
         :param callback: SB3 callbacks.
         :return: the state of the run.
         :raises FileExistsError: if the folder holds a run and ``resume`` is false.
-        :raises FileNotFoundError: if the run in the folder has no checkpoint to resume from.
+        :raises FileNotFoundError: if the run in the folder has no checkpoint to resume from, or
+            that of ``start_from`` has no policy.
         :raises FolderInUseError: if another process trains in the folder.
         :raises ValueError: for a checkpoint that is damaged or has another configuration.
         :raises OSError: if a checkpoint cannot be written.
@@ -172,6 +174,9 @@ class Run:
         """Load the folder's checkpoint or write the first; append this session to ``run.json``."""
         checkpoint = find_own_checkpoint(self.output_dir, self.config, resume)
         sessions: list[Any] = []
+        if checkpoint is None and self.config.start_from is not None:
+            with naming("start_from"):
+                load_policy(Path(self.config.start_from) / "best" / POLICY_FILE, self.model.policy)
         if checkpoint is not None:
             extra = load_checkpoint(checkpoint, self.model)
             self.wall_clock_s = extra["wall_clock_s"]
@@ -277,6 +282,9 @@ class Run:
         if result.constraint_met_rate is not None:
             rates = {name: getattr(result, name) for name in RATES}
             point |= {name: rate for name, rate in rates.items() if rate is not None}
+        for name in ("episode_cost", "cost_multiplier"):
+            if f"train/{name}" in logged:
+                point[name] = _number(logged[f"train/{name}"])
         if self.stages is not None:
             point["stage"] = self.stages.stage.name
         append_point(self.output_dir, point)

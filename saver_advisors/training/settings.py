@@ -137,7 +137,8 @@ class RunConfig:
     :param gradient_steps: gradient steps per block of one episode in each environment.
     :param learning_starts: steps with random actions and without learning.
     :param exploration_noise: standard deviation of the noise on the action scaled to [-1, 1].
-    :param random_action_probability: probability of a uniform action instead.
+    :param random_action_probability: fraction of steps with a uniform action instead.
+    :param random_action_steps: mean number of steps for which a uniform action is held.
     :param action_penalty: weight of the mean squared action in the actor's loss (DDPG, TD3).
     :param layer_norm: use LayerNorm in the critics.
     :param achieved_goal_input: give the achieved goal to actor and critics too, for tasks in which
@@ -148,6 +149,18 @@ class RunConfig:
         that the critic prefers to its own (TD3).
     :param per_arm_critics: give each arm's part of the goal its own hindsight goal, reward and
         critic output; the actor maximises their mean (TD3).
+    :param shared_arms: use one actor and one set of critics for every arm; each arm has its own
+        hindsight goal and reward, and ``batch_size`` transitions are as many samples per arm (TD3).
+    :param team_rewards: reward each arm with the mean over all arms' goals instead (TD3, with
+        ``shared_arms`` or ``per_arm_critics``).
+    :param start_from: folder of a run whose best policy is this run's first, with its normaliser
+        and critics but a new replay. The networks must be the same; with ``shared_arms``, they are
+        for any number of arms.
+    :param contact_cost: weight of steps with ``cost_collision`` relative to steps away from the
+        goal, in a value of the critics' own (TD3).
+    :param cost_limit: steps with ``cost_collision`` per episode beyond which that weight, which
+        starts at ``contact_cost``, rises, and below which it falls; None keeps it fixed (TD3).
+    :param multiplier_lr: learning rate of that weight, per block (TD3).
     :param stages: stages of a variable reward in their order, or None; for tasks with a constraint.
     :param constraint_relabelling: how the constraint's required value changes in a relabelled
         transition: ``next``, ``future`` or ``keep``; None treats it as the rest of the goal.
@@ -185,6 +198,7 @@ class RunConfig:
     learning_starts: NonNegativeInt = 0
     exploration_noise: NonNegativeFloat = 0.15
     random_action_probability: UnitFloat = 0.2
+    random_action_steps: PositiveInt = 1
     action_penalty: NonNegativeFloat = 0.1
     layer_norm: bool = True
     achieved_goal_input: bool = False
@@ -192,6 +206,12 @@ class RunConfig:
     imitation_weight: NonNegativeFloat = 0.0
     imitation_filter_start: NonNegativeInt = 0
     per_arm_critics: bool = False
+    shared_arms: bool = False
+    team_rewards: bool = False
+    start_from: str | None = None
+    contact_cost: NonNegativeFloat = 0.0
+    cost_limit: NonNegativeFloat | None = None
+    multiplier_lr: PositiveFloat = 0.035
     stages: tuple[StageConfig, ...] | None = None
     constraint_relabelling: str | None = None
     constraint_value_weight: NonNegativeFloat = 1.0
@@ -213,10 +233,19 @@ class RunConfig:
         training_seed(self.seed)  # raises if it has none
         check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
-        of_td3 = {"advice.bootstrap": bootstrap, "per_arm_critics": self.per_arm_critics}
+        of_td3 = {
+            "advice.bootstrap": bootstrap,
+            "per_arm_critics": self.per_arm_critics,
+            "shared_arms": self.shared_arms,
+            "contact_cost": self.contact_cost if self.contact_cost > 0 else False,
+            "cost_limit": False if self.cost_limit is None else self.cost_limit,
+        }
         for name, used in of_td3.items():
-            if used and self.algorithm != "td3":
-                raise ValueError(f"{name}=True needs algorithm='td3', not {self.algorithm!r}")
+            if used is not False and self.algorithm != "td3":
+                raise ValueError(f"{name}={used} needs algorithm='td3', not {self.algorithm!r}")
+        own = self.shared_arms or self.per_arm_critics
+        wanted = "false unless shared_arms or per_arm_critics gives each arm a reward"
+        _require(own or not self.team_rewards, self, "team_rewards", wanted)
         known = self.constraint_relabelling in (None, *RELABELLINGS)
         wanted = f"one of {', '.join(RELABELLINGS)}, or null"
         _require(known, self, "constraint_relabelling", wanted)

@@ -258,3 +258,38 @@ def test_a_run_that_cannot_is_refused_before_a_step(tmp_path: Path) -> None:
     }
     with pytest.raises(ValueError, match=r"net_arch=\[16\] cannot hold"):
         start(settings(advice, net_arch=[16]), tmp_path / "run")
+
+
+@pytest.mark.parametrize("n_arms", [1, 2, 4])
+def test_shared_arms_start_as_one_teacher(n_arms: int) -> None:
+    """Actor and critics are exactly the teacher's for each arm, until the neighbours are seen."""
+    teacher = load_teacher("jaco-push")
+    env = SaverVecEnv("DualJacoPush-v0", n_envs=3, seed=0, n_arms=n_arms)
+    model = GoalTD3(
+        "SharedArmsPolicy",
+        env,
+        policy_kwargs={"net_arch": [128, 128, 128]},
+        contact_cost=0.5,
+        seed=0,
+    )
+    mapping = ArmMapping(n_arms, 28, 3, 3)
+    group = TeacherGroup(teacher, n_arms)
+    assert warm_start_from_teachers(model, group, mapping) == "exact"
+    observation = env.reset()
+    blocks = mapping.split_observation(observation["observation"])
+    goals = mapping.split_goal(observation["desired_goal"])
+    action, _ = model.predict(observation, deterministic=True)
+    np.testing.assert_allclose(mapping.split_action(action), group.act(blocks, goals), atol=1e-5)
+    own = group.q_value(blocks, goals, mapping.split_action(action)[None])[0].mean(axis=1)
+    np.testing.assert_allclose(model.student_value(observation, action), own, rtol=1e-4)
+
+
+def test_shared_arms_refuse_what_is_not_one_teacher() -> None:
+    env = SaverVecEnv("DualJacoPush-v0", n_envs=1, seed=0)
+    model = GoalTD3("SharedArmsPolicy", env, policy_kwargs={"net_arch": [64, 64, 64]}, seed=0)
+    mapping, teacher = ArmMapping(2, 28, 3, 3), load_teacher("jaco-push")
+    with pytest.raises(ValueError, match=r"net_arch=\[128, 128, 128\], or wider"):
+        warm_start_from_teachers(model, TeacherGroup(teacher, 2), mapping)
+    two = TeacherGroup([teacher, load_teacher("jaco-push")], 2)
+    with pytest.raises(ValueError, match="start from one teacher for all arms"):
+        warm_start_from_teachers(model, two, mapping)

@@ -17,6 +17,7 @@ PAGES = (
     "docs/your-own-strategy.md",
     "docs/variable-reward.md",
     "docs/worlds.md",
+    "docs/learner.md",
 )
 #: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
 #: counts.
@@ -82,6 +83,7 @@ def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.syspath_prepend(tmp_path)
     write_files(page, tmp_path)
     (tmp_path / "runs").mkdir()
+    (tmp_path / "zoo_configs").symlink_to(ROOT / "zoo_configs")
     lines = [line for code in blocks(page, "bash") for line in code.splitlines() if line]
     ours = [line for line in lines if not line.startswith(ELSEWHERE)]
     assert ours
