@@ -52,6 +52,8 @@ class Worlds:
         #: Top speed of the set-points, m/s: one number, or (n, 1, 1).
         self.speed: float | Array = speed
         workspace = task.workspace(arms)
+        #: (arms,) lower side of the workspace, metres.
+        self._lowest = workspace.lower[:, 2]
         held = task.held_height
         height = None if held is None else held + task.table_height
         #: How Cartesian actions move the set-points of the episodes.
@@ -102,7 +104,7 @@ class Worlds:
 
     def _give(self, rows: Rows) -> None:
         """Give episodes the task, the model and the speed of their values."""
-        arms, simulation, rule = self._simulation.scene.arms, self._simulation, self.set_points
+        simulation, rule = self._simulation, self.set_points
         chosen = {name: values[rows] for name, values in self.values.items()}
         for row in rows.tolist():
             values = {name: one[row] for name, one in self.values.items()}
@@ -111,12 +113,12 @@ class Worlds:
             assert isinstance(self.speed, np.ndarray) and isinstance(rule.longest, np.ndarray)
             self.speed[rows, 0] = chosen["max_speed"]
             rule.longest[rows, 0] = chosen["max_speed"] * ACTION_DURATION
-        own = [self.tasks[row] for row in rows.tolist()]
-        rule.workspace.lower[rows] = np.stack([task.workspace(arms).lower for task in own])
-        if isinstance(rule.held_height, np.ndarray):
-            assert self._task.held_height is not None
-            surface = np.array([task.table_height for task in own])
-            rule.held_height[rows, 0] = self._task.held_height + surface
+        if "table_height" in chosen:  # workspaces and held hands follow the table
+            height = chosen["table_height"]
+            rule.workspace.lower[rows, :, 2] = self._lowest + (height - self._task.table_height)
+            if isinstance(rule.held_height, np.ndarray):
+                assert self._task.held_height is not None
+                rule.held_height[rows] = self._task.held_height + height
         write_arm_fields(simulation, rows, chosen)
         self._task.vary(simulation, rows, chosen)
         simulation.update_constants(rows)
