@@ -57,11 +57,14 @@ class Viewer:
     SIZES = (0.03, 0.13)
     #: A size this near that of the task (m) is taken for it, since observations have errors.
     ALIKE = 0.004
+    #: Heights of targets, which have no errors, are equal within this (m).
+    EXACT = 1e-5
     #: Observations over which heights are averaged at the beginning of an episode.
     BEGINNING = 10
 
     def __init__(self, task: Task) -> None:
         self.task = task
+        self._usual = float(getattr(task, "object_size", 0.0))
         self._last: ArmView | None = None
         # Observations since the beginning (n,), and means (n, arms) of heights over the first ones.
         self._age = np.zeros(0, dtype=np.intp)
@@ -121,14 +124,18 @@ class Viewer:
         held = self.task.held_height
         if held is None:
             return self._size(self._object), np.zeros_like(self._object)
-        table = np.broadcast_to(self._tool.mean(axis=1, keepdims=True) - held, self._tool.shape)
         # Pushed objects stay on the table, so that their targets show their height without errors.
-        return self._size(target[..., 2] - table), table
+        # Targets at that of the usual objects on a table level with the bases mean just these:
+        # hands of weak servos are not where they are held.
+        height = target[..., 2]
+        usual = np.abs(height - self._usual / 2).max(axis=1, keepdims=True) < self.EXACT
+        raised = np.where(usual, 0.0, self._tool.mean(axis=1, keepdims=True) - held)
+        table = np.broadcast_to(raised, height.shape)
+        return self._size(height - table), table
 
     def _size(self, height: FloatArray) -> FloatArray:
         """Edges of objects whose centres are at ``height`` above the table, metres."""
-        usual = float(getattr(self.task, "object_size", 0.0))
-        size = 2 * height
+        size, usual = 2 * height, self._usual
         resting = size < self.SIZES[1]
         size = np.maximum(size, self.SIZES[0])
         return np.where(resting & (np.abs(size - usual) > self.ALIKE), size, usual)
