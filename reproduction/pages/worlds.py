@@ -84,7 +84,7 @@ def _nominal(one: Parameter) -> str:
     """Return the nominal value of a parameter, a name where its values have names."""
     if one.nominal is None:
         return "drawn"
-    return one.names[int(one.nominal)] if one.names else f"{one.nominal:g}"
+    return one.usual if isinstance(one.usual, str) else f"{one.nominal:g}"
 
 
 def _numbers(one: Parameter) -> str:

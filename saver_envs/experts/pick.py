@@ -65,8 +65,9 @@ class PickSkill(Skill):
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
     #: Height above a cube's top at which a hand comes over it (m).
+    OVER = 0.052
     #: Share of a larger size by which hands travel higher, so that a cube is carried over others.
-    OVER, STACKED = 0.052, 1.5
+    STACKED = 1.5
     #: Change of the finger angles in one action (rad).
     FINGER_RATE = 0.13
 
