@@ -61,8 +61,8 @@ def work(job: Job) -> dict[str, Any]:
     :param job: the loop's settings, the seeds, and the name of the fault or None.
     :return: JSON-able outcomes, and the durations of stages.
     """
+    from reproduction.wrist_push.injections import inject
     from saver_advisors.integration.assembly import LoopSettings, build_loop
-    from saver_advisors.integration.injections import inject
 
     mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
@@ -171,8 +171,8 @@ def fault_row(
     :param seed: seed of the first trial.
     :return: JSON-able figures.
     """
-    from saver_advisors.integration.faults import FAULTS
-    from saver_advisors.integration.injections import ALLOWED
+    from reproduction.wrist_push.faults import FAULTS
+    from reproduction.wrist_push.injections import ALLOWED
 
     jobs = [(settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)]
     found = [one for result in share(fault, jobs) for one in result["injections"]]

@@ -83,9 +83,9 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: ``rows``, ``faults``, and the settings.
     """
+    from reproduction.wrist_push.faults import FAULTS
     from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
     from saver_advisors.cli.run import settings_of
-    from saver_advisors.integration.faults import FAULTS
 
     base = settings_of(args)
     figures: dict[str, Any] = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from os import PathLike
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -33,6 +34,7 @@ from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.mapping import ArmMapping, flat_size
 from saver_advisors.policies.scripted import PREFIX, scripted_teachers
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherFunction, TeacherGroup
+from saver_envs.validation import require
 
 Compare = Literal["noisy", "noise-free"]
 """The student action that a correcting strategy compares: the one about to be executed, with
@@ -86,8 +88,8 @@ class Advisor:
         arms: Sequence[int] | None = None,
         run: RunPlan | None = None,
     ) -> None:
-        if compare not in get_args(Compare):
-            raise ValueError(f"compare={compare!r} must be one of {', '.join(get_args(Compare))}")
+        known = get_args(Compare)
+        require("compare", compare, compare in known, f"one of {', '.join(known)}")
         self.strategy = strategy
         self.teachers = TeacherGroup(teachers, mapping.n_arms)
         self.mapping = mapping
@@ -424,7 +426,7 @@ def make_advisor(
             "threshold, correcting and settings belong to a strategy given by name: set them on "
             "the object instead"
         )
-    teachers = _resolve(teacher, n_arms, observation_space, action_space)
+    teachers = _resolve(teacher, partial(_of_function, n_arms, observation_space, action_space))
     first = teachers[0]
     if n_arms is None:
         if observation_space is None or action_space is None:
@@ -462,10 +464,7 @@ def names_code(teacher: TeacherLike) -> bool:
 
 
 def _resolve(
-    teacher: TeacherLike | Sequence[TeacherLike],
-    n_arms: int | None,
-    observation_space: spaces.Space[Any] | None,
-    action_space: spaces.Space[Any] | None,
+    teacher: TeacherLike | Sequence[TeacherLike], of_function: Callable[[Any], Teacher]
 ) -> list[Teacher]:
     """Load the teachers given by name or path; equal names share one teacher."""
     one = isinstance(teacher, (str, PathLike, Teacher)) or callable(teacher)
@@ -477,7 +476,7 @@ def _resolve(
         if isinstance(each, Teacher):
             loaded[each] = [each]
         elif callable(each) or names_code(each):
-            loaded[each] = [_of_function(each, n_arms, observation_space, action_space)]
+            loaded[each] = [of_function(each)]
         elif str(each).startswith(PREFIX):
             loaded[each] = list(scripted_teachers(str(each)))
         else:
@@ -486,10 +485,10 @@ def _resolve(
 
 
 def _of_function(
-    function: str | TeacherFunction,
     n_arms: int | None,
     observation_space: spaces.Space[Any] | None,
     action_space: spaces.Space[Any] | None,
+    function: str | TeacherFunction,
 ) -> FunctionTeacher:
     """Return the teacher that a function is for one arm of a student."""
     if n_arms is None or not isinstance(observation_space, spaces.Dict):
@@ -515,9 +514,7 @@ def _arm_mask(arms: Sequence[int] | None, n_arms: int) -> Mask:
         return np.ones(n_arms, dtype=bool)
     given = list(arms)
     whole = all(isinstance(arm, (int, np.integer)) and not isinstance(arm, bool) for arm in given)
-    if not given or not whole or min(given) < 0 or max(given) >= n_arms:
-        raise ValueError(
-            f"arms={given} must be one or more of {list(range(n_arms))}: which of the "
-            f"{n_arms} arms may be advised"
-        )
+    valid = bool(given) and whole and min(given) >= 0 and max(given) < n_arms
+    wanted = f"one or more of {list(range(n_arms))}: which of the {n_arms} arms may be advised"
+    require("arms", given, valid, wanted)
     return np.isin(np.arange(n_arms), given)

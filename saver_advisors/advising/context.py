@@ -8,7 +8,6 @@ state of its own or the student's progress also has the methods of `PlansAhead`,
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.teacher import TeacherGroup
+from saver_envs.validation import require
 
 Mask = NDArray[np.bool_]
 
@@ -81,17 +81,10 @@ class AdviceBudget:
 
 
 def _count(name: str, value: Any) -> int:
-    try:
-        if isinstance(value, (bool, np.bool_)):
-            raise TypeError("a truth value")
-        number = operator.index(value)
-    except TypeError as error:
-        raise TypeError(f"{name}={value!r} must be a whole number of environment steps") from error
-    if number < 0:
-        raise ValueError(
-            f"{name}={number} must not be negative: give the number of environment steps to advise"
-        )
-    return number
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise TypeError(f"{name}={value!r} must be a whole number of environment steps")
+    require(name, value, bool(value >= 0), "0 or more, the number of environment steps to advise")
+    return int(value)
 
 
 @dataclass(frozen=True)
@@ -159,14 +152,12 @@ class AdviceContext:
             self.achieved_goals,
             twin_minimum=self.twin_minimum,
         )
-        gap: FloatArray = of_teacher - of_student
-        return gap
+        return of_teacher - of_student
 
     @cached_property
     def disagreement(self) -> FloatArray:
         """norm2(a_i_tr - a_i_st) (left side of eq. 5.11), (n_envs, n_arms)."""
-        distance: FloatArray = np.linalg.norm(self.teacher_actions - self.student_actions, axis=-1)
-        return distance
+        return np.linalg.norm(self.teacher_actions - self.student_actions, axis=-1)
 
 
 class AdvisingStrategy(Protocol):

@@ -22,25 +22,20 @@ from saver_advisors.advising.context import (
     RunPlan,
 )
 from saver_advisors.learner.imitation import better_by_arm
-from saver_envs.validation import import_named
+from saver_envs.validation import import_named, require, require_kind
 
 DEFAULT_THRESHOLD: Final = 0.1
 """Default of t_I and alpha: the largest of the paper's 0.01, 0.05, 0.1, which advises least."""
 
 
-def _is_number(value: Any) -> bool:
-    number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-    return number and math.isfinite(value)
-
-
 def _check_rate(name: str, value: Any) -> None:
-    if value is not None and not (_is_number(value) and 0.0 < value <= 1.0):
-        raise ValueError(f"{name}={value!r} must be a number in (0, 1]")
+    require_kind(name, value, "float | None")
+    require(name, value, value is None or 0.0 < value <= 1.0, "a number in (0, 1]")
 
 
 def _check_whole(name: str, value: Any, least: int) -> None:
-    if value is not None and (type(value) is not int or value < least):
-        raise ValueError(f"{name}={value!r} must be a whole number of at least {least}")
+    require_kind(name, value, "int | None")
+    require(name, value, value is None or value >= least, f"at least {least}")
 
 
 class _BuiltIn:
@@ -85,11 +80,9 @@ class _Correcting(_BuiltIn):
     threshold: float = DEFAULT_THRESHOLD
 
     def __post_init__(self) -> None:
-        if not _is_number(self.threshold) or self.threshold < 0.0:
-            raise ValueError(
-                f"threshold={self.threshold!r} must be a finite number of at least 0 (the paper "
-                f"uses 0.01, 0.05 and 0.1)"
-            )
+        require_kind("threshold", self.threshold, float)
+        wanted = "at least 0 (the paper uses 0.01, 0.05 and 0.1)"
+        require("threshold", self.threshold, self.threshold >= 0.0, wanted)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -106,8 +99,7 @@ class MistakeCorrectingQ(_Correcting):
     needs_critics: ClassVar[bool] = True
 
     def decide(self, context: AdviceContext) -> Mask:
-        mask: Mask = context.q_gap > self.threshold
-        return mask
+        return context.q_gap > self.threshold
 
 
 @dataclass(frozen=True)
@@ -117,8 +109,7 @@ class MistakeCorrectingAction(_Correcting):
     name: ClassVar[str] = "mc-act"
 
     def decide(self, context: AdviceContext) -> Mask:
-        mask: Mask = context.disagreement > self.threshold
-        return mask
+        return context.disagreement > self.threshold
 
 
 @dataclass(frozen=True)
@@ -132,8 +123,7 @@ class MistakeCorrectingRelativeAction(_Correcting):
 
     def decide(self, context: AdviceContext) -> Mask:
         size = np.linalg.norm(context.teacher_actions, axis=-1)
-        mask: Mask = context.disagreement > self.threshold * size
-        return mask
+        return context.disagreement > self.threshold * size
 
 
 @dataclass(frozen=True)

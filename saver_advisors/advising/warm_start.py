@@ -26,7 +26,6 @@ from torch import nn
 
 from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
 from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmFeatures
-from saver_advisors.policies.freezing import actor_layers
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherGroup
 
@@ -61,67 +60,25 @@ def warm_start_from_teachers(
     for teacher in teachers.teachers:
         _check_teacher(teacher, features, model.action_space, mapping)
     if isinstance(features, SharedArmFeatures):
-        critics = _start_shared(policy, features, teachers, mapping)
-    else:
-        critics = _start_side_by_side(policy, features, teachers, mapping)
+        if len(set(map(id, teachers.teachers))) > 1:
+            raise ValueError(
+                f"the teachers are {teachers.names}: arms that share their weights start from one "
+                "teacher for all arms"
+            )
+        teachers = TeacherGroup(teachers.teachers[0], 1)
+    columns = [
+        _feature_columns(features, teacher, arm) for arm, teacher in enumerate(teachers.teachers)
+    ]
+    actor = nn.ModuleList([getattr(policy.actor, "latent_pi", nn.Sequential()), policy.actor.mu])
+    sources = [teacher.networks.actor for teacher in teachers.teachers]
+    _check_hidden("actor", actor, sources)
+    _start_normaliser(features, teachers, columns)
+    _place(actor, sources, columns, mapping.action_size)
+    critics = _start_critics(policy.critic, features, teachers, columns)
     for name in ("actor", "critic"):
         if getattr(policy, f"{name}_target", None) is not None:
             getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
     return critics
-
-
-def _start_side_by_side(
-    policy: Any, features: NormalizedGoalFeatures, teachers: TeacherGroup, mapping: ArmMapping
-) -> Critics:
-    """Copy the teachers into blocks of the student's networks."""
-    columns = [
-        _feature_columns(features, teacher, arm) for arm, teacher in enumerate(teachers.teachers)
-    ]
-    actor = _linears(*actor_layers(policy.actor))
-    blocks = [_linears(teacher.networks.actor) for teacher in teachers.teachers]
-    _check_hidden("actor", actor, blocks)
-    _start_normaliser(features, teachers, columns)
-    _place(actor, blocks, columns, mapping.action_size)
-    return _start_critics(policy.critic, features, teachers, mapping, columns)
-
-
-def _start_shared(
-    policy: Any, features: SharedArmFeatures, teachers: TeacherGroup, mapping: ArmMapping
-) -> Critics:
-    """Copy one teacher into the networks that all arms share, and hide the neighbours."""
-    if len(set(map(id, teachers.teachers))) > 1:
-        raise ValueError(
-            f"the teachers are {teachers.names}: arms that share their weights start from one "
-            "teacher for all arms"
-        )
-    teacher = teachers.teachers[0]
-    single, spec = TeacherGroup(teacher, 1), teacher.networks.spec
-    columns = _feature_columns(features, teacher, 0)
-    block = _linears(teacher.networks.actor)
-    _check_hidden("actor", _own_linears(policy.actor.mu), [block])
-    _start_normaliser(features, single, [columns])
-    _place(_own_linears(policy.actor.mu), [block], [columns], mapping.action_size)
-    policy.actor.mu.pool.weight.data.zero_()
-    networks = list(policy.critic.q_networks)
-    layer_norm = bool(_norms(networks[0]))
-    if spec.n_critics == 0 or spec.critic_outputs != 1 or spec.critic_layer_norm != layer_norm:
-        return "fresh"
-    inputs = th.cat((columns, features.features_dim + th.arange(mapping.action_size)))
-    for index, network in enumerate(networks):
-        source = teacher.networks.critics[index % spec.n_critics]
-        _check_hidden("critic", _own_linears(network), [_linears(source)])
-        _place(_own_linears(network), [_linears(source)], [inputs], 1)
-        _place_norms(network, [source])
-        network.pool.weight.data.zero_()
-    # LayerNorm averages over all units, those that a wider student has besides too.
-    widths = [layer.out_features for layer in _own_linears(networks[0])[:-1]]
-    exact = not layer_norm or widths == list(spec.critic_hidden)
-    return "exact" if exact else "approximate"
-
-
-def _own_linears(network: ArmNetwork) -> list[nn.Linear]:
-    """Return the layers of a shared network that compute what an arm sees of itself."""
-    return _linears(network.own, network.tail)
 
 
 def _check_teacher(
@@ -170,22 +127,31 @@ def _feature_columns(features: NormalizedGoalFeatures, teacher: Teacher, arm: in
     return th.cat(parts)
 
 
-def _linears(*modules: nn.Module) -> list[nn.Linear]:
-    return [one for m in modules for one in m.modules() if isinstance(one, nn.Linear)]
+def _linears(module: nn.Module) -> list[nn.Linear]:
+    """Return the linear layers of a network, of a shared one those that read an arm's own input."""
+    hidden = {
+        id(layer)
+        for one in module.modules()
+        if isinstance(one, ArmNetwork)
+        for layer in (one.pair, one.pool)
+    }
+    layers = [one for one in module.modules() if isinstance(one, nn.Linear)]
+    return [one for one in layers if id(one) not in hidden]
 
 
 def _norms(module: nn.Module) -> list[nn.LayerNorm]:
     return [one for one in module.modules() if isinstance(one, nn.LayerNorm)]
 
 
-def _check_hidden(
-    part: str, student: Sequence[nn.Linear], blocks: Sequence[Sequence[nn.Linear]]
-) -> None:
+def _widths(module: nn.Module) -> list[int]:
+    """Return the widths of the hidden layers."""
+    return [layer.out_features for layer in _linears(module)[:-1]]
+
+
+def _check_hidden(part: str, student: nn.Module, sources: Sequence[nn.Module]) -> None:
     """Reject a student whose hidden layers differ in number or are too narrow."""
-    own = [layer.out_features for layer in student[:-1]]
-    each = [[layer.out_features for layer in block[:-1]] for block in blocks]
-    depths = {len(widths) for widths in each}
-    if len(depths) > 1:
+    own, each = _widths(student), list(map(_widths, sources))
+    if len(set(map(len, each))) > 1:
         raise ValueError(f"the teachers' {part}s have {each} hidden units: use equally deep ones")
     needed = [sum(widths) for widths in zip(*each, strict=True)]
     if len(own) != len(needed) or any(a < b for a, b in zip(own, needed, strict=True)):
@@ -218,7 +184,6 @@ def _start_critics(
     critic: nn.Module,
     features: NormalizedGoalFeatures,
     teachers: TeacherGroup,
-    mapping: ArmMapping,
     columns: Sequence[th.Tensor],
 ) -> Critics:
     """Copy the teachers' critics into per-arm critics."""
@@ -226,18 +191,17 @@ def _start_critics(
     if not isinstance(critic, GoalCritic):
         return "fresh"
     networks: list[nn.Module] = list(critic.q_networks)
-    outputs = _linears(networks[0])[-1].out_features
     layer_norm = bool(_norms(networks[0]))
     alike = all(
         spec.n_critics > 0 and spec.critic_outputs == 1 and spec.critic_layer_norm == layer_norm
         for spec in specs
     )
-    if outputs < mapping.n_arms or (mapping.n_arms > 1 and outputs == 1) or not alike:
+    if _linears(networks[0])[-1].out_features < teachers.n_arms or not alike:
         return "fresh"
-    actions = features.features_dim + th.arange(mapping.n_arms * mapping.action_size)
+    actions = features.features_dim + th.arange(teachers.n_arms * teachers.action_size)
     inputs = [
         th.cat((where, own))
-        for where, own in zip(columns, actions.split(mapping.action_size), strict=True)
+        for where, own in zip(columns, actions.split(teachers.action_size), strict=True)
     ]
     for index, network in enumerate(networks):
         # A student with more critics than its teacher starts some of them identically.
@@ -245,40 +209,30 @@ def _start_critics(
             teacher.networks.critics[index % teacher.networks.spec.n_critics]
             for teacher in teachers.teachers
         ]
-        linears, blocks = _linears(network), [_linears(source) for source in sources]
-        _check_hidden("critic", linears, blocks)
-        _place(linears, blocks, inputs, 1)
-        _place_norms(network, sources)
-    return "approximate" if layer_norm and mapping.n_arms > 1 else "exact"
-
-
-def _place_norms(network: nn.Module, sources: Sequence[nn.Module]) -> None:
-    """Write the teachers' LayerNorms into the student's, block by block."""
-    norms = zip(*(_norms(source) for source in sources), strict=True)
-    for norm, own in zip(_norms(network), norms, strict=True):
-        for name in ("weight", "bias"):
-            placed = th.cat([getattr(one, name) for one in own])
-            getattr(norm, name).data[: len(placed)] = placed
+        _check_hidden("critic", network, sources)
+        _place(network, sources, inputs, 1)
+    # LayerNorm averages over all units, those that a wider student has besides too.
+    widths = {tuple(_widths(networks[0])), *(spec.critic_hidden for spec in specs)}
+    return "approximate" if layer_norm and len(widths) > 1 else "exact"
 
 
 @th.no_grad()
 def _place(
-    student: Sequence[nn.Linear],
-    blocks: Sequence[Sequence[nn.Linear]],
+    student: nn.Module,
+    sources: Sequence[nn.Module],
     inputs: Sequence[th.Tensor],
     outputs: int,
 ) -> None:
-    """Write the teachers' layers into the student's, block by block.
+    """Write the teachers' layers into the student's, block by block, and hide the neighbours.
 
-    :param student: its layers.
-    :param blocks: each teacher's layers.
+    :param student: a network of the student.
+    :param sources: each teacher's network.
     :param inputs: for each teacher, its input columns in the student.
     :param outputs: number of outputs per teacher.
     """
-    columns = inputs
-    for depth, layer in enumerate(student):
-        own = [block[depth] for block in blocks]
-        last = depth == len(student) - 1
+    columns, layers = inputs, _linears(student)
+    for layer, *own in zip(layers, *map(_linears, sources), strict=True):
+        last = layer is layers[-1]
         sizes = [outputs if last else one.out_features for one in own]
         rows = th.arange(sum(sizes)).split(sizes)
         for source, row, column in zip(own, rows, columns, strict=True):
@@ -287,3 +241,10 @@ def _place(
             layer.weight[row[:, None], column[None, :]] = source.weight
             layer.bias[row] = source.bias
         columns = rows
+    for norm, *norms in zip(_norms(student), *map(_norms, sources), strict=True):
+        for name in ("weight", "bias"):
+            placed = th.cat([getattr(one, name) for one in norms])
+            getattr(norm, name)[: len(placed)] = placed
+    for network in student.modules():
+        if isinstance(network, ArmNetwork):
+            network.pool.weight.zero_()

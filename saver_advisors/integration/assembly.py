@@ -32,33 +32,24 @@ from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Fingers
 from saver_envs.validation import require
 
-SEEING: Final = ("camera", "picture check", "pose", "lift", "bench frame", "filter")
-ACTING: Final = ("policy", "set-points", "kinematics")
-#: Seconds from a stage's input to its result: the duration of a call on one core of an ordinary
-#: machine, rounded up (docs/wrist-push-results.md has measured ones); for the camera, exposure and
-#: transfer.
-LATENCIES: Final[Mapping[str, float]] = {
-    "camera": 0.010,
-    "picture check": 0.0005,
-    "pose": 0.030,
-    "lift": 0.001,
-    "bench frame": 0.0001,
-    "filter": 0.0005,
-    "policy": 0.0005,
-    "set-points": 0.0003,
-    "kinematics": 0.0005,
+#: Output topic of a stage, and the seconds from its input to its result: the duration of a call on
+#: one core of an ordinary machine, rounded up (docs/wrist-push-results.md has measured ones); for
+#: the camera, exposure and transfer.
+_STAGES: Final[Mapping[str, tuple[str, float]]] = {
+    "camera": ("frame", 0.010),
+    "picture check": ("picture", 0.0005),
+    "pose": ("pixel_pose", 0.030),
+    "lift": ("camera_pose", 0.001),
+    "bench frame": ("bench_pose", 0.0001),
+    "filter": ("person", 0.0005),
+    "policy": ("action", 0.0005),
+    "set-points": ("set_points", 0.0003),
+    "kinematics": ("joint_targets", 0.0005),
 }
+SEEING, ACTING = tuple(_STAGES)[:6], tuple(_STAGES)[6:]
+LATENCIES: Final[Mapping[str, float]] = {name: one[1] for name, one in _STAGES.items()}
 #: Output topics of the stages that can run in other processes.
-OUTPUTS: Final = {
-    "picture check": "picture",
-    "pose": "pixel_pose",
-    "lift": "camera_pose",
-    "bench frame": "bench_pose",
-    "filter": "person",
-    "policy": "action",
-    "set-points": "set_points",
-    "kinematics": "joint_targets",
-}
+OUTPUTS: Final = {name: one[0] for name, one in _STAGES.items() if name != "camera"}
 #: The environment's scripted policy, to separate faults of the loop from those of a learned policy.
 EXPERT: Final = "expert"
 

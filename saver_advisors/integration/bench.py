@@ -196,5 +196,4 @@ def tool_force(jacobian: Floats, torque: Floats) -> Floats:
     linear = jacobian[:, :3]
     gram = linear @ linear.swapaxes(-1, -2) + _FORCE_DAMPING * np.eye(3)
     force = np.linalg.solve(gram, (linear @ torque[..., None]))[..., 0]
-    magnitude: Floats = np.linalg.norm(force, axis=-1)
-    return magnitude
+    return np.linalg.norm(force, axis=-1)

@@ -75,8 +75,7 @@ class SafetyLimits:
         :return: (arms,) from 1, far from the limits, to 0 at a limit.
         """
         used = np.maximum(hand_force / self.hand_force, torso_force / self.torso_force)
-        free: Floats = np.clip((1 - used) / (1 - YIELDING), 0.0, 1.0)
-        return free
+        return np.clip((1 - used) / (1 - YIELDING), 0.0, 1.0)
 
 
 def kept_clear(

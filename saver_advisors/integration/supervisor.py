@@ -113,10 +113,6 @@ class ProcessLoop:
                     raise SupervisorError(f"process {one.name!r} did not begin: {_ending(status)}")
             time.sleep(0.02)
 
-    def reset(self, seed: int) -> None:
-        """Begin a trial, drawn from a seed."""
-        self.loop.reset(seed)
-
     def run_until(self, end: float) -> None:
         """Continue the trial, no faster than real time.
 

@@ -14,7 +14,7 @@ from saver_advisors.integration.casualty import TASK
 from saver_advisors.integration.health import STOPPED, Event
 from saver_advisors.integration.messages import ServoCommand
 from saver_advisors.integration.tracking import SIDES
-from saver_advisors.integration.wrist_bench import WristBench, wrist_bench
+from saver_advisors.integration.wrist_bench import wrist_bench
 from saver_envs.simulation import ACTION_DURATION
 
 #: A wrist that has moved this much (m) closer to its target has been reached and pushed.
@@ -141,22 +141,19 @@ def run_trial(
             advance(now)
         command = loop.graph.boxes["servo"].latest
         held = isinstance(command, ServoCommand) and command.holding
-        samples.append({**_sample(bench), "holding": held})
+        truth, (force, displacement) = bench.truth(), bench.taken_peaks()
+        samples.append(
+            {
+                "distance": np.linalg.norm(truth.wrists - truth.targets, axis=-1),
+                "torso_force": force,
+                "torso_displacement": displacement,
+                "hand_force": bench.reading().hand_force,
+                "holding": held,
+            }
+        )
         if look is not None:
             look(now)
     columns: dict[str, Any] = {
         name: np.array([one[name] for one in samples]) for name in samples[0]
     }
     return TrialRecord(seed=seed, **columns, log=tuple(loop.health.log), diverged=bench.diverged)
-
-
-def _sample(bench: WristBench) -> dict[str, Any]:
-    """Measure the present state, see `TrialRecord`."""
-    truth, arms = bench.truth(), bench.reading()
-    force, displacement = bench.taken_peaks()
-    return {
-        "distance": np.linalg.norm(truth.wrists - truth.targets, axis=-1),
-        "torso_force": force,
-        "torso_displacement": displacement,
-        "hand_force": arms.hand_force,
-    }

@@ -40,6 +40,7 @@ from saver_advisors.learner.policies import (
 )
 from saver_advisors.learner.replay import GoalReplayBuffer, reward_function_of
 from saver_advisors.learner.shared_arms import SharedArmsPolicy
+from saver_envs.validation import require
 
 Policies = dict[str, type[BasePolicy]]
 
@@ -118,7 +119,7 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
     :raises TypeError: if the replay buffer is of another kind.
     """
 
-    replay_buffer: ReplayBuffer | None
+    replay_buffer: GoalReplayBuffer
 
     training_cost: float
     """Sum of ``cost`` over all collected transitions, if the environment reports it."""
@@ -131,8 +132,7 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         random_action_steps: int = 1,
         **named: Any,
     ) -> None:
-        if exploration_noise < 0:
-            raise ValueError(f"exploration_noise={exploration_noise} must not be negative")
+        require("exploration_noise", exploration_noise, exploration_noise >= 0, "0 or more")
         self.held_actions = HeldActions(random_action_probability, random_action_steps)
         self.exploration_noise = exploration_noise
         self.random_action_probability = random_action_probability
@@ -199,10 +199,9 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
     def set_env(self, env: Any, force_reset: bool = True) -> None:
         """Set the environment as SB3 does; a buffer without a reward function takes its own."""
         super().set_env(env, force_reset)
-        buffer = self.replay_buffer
-        if isinstance(buffer, GoalReplayBuffer) and buffer.reward_function is None:
+        if self.replay_buffer.reward_function is None:
             assert self.env is not None
-            buffer.reward_function = reward_function_of(self.env)
+            self.replay_buffer.reward_function = reward_function_of(self.env)
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_exploration_random", "held_actions"]
@@ -250,8 +249,7 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Train as the algorithm does, unless the buffer is empty."""
-        buffer = self.replay_buffer
-        if buffer is not None and buffer.size() > 0:
+        if self.replay_buffer.size() > 0:
             super().train(gradient_steps, batch_size)
 
     def save_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase) -> None:
@@ -260,7 +258,7 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         :param path: of the file.
         :raises TypeError: if it is an open file.
         """
-        self._goal_buffer().save_npz(_file_path(path))
+        self.replay_buffer.save_npz(_file_path(path))
 
     def load_replay_buffer(
         self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True
@@ -273,13 +271,9 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
         :raises TypeError: if it is an open file.
         :raises ValueError: if the file is damaged, of another format or of another shape.
         """
-        self._goal_buffer().load_npz(_file_path(path))
+        self.replay_buffer.load_npz(_file_path(path))
         if truncate_last_traj:
-            self._goal_buffer().end_running_episodes()
-
-    def _goal_buffer(self) -> GoalReplayBuffer:
-        assert isinstance(self.replay_buffer, GoalReplayBuffer), "checked by _setup_model"
-        return self.replay_buffer
+            self.replay_buffer.end_running_episodes()
 
     def student_value(
         self, observation: dict[str, npt.NDArray[Any]], action: npt.NDArray[Any]

@@ -10,6 +10,8 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 
+from saver_envs.validation import require
+
 POSE_SIZE = 4
 """Numbers that say where a neighbour's base stands: x and y (m), cosine and sine of its turn."""
 
@@ -38,10 +40,10 @@ class ArmBlocks:
 
     def __post_init__(self) -> None:
         for name, least in (("n_arms", 1), ("observation", 1), ("goal", 1), ("shared_goal", 0)):
-            if not least <= getattr(self, name) <= MOST:
-                raise ValueError(f"arms: {name}={getattr(self, name)} must be {least} to {MOST}")
-        if np.shape(self.bases) != (self.n_arms, 3):
-            raise ValueError(f"arms: bases={self.bases} must be x, y, yaw of {self.n_arms} bases")
+            size = getattr(self, name)
+            require(f"arms: {name}", size, least <= size <= MOST, f"{least} to {MOST}")
+        valid = np.shape(self.bases) == (self.n_arms, 3)
+        require("arms: bases", self.bases, valid, f"x, y, yaw of {self.n_arms} bases")
 
     @classmethod
     def of_episodes(cls, episodes: Any) -> ArmBlocks:

@@ -23,6 +23,7 @@ from numpy.lib.npyio import NpzFile
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from saver_envs.files import written_whole
+from saver_envs.validation import require
 
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
@@ -70,13 +71,11 @@ class EpisodeBuffer(ReplayBuffer):
         cost_key: str | None = None,
     ) -> None:
         _check_spaces(observation_space, action_space)
-        if horizon < 1:
-            raise ValueError(f"horizon={horizon} must be at least 1 step")
-        if buffer_size < horizon * n_envs:
-            raise ValueError(
-                f"buffer_size={buffer_size} must hold one episode of each environment: "
-                f"at least horizon * n_envs = {horizon} * {n_envs} = {horizon * n_envs}"
-            )
+        require("horizon", horizon, horizon >= 1, "at least 1 step")
+        least = horizon * n_envs
+        product = f"at least horizon * n_envs = {horizon} * {n_envs} = {least}"
+        wanted = f"{product}, one episode of each environment"
+        require("buffer_size", buffer_size, buffer_size >= least, wanted)
         # ReplayBuffer's own constructor would allocate a row for every transition.
         super(ReplayBuffer, self).__init__(
             buffer_size, observation_space, action_space, device, n_envs=n_envs
@@ -327,8 +326,8 @@ class EpisodeBuffer(ReplayBuffer):
                     f"{path}: {name} is {header['shape'].get(name)}, this buffer's is {value}"
                 )
         for name, most in (("used", self.n_slots), ("next_slot", self.n_slots - 1)):
-            if type(header[name]) is not int or not 0 <= header[name] <= most:
-                raise ValueError(f"{path}: {name}={header[name]!r} must lie from 0 to {most}")
+            valid = type(header[name]) is int and 0 <= header[name] <= most
+            require(f"{path}: {name}", header[name], valid, f"from 0 to {most}")
         return header
 
 
@@ -379,12 +378,11 @@ def _require_finite(name: str, values: npt.NDArray[Any]) -> None:
 
 def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
     """Check that the slots can hold these spaces."""
-    if not isinstance(observation_space, spaces.Dict) or set(observation_space) != set(GOAL_KEYS):
-        raise ValueError(
-            f"observation_space={observation_space} must be a Dict of exactly {GOAL_KEYS}"
-        )
+    whole = isinstance(observation_space, spaces.Dict) and set(observation_space) == set(GOAL_KEYS)
+    require("observation_space", observation_space, whole, f"a Dict of exactly {GOAL_KEYS}")
+    assert isinstance(observation_space, spaces.Dict)
     for name, space in (*observation_space.items(), ("action_space", action_space)):
-        if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-            raise ValueError(f"{name}={space} must be a Box with one dimension")
+        flat = isinstance(space, spaces.Box) and len(space.shape) == 1
+        require(name, space, flat, "a Box with one dimension")
     if observation_space["achieved_goal"].shape != observation_space["desired_goal"].shape:
         raise ValueError("achieved_goal and desired_goal must have the same shape")

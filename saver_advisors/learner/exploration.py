@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from saver_envs.validation import require, require_share
+
 
 class HeldActions:
     """Replace a fraction of all actions by uniform ones, each held for a while.
@@ -26,10 +28,8 @@ class HeldActions:
     """
 
     def __init__(self, fraction: float, mean_steps: int = 1) -> None:
-        if not 0.0 <= fraction <= 1.0:
-            raise ValueError(f"random_action_probability={fraction} must lie in [0, 1]")
-        if mean_steps < 1:
-            raise ValueError(f"random_action_steps={mean_steps} must be at least 1")
+        require_share("random_action_probability", fraction)
+        require("random_action_steps", mean_steps, mean_steps >= 1, "at least 1")
         self.mean_steps = mean_steps
         # Random and other steps alternate: the former last `mean_steps`, the latter
         # (1 - begin) / begin steps on average.
@@ -54,10 +54,8 @@ class HeldActions:
         width = actions.shape[1] // n_explorers
         chosen = np.repeat(begins, width, axis=1)
         self._action = np.where(chosen, random.uniform(-1.0, 1.0, actions.shape), self._action)
-        if self.mean_steps > 1:
-            steps = random.integers(1, 2 * self.mean_steps, shape)
-        else:
-            steps = np.ones(shape, np.int64)
+        # Of a single value, nothing is drawn from the generator.
+        steps = random.integers(1, 2 * self.mean_steps, shape)
         self._left = np.where(begins, steps, self._left)
         held = np.repeat(self._left > 0, width, axis=1)
         self._left = np.maximum(self._left - 1, 0)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,6 +31,7 @@ from torch.nn import functional
 from saver_advisors.learner.multiplier import LagrangeMultiplier
 from saver_advisors.learner.policies import conservative_values, cost_values, goal_values
 from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_envs.validation import require
 
 Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
 """Actions of all arms, (k, batch, n_arms * action_size) -> values (k, batch, values)."""
@@ -63,6 +65,8 @@ class ImitatingTD3(TD3):
     bootstrap_proposals: Callable[[Mapping[str, th.Tensor]], Proposals | None] | None
     """Gives alternatives to the target actor's actions in the critics' target; not saved."""
 
+    replay_buffer: GoalReplayBuffer
+
     value_weights: tuple[float, ...] | None
     """Weight of each part's value in the actor's objective; None for their mean."""
 
@@ -76,14 +80,11 @@ class ImitatingTD3(TD3):
         multiplier_lr: float = 0.035,
         **named: Any,
     ) -> None:
-        if not contact_cost >= 0:
-            raise ValueError(f"contact_cost={contact_cost} must be 0 or more")
-        if cost_limit is not None and not cost_limit >= 0:
-            raise ValueError(f"cost_limit={cost_limit} must be 0 or more")
-        if not imitation_weight >= 0:
-            raise ValueError(f"imitation_weight={imitation_weight} must be 0 or more")
-        if not imitation_filter_start >= 0:
-            raise ValueError(f"imitation_filter_start={imitation_filter_start} must be 0 or more")
+        start = imitation_filter_start
+        require("contact_cost", contact_cost, contact_cost >= 0, "0 or more")
+        require("cost_limit", cost_limit, cost_limit is None or cost_limit >= 0, "0 or more")
+        require("imitation_weight", imitation_weight, imitation_weight >= 0, "0 or more")
+        require("imitation_filter_start", start, start >= 0, "0 or more")
         self.contact_cost = contact_cost
         self.cost_limit = cost_limit
         self.multiplier_lr = multiplier_lr
@@ -137,7 +138,6 @@ class ImitatingTD3(TD3):
 
         :param value: mean discounted cost from a sampled state on.
         """
-        assert isinstance(self.replay_buffer, GoalReplayBuffer)
         # A constant cost per step of the same value, summed over an episode without discount.
         episode_cost = value * (1.0 - self.gamma) * self.replay_buffer.horizon
         if self.cost_limit is not None:
@@ -147,7 +147,6 @@ class ImitatingTD3(TD3):
 
     def _draw(self, batch_size: int) -> tuple[DictReplayBufferSamples, th.Tensor]:
         """Sample transitions as tensors, and which of them were advised (batch,)."""
-        assert isinstance(self.replay_buffer, GoalReplayBuffer)
         drawn = self.replay_buffer.sample_transitions(batch_size)
         return self.replay_buffer.as_samples(drawn), th.as_tensor(drawn.advised)
 
@@ -287,8 +286,7 @@ def better_by_arm(
         rated = [alone]
         if len(masks) > n_single:
             rated.append(_mixture_values(values, own, proposed, masks[n_single:]))
-        best: npt.NDArray[np.bool_] = masks[np.concatenate(rated)[:, :, 0].argmax(axis=0)]
-        return best
+        return masks[np.concatenate(rated)[:, :, 0].argmax(axis=0)]
     if n_values < n_arms:
         raise ValueError(f"the critic gives {n_values} values for {n_arms} arms: one each, or one")
     better = np.zeros(own.shape[:2], dtype=bool)
@@ -340,8 +338,8 @@ def clone(
     policy.set_training_mode(True)
     loss = th.zeros(())
     for _ in range(updates):
-        drawn = demonstrations.sample_transitions(batch_size, relabel_probability=0.0)
-        batch = demonstrations.as_samples(drawn)
+        drawn = demonstrations.sample_transitions(batch_size)
+        batch = demonstrations.as_samples(replace(drawn, desired_goal=drawn.episode_goal))
         loss = functional.mse_loss(actor(batch.observations, **mode), batch.actions)
         optimizer.zero_grad()
         loss.backward()

@@ -7,6 +7,8 @@ import math
 import torch as th
 from torch import nn
 
+from saver_envs.validation import require
+
 
 class LagrangeMultiplier(nn.Module):
     """A Lagrange multiplier on cost, which rises while the cost exceeds its limit.
@@ -27,11 +29,10 @@ class LagrangeMultiplier(nn.Module):
 
     def __init__(self, initial: float, learning_rate: float, gain: float = 0.0) -> None:
         super().__init__()
-        for name, value in (("init", initial), ("gain", gain)):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"multiplier_{name}={value} must be a finite number of at least 0")
-        if not (math.isfinite(learning_rate) and learning_rate > 0.0):
-            raise ValueError(f"multiplier_lr={learning_rate} must be a finite number above 0")
+        for name, value in (("multiplier_init", initial), ("multiplier_gain", gain)):
+            require(name, value, 0.0 <= value < math.inf, "a finite number of at least 0")
+        valid = 0.0 < learning_rate < math.inf
+        require("multiplier_lr", learning_rate, valid, "a finite number above 0")
         self.gain = gain
         # Double precision: small steps are not lost on a large multiplier.
         self.value = nn.Parameter(th.tensor(float(initial), dtype=th.float64))

@@ -27,6 +27,8 @@ from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
+from saver_envs.validation import require
+
 
 class NormalizedGoalFeatures(BaseFeaturesExtractor):
     """Concatenate observation and desired goal, normalised by running statistics.
@@ -60,17 +62,14 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         minimum_standard_deviation: float = 0.01,
         achieved_goal: bool = False,
     ) -> None:
-        for name, value in (
-            ("clip", clip),
-            ("minimum_standard_deviation", minimum_standard_deviation),
-        ):
-            if value <= 0:
-                raise ValueError(f"{name}={value} must be positive")
+        least = minimum_standard_deviation
+        require("clip", clip, clip > 0, "above 0")
+        require("minimum_standard_deviation", least, least > 0, "above 0")
         self.keys = ("observation", "desired_goal") + ("achieved_goal",) * achieved_goal
         features_dim = sum(int(np.prod(observation_space[key].shape or ())) for key in self.keys)
         super().__init__(observation_space, features_dim)
         self.clip = clip
-        self.minimum_standard_deviation = minimum_standard_deviation
+        self.minimum_standard_deviation = least
         # One count per feature: some may start from a teacher's statistics.
         for name in ("count", "mean", "squared_deviation"):
             self.register_buffer(name, th.zeros(features_dim, dtype=th.float64))
@@ -341,14 +340,10 @@ class GoalPolicyMixin(BasePolicy):
         n_costs: int = 0,
         **arguments: Any,
     ) -> None:
-        if n_costs < 0:
-            raise ValueError(f"n_costs={n_costs} must not be negative")
-        if n_values < 1:
-            raise ValueError(f"n_values={n_values} must be at least 1")
-        if q_min is not None and q_min >= q_max:
-            raise ValueError(f"q_min={q_min} must be less than q_max={q_max}")
-        if action_penalty < 0:
-            raise ValueError(f"action_penalty={action_penalty} must not be negative")
+        require("n_costs", n_costs, n_costs >= 0, "0 or more")
+        require("n_values", n_values, n_values >= 1, "at least 1")
+        require("q_min", q_min, q_min is None or q_min < q_max, f"less than q_max={q_max}")
+        require("action_penalty", action_penalty, action_penalty >= 0, "0 or more")
         if n_values + n_costs != 1 and not issubclass(self.critic_class, GoalCritic):
             raise ValueError(
                 f"n_values={n_values}, n_costs={n_costs}: quantile critics give one value, so only "

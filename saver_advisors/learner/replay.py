@@ -21,6 +21,7 @@ from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from saver_advisors.learner.episodes import BoolArray, EpisodeBuffer, FloatArray, IntArray
+from saver_envs.validation import require, require_share
 
 RewardFunction = Callable[[FloatArray, FloatArray], npt.NDArray[Any]]
 """Achieved and desired goals, (batch, goal_dim) each -> rewards (batch,)."""
@@ -115,8 +116,7 @@ class GoalReplayBuffer(EpisodeBuffer):
         episode_goals: bool = False,
         **named: Any,
     ) -> None:
-        if not 0.0 <= relabel_probability <= 1.0:
-            raise ValueError(f"relabel_probability={relabel_probability} must lie in [0, 1]")
+        require_share("relabel_probability", relabel_probability)
         super().__init__(buffer_size, observation_space, action_space, *arguments, **named)
         self.relabel_probability = relabel_probability
         self.reward_function = reward_function
@@ -147,19 +147,14 @@ class GoalReplayBuffer(EpisodeBuffer):
         :param env: normalises observations and rewards, if given.
         :return: tensors on the buffer's device; rewards are (batch, rewards), dones (batch, 1).
         """
-        observations = {
-            "observation": drawn.observation,
-            "achieved_goal": drawn.achieved_goal,
-            "desired_goal": drawn.desired_goal,
-        }
-        next_observations = {
-            "observation": drawn.next_observation,
-            "achieved_goal": drawn.next_achieved_goal,
-            "desired_goal": drawn.desired_goal,
-        }
-        reward = drawn.reward
+        goals = {"desired_goal": drawn.desired_goal}
         if self.episode_goals:
-            observations["episode_goal"] = next_observations["episode_goal"] = drawn.episode_goal
+            goals["episode_goal"] = drawn.episode_goal
+        seen, seen_next = drawn.observation, drawn.next_observation
+        observations = {"observation": seen, "achieved_goal": drawn.achieved_goal, **goals}
+        achieved = drawn.next_achieved_goal
+        next_observations = {"observation": seen_next, "achieved_goal": achieved, **goals}
+        reward = drawn.reward
         if env is not None:
             observations = env.normalize_obs(observations)  # type: ignore[assignment]
             next_observations = env.normalize_obs(next_observations)  # type: ignore[assignment]
@@ -176,13 +171,10 @@ class GoalReplayBuffer(EpisodeBuffer):
             rewards=self._tensor(reward),
         )
 
-    def sample_transitions(
-        self, batch_size: int, *, relabel_probability: float | None = None
-    ) -> GoalTransitions:
+    def sample_transitions(self, batch_size: int) -> GoalTransitions:
         """Sample transitions as arrays, with their origins.
 
         :param batch_size: transitions to sample, with replacement.
-        :param relabel_probability: overrides the buffer's own.
         :return: the transitions.
         :raises ValueError: if the buffer is empty, or has no reward function.
         """
@@ -194,9 +186,7 @@ class GoalReplayBuffer(EpisodeBuffer):
 
         episode_goal = np.take(self.desired_goal, slot, axis=0)
         desired = episode_goal.copy()
-        if relabel_probability is None:
-            relabel_probability = self.relabel_probability
-        goal_step = self._relabel(desired, slot, step, relabel_probability)
+        goal_step = self._relabel(desired, slot, step)
         next_achieved = np.take(achieved, row + 1, axis=0)
         return GoalTransitions(
             observation=np.take(observation, row, axis=0),
@@ -214,9 +204,7 @@ class GoalReplayBuffer(EpisodeBuffer):
             goal_step=goal_step,
         )
 
-    def _relabel(
-        self, desired: FloatArray, slot: IntArray, step: IntArray, probability: float
-    ) -> IntArray:
+    def _relabel(self, desired: FloatArray, slot: IntArray, step: IntArray) -> IntArray:
         """Replace parts of ``desired`` (batch, goal_dim) by parts achieved later, in place.
 
         :return: (batch, parts) the steps at which they were achieved, -1 where a part is unchanged.
@@ -224,7 +212,7 @@ class GoalReplayBuffer(EpisodeBuffer):
         shape = (len(slot), len(self.part_columns))
         later = self._random.random(shape) * (self.length[slot] - step)[:, None]
         goal_step = step[:, None] + 1 + later.astype(np.int64)
-        relabelled = self._random.random(shape) < probability
+        relabelled = self._random.random(shape) < self.relabel_probability
         for part, columns in enumerate(self.part_columns):
             chosen = relabelled[:, part]
             rows = slot[chosen], goal_step[chosen, part]
@@ -286,22 +274,19 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         demonstration_fraction: float = 0.5,
         **named: Any,
     ) -> None:
-        if not 0.0 <= demonstration_fraction < 1.0:
-            raise ValueError(f"demonstration_fraction={demonstration_fraction} must lie in [0, 1)")
+        share = demonstration_fraction
+        require("demonstration_fraction", share, 0.0 <= share < 1.0, "in [0, 1)")
         super().__init__(buffer_size, *arguments, **named)
         seed = named.pop("seed", None)
         # A separate stream: one buffer's draws must not shift the other's.
         own = None if seed is None else int(np.random.SeedSequence([seed, 1]).generate_state(1)[0])
         self.demonstrations = GoalReplayBuffer(demonstration_size, *arguments, seed=own, **named)
-        self.demonstration_fraction = demonstration_fraction
+        self.demonstration_fraction = share
 
-    def sample_transitions(
-        self, batch_size: int, *, relabel_probability: float | None = None
-    ) -> GoalTransitions:
+    def sample_transitions(self, batch_size: int) -> GoalTransitions:
         """Sample transitions from both buffers; demonstrations' slots start at ``n_slots``.
 
         :param batch_size: transitions to sample, with replacement.
-        :param relabel_probability: overrides the buffers' own.
         :return: the transitions, the student's own first.
         :raises ValueError: if both buffers are empty, or there is no reward function.
         """
@@ -313,16 +298,12 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         # It may have been set, or replaced, after construction.
         self.demonstrations.reward_function = self.reward_function
         if n_shown == 0:
-            return super().sample_transitions(batch_size, relabel_probability=relabel_probability)
-        demonstrated = self.demonstrations.sample_transitions(
-            n_shown, relabel_probability=relabel_probability
-        )
+            return super().sample_transitions(batch_size)
+        demonstrated = self.demonstrations.sample_transitions(n_shown)
         demonstrated.slot[:] += self.n_slots
         if n_shown == batch_size:
             return demonstrated
-        own = super().sample_transitions(
-            batch_size - n_shown, relabel_probability=relabel_probability
-        )
+        own = super().sample_transitions(batch_size - n_shown)
         shown = vars(demonstrated)
         return GoalTransitions(
             **{name: np.concatenate((value, shown[name])) for name, value in vars(own).items()}
@@ -364,7 +345,7 @@ def _columns_of(
     shape = observation_space["achieved_goal"].shape
     assert shape is not None
     parts = list(shape if goal_parts is None else goal_parts)
-    if min(parts) < 1 or sum(parts) != shape[0]:
-        raise ValueError(f"goal_parts={goal_parts} must be positive and add up to {shape[0]}")
+    valid = min(parts) >= 1 and sum(parts) == shape[0]
+    require("goal_parts", goal_parts, valid, f"positive and add up to {shape[0]}")
     ends = np.cumsum(parts)
     return tuple(slice(int(end) - size, int(end)) for end, size in zip(ends, parts, strict=True))

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.policies.networks import NetworkSpec
+from saver_envs.validation import require, require_share
 
 
 @dataclass(frozen=True)
@@ -54,15 +55,13 @@ class PolicyCard:
         for one in fields(self):
             value = getattr(self, one.name)
             types, words = _TYPES[str(one.type)]
-            if not isinstance(value, types) or isinstance(value, bool):
-                raise ValueError(f"card: {one.name}={value!r} must be {words}")
+            valid = isinstance(value, types) and not isinstance(value, bool)
+            require(f"card: {one.name}", value, valid, words)
         for name in ("steps", "success_episodes", "wall_clock_s"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"card: {name}={getattr(self, name)!r} must be at least 0")
+            value = getattr(self, name)
+            require(f"card: {name}", value, 0 <= value < math.inf, "at least 0")
         for name in ("success", "safe_success", "success_2cm"):
-            rate = getattr(self, name)
-            if rate is not None and not 0.0 <= rate <= 1.0:
-                raise ValueError(f"card: {name}={rate!r} must lie between 0 and 1")
+            require_share(f"card: {name}", getattr(self, name) or 0.0)
 
     @property
     def environment(self) -> str:

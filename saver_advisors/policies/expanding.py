@@ -18,9 +18,6 @@ from saver_advisors.learner.arms import ArmBlocks
 
 Layers = list[tuple[Tensor, Tensor]]
 
-SHARED = "pool.weight"
-"""Entry of an `ArmNetwork`'s state that no other network has."""
-
 
 def single_arm_layers(state: Mapping[str, Tensor], outputs: int | None = None) -> Layers:
     """Return the layers of a shared network for one arm, which has no neighbours.

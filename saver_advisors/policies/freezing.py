@@ -8,8 +8,9 @@ included, or `NormalizedGoalFeatures` of the `learner` package.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -21,11 +22,16 @@ from torch import Tensor, nn
 
 from saver_advisors.learner.arms import ArmBlocks
 from saver_advisors.learner.policies import NormalizedGoalFeatures
-from saver_advisors.learner.shared_arms import SharedArmFeatures
+from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmFeatures
 from saver_advisors.policies.expanding import joint_columns, joint_layers, single_arm_layers
 from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
 
 Layers = Sequence[tuple[Tensor, Tensor]]
+EXTRACTOR: Final = "actor.features_extractor."
+NORMALISER_CLIP: Final = 5.0
+"""Default of `NormalizedGoalFeatures`."""
+SHARED: Final = "actor.mu.pool.weight"
+"""Entry of a policy's state if arms share its networks."""
 
 
 def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
@@ -36,41 +42,104 @@ def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
     :raises TypeError: for models that cannot be represented; the message names the part and what is
         supported.
     """
-    actor, critic, action_space = _parts(model)
-    if isinstance(actor.features_extractor, SharedArmFeatures):
-        return _shared_networks(actor, critic, action_space)
-    inputs, normaliser = _normaliser(model, actor.features_extractor)
-    layers = actor_layers(actor)
-    critics = [list(_flatten([network])) for network in critic.q_networks]
+    actor, critic, box = _parts(model)
+    extractor = actor.features_extractor
+    wrapper = _wrapper(model, extractor)
+    assert isinstance(model.observation_space, spaces.Dict), "checked by _parts"
+    sizes = {key: _flat_size(key, space) for key, space in model.observation_space.items()}
+    given = [_leaves(getattr(actor, "latent_pi", nn.Sequential()), actor.mu)]
+    # TD3's last layer is the tanh; `FrozenPolicy` applies it in any case.
+    given = [given[0][:-1] if isinstance(given[0][-1], nn.Tanh) else given[0]]
+    given += [_leaves(network) for network in critic.q_networks]
+    bounds = torch.as_tensor(box.low), torch.as_tensor(box.high)
+    arms = (lambda: extractor.arms) if isinstance(extractor, SharedArmFeatures) else None
     try:
-        networks = build_frozen(
-            _tensors(layers),
-            [without_costs(_tensors(one), getattr(critic, "n_costs", 0)) for one in critics],
-            inputs,
-            normaliser,
-            (torch.as_tensor(action_space.low), torch.as_tensor(action_space.high)),
-            _activation([layers, *critics]),
+        networks = networks_of_state(
+            model.policy.state_dict(), sizes, bounds, _activation(given), arms
         )
-    except (RuntimeError, ValueError) as error:
+    except (LookupError, RuntimeError, ValueError) as error:
         raise TypeError(
             f"the layers of {type(model).__name__} cannot be frozen: {error}"
         ) from error
     own = [list(network.children()) for network in (networks.actor, *networks.critics)]
-    for built, given in zip(own, [layers, *critics], strict=True):
-        if [_kind(layer) for layer in built] != [_kind(layer) for layer in given]:
+    # Those of shared networks are rearranged.
+    for built, layers in zip(own, given, strict=True) if arms is None else ():
+        if [_kind(layer) for layer in built] != [_kind(layer) for layer in layers]:
             raise TypeError(
-                f"the layers {given} cannot be frozen: use Linear, LayerNorm (optional) and "
+                f"the layers {layers} cannot be frozen: use Linear, LayerNorm (optional) and "
                 "activation for each hidden layer, then Linear"
             )
+    if isinstance(extractor, NormalizedGoalFeatures):
+        networks.clip.fill_(extractor.clip)
+    elif wrapper is not None:
+        _copy_statistics(wrapper, networks)
     return networks
 
 
-def build_frozen(
+def networks_of_state(
+    state: Mapping[str, Tensor],
+    sizes: Mapping[str, int],
+    bounds: tuple[Tensor, Tensor],
+    activation: str,
+    arms: Callable[[], ArmBlocks] | None,
+) -> PolicyNetworks:
+    """Build frozen networks from the tensors of a policy of SB3 or of a goal learner.
+
+    The critics of several arms with shared weights are omitted: their LayerNorm is one for each
+    arm, which a perceptron of all arms cannot represent.
+
+    :param state: of the policy.
+    :param sizes: of the observation's entries.
+    :param bounds: least and greatest action.
+    :param activation: a key of `ACTIVATIONS`.
+    :param arms: gives the arms, for networks that they share.
+    :return: networks on the CPU, in float32, that share no memory with the tensors; a goal
+        learner's clip is the default.
+    :raises LookupError: for tensors that are missing.
+    :raises ValueError: for sizes out of range, or networks that cannot be represented.
+    :raises RuntimeError: for weights that do not fit together.
+    """
+    numbers = sorted({int(found[1]) for name in state if (found := _CRITIC.match(name))})
+    if SHARED in state:
+        if arms is None or activation != "relu":
+            known = "the arms are not described" if arms is None else f"{activation}, not relu"
+            raise ValueError(f"arms share the networks: {known}")
+        blocks, normaliser = arms(), _statistics(state)
+        keys = _goal_keys(blocks.sizes_of_arm(), normaliser[0])
+        columns, sizes = joint_columns(blocks, keys), blocks.sizes()
+        normaliser = tuple(values[columns] for values in normaliser)
+        actor = joint_layers(_part(state, "actor.mu"), blocks, keys)
+        alone = numbers if blocks.n_arms == 1 else []
+        critics = [single_arm_layers(_part(state, f"critic.qf{one}"), outputs=1) for one in alone]
+    else:
+        actor = _layers(state, "actor.mu")
+        if not actor:  # SAC and TQC keep the last layer apart
+            last = state["actor.mu.weight"], state["actor.mu.bias"]
+            actor = [*_layers(state, "actor.latent_pi"), last]
+        critics = [_layers(state, f"critic.qf{one}") for one in numbers]
+        for layers in critics:
+            # The values of costs are the last outputs.
+            weight, bias = layers[-1]
+            end = len(bias) - int(state.get("critic.cost_outputs", 0))
+            layers[-1] = weight[:end], bias[:end]
+        # SB3 reads the entries in sorted order, the goal learners in their own.
+        keys, read = tuple(sorted(sizes)), actor[0][0].shape[-1]
+        normaliser = torch.zeros(read), torch.ones(read), torch.full((read,), math.inf)
+        if f"{EXTRACTOR}shift" in state:
+            normaliser = _statistics(state)
+            keys = _goal_keys(sizes, normaliser[0])
+    inputs = tuple((key, sizes[key]) for key in keys)
+    return _frozen_networks(actor, critics, inputs, (*normaliser, *bounds), activation)
+
+
+_CRITIC: Final = re.compile(r"critic\.qf(\d+)\.")
+
+
+def _frozen_networks(
     actor: Layers,
     critics: Sequence[Layers],
     inputs: tuple[tuple[str, int], ...],
-    normaliser: tuple[Tensor, Tensor, Tensor],
-    bounds: tuple[Tensor, Tensor],
+    scales: tuple[Tensor, ...],
     activation: str,
 ) -> PolicyNetworks:
     """Build frozen networks, whose shapes follow from the weights.
@@ -78,12 +147,8 @@ def build_frozen(
     :param actor: weight and bias of each layer; those of a LayerNorm have one dimension.
     :param critics: the same for each critic; none for a policy without.
     :param inputs: names and sizes of the inputs, in order.
-    :param normaliser: mean, standard deviation and clip of each input.
-    :param bounds: least and greatest action.
+    :param scales: mean, standard deviation and clip of each input, least and greatest action.
     :param activation: a key of `ACTIVATIONS`.
-    :return: networks on the CPU, in float32, that share no memory with the weights.
-    :raises ValueError: for sizes out of range.
-    :raises RuntimeError: for weights that do not fit together.
     """
     spec = NetworkSpec(
         inputs=inputs,
@@ -99,7 +164,7 @@ def build_frozen(
     with torch.device("meta"):  # nothing is allocated before all shapes have been compared
         networks = PolicyNetworks(spec)
     parts = ("mean", "std", "clip", "action_low", "action_high")
-    tensors = dict(zip(parts, (*normaliser, *bounds), strict=True))
+    tensors = dict(zip(parts, scales, strict=True))
     for prefix, layers in (("actor", actor), *((f"critics.{k}", c) for k, c in enumerate(critics))):
         names = [name for name in networks.state_dict() if name.startswith(f"{prefix}.")]
         tensors |= zip(names, (one for layer in layers for one in layer), strict=True)
@@ -108,62 +173,29 @@ def build_frozen(
     return networks.requires_grad_(False)
 
 
-def without_costs(layers: Layers, n_costs: int) -> Layers:
-    """Return a critic's layers without the values of costs, which are its last outputs.
-
-    :param layers: weight and bias of each.
-    :param n_costs: number of costs.
-    """
-    weight, bias = layers[-1]
-    end = len(bias) - n_costs
-    return [*layers[:-1], (weight[:end], bias[:end])]
+def _goal_keys(sizes: Mapping[str, int], mean: Tensor) -> tuple[str, ...]:
+    """Return the entries that a goal learner with these statistics reads, in order."""
+    keys = ("observation", "desired_goal", "achieved_goal")
+    return keys[:2] if sum(sizes.get(key, 0) for key in keys[:2]) == len(mean) else keys
 
 
-def _shared_networks(actor: Any, critic: Any, action_space: spaces.Box) -> PolicyNetworks:
-    """Return a frozen copy of networks that arms share."""
-    features = actor.features_extractor
-    if actor.activation_fn is not nn.ReLU:
-        raise TypeError(
-            f"shared arms with {actor.activation_fn.__name__} cannot be frozen: use relu layers"
-        )
-    return build_shared(
-        actor.mu.state_dict(),
-        [network.state_dict() for network in critic.q_networks],
-        features.arms,
-        features.keys,
-        (features.shift, 1.0 / features.scale, torch.full_like(features.shift, features.clip)),
-        (torch.as_tensor(action_space.low), torch.as_tensor(action_space.high)),
-    )
+def _statistics(state: Mapping[str, Tensor]) -> tuple[Tensor, ...]:
+    """Return mean, standard deviation and clip of a goal learner's inputs."""
+    mean = state[f"{EXTRACTOR}shift"]
+    return mean, 1.0 / state[f"{EXTRACTOR}scale"], torch.full_like(mean, NORMALISER_CLIP)
 
 
-def build_shared(
-    actor: Mapping[str, Tensor],
-    critics: Sequence[Mapping[str, Tensor]],
-    arms: ArmBlocks,
-    keys: tuple[str, ...],
-    normaliser: tuple[Tensor, Tensor, Tensor],
-    bounds: tuple[Tensor, Tensor],
-) -> PolicyNetworks:
-    """Build frozen networks of all arms from networks that the arms share.
+def _part(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
+    """Return the entries of one network."""
+    prefix = f"{name}."
+    return {k.removeprefix(prefix): one for k, one in state.items() if k.startswith(prefix)}
 
-    The critics of several arms are omitted: their LayerNorm is one for each arm, which a
-    perceptron of all arms cannot represent.
 
-    :param actor: state of an `ArmNetwork`.
-    :param critics: the same for each critic.
-    :param arms: the arms.
-    :param keys: observation entries that an arm's network reads, in order.
-    :param normaliser: mean, standard deviation and clip of each input of one arm.
-    :param bounds: least and greatest action of all arms.
-    :return: as `build_frozen`.
-    """
-    sizes = arms.sizes()
-    columns = joint_columns(arms, keys)
-    mean, std, clip = (values[columns] for values in normaliser)
-    own = [single_arm_layers(one, outputs=1) for one in critics] if arms.n_arms == 1 else []
-    inputs = tuple((key, sizes[key]) for key in keys)
-    layers = joint_layers(actor, arms, keys)
-    return build_frozen(layers, own, inputs, (mean, std, clip), bounds, "relu")
+def _layers(state: Mapping[str, Tensor], prefix: str) -> list[tuple[Tensor, Tensor]]:
+    """Return weight and bias of each layer of a sequence, in order."""
+    pattern = re.compile(re.escape(prefix) + r"\.(\d+)\.weight")
+    numbers = sorted(int(found[1]) for name in state if (found := pattern.fullmatch(name)))
+    return [(state[f"{prefix}.{one}.weight"], state[f"{prefix}.{one}.bias"]) for one in numbers]
 
 
 def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
@@ -186,27 +218,10 @@ def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
     return actor, critic, model.action_space
 
 
-def actor_layers(actor: Any) -> list[nn.Module]:
-    """Return the layers of SB3's actor without a final tanh.
-
-    :param actor: TD3's, which has all layers in `mu`, or SAC's, which has the hidden ones in
-        `latent_pi`.
-    """
-    layers = list(_flatten([getattr(actor, "latent_pi", nn.Sequential()), actor.mu]))
-    # TD3's last layer is the tanh; `FrozenPolicy` applies it in any case.
-    return layers[:-1] if isinstance(layers[-1], nn.Tanh) else layers
-
-
-def _flatten(modules: Iterable[nn.Module]) -> Iterator[nn.Module]:
-    for module in modules:
-        if isinstance(module, nn.Sequential):
-            yield from _flatten(module)
-        else:
-            yield module
-
-
-def _tensors(layers: list[nn.Module]) -> Layers:
-    return [(layer.weight, layer.bias) for layer in layers if hasattr(layer, "weight")]  # type: ignore[misc]
+def _leaves(*modules: nn.Module) -> list[nn.Module]:
+    """Return the layers of modules, those of nested ones too."""
+    every = [one for module in modules for one in module.modules()]
+    return [one for one in every if not isinstance(one, (nn.Sequential, ArmNetwork))]
 
 
 def _widths(layers: Layers) -> tuple[int, ...]:
@@ -231,10 +246,8 @@ def _kind(layer: nn.Module) -> tuple[Any, ...]:
     return type(layer), getattr(layer, "eps", None)
 
 
-def _normaliser(
-    model: OffPolicyAlgorithm, extractor: nn.Module
-) -> tuple[tuple[tuple[str, int], ...], tuple[Tensor, Tensor, Tensor]]:
-    """Return the inputs in their order, with sizes, and their mean, standard deviation and clip."""
+def _wrapper(model: OffPolicyAlgorithm, extractor: nn.Module) -> VecNormalize | None:
+    """Return the wrapper that normalises the observations, and check the features extractor."""
     wrapper = model.get_vec_normalize_env()
     wrapper = wrapper if wrapper is not None and wrapper.norm_obs else None
     if isinstance(extractor, NormalizedGoalFeatures):
@@ -242,50 +255,33 @@ def _normaliser(
             raise TypeError(
                 "the model normalises twice (features extractor and VecNormalize): drop one"
             )
-        inputs = tuple((key, _flat_size(model, key)) for key in extractor.keys)
-        return inputs, _extractor_statistics(model, extractor)
-    if type(extractor) is CombinedExtractor:
-        inputs = tuple((key, _flat_size(model, key)) for key in extractor.extractors)
-        return inputs, _wrapper_statistics(wrapper, inputs)
-    raise TypeError(
-        f"the features extractor {type(extractor).__name__} cannot be frozen: use SB3's "
-        "CombinedExtractor or saver_advisors.learner.NormalizedGoalFeatures"
-    )
+        critic: Any = model.policy.critic
+        for name in ("shift", "scale"):
+            if not torch.equal(getattr(extractor, name), getattr(critic.features_extractor, name)):
+                raise TypeError(
+                    f"actor and critic normalise with different {name}: share the extractor"
+                )
+    elif type(extractor) is not CombinedExtractor:
+        raise TypeError(
+            f"the features extractor {type(extractor).__name__} cannot be frozen: use SB3's "
+            "CombinedExtractor or saver_advisors.learner.NormalizedGoalFeatures"
+        )
+    return wrapper
 
 
-def _flat_size(model: OffPolicyAlgorithm, key: str) -> int:
-    assert isinstance(model.observation_space, spaces.Dict), "checked by _parts"
-    box = model.observation_space.spaces.get(key)
-    if not isinstance(box, spaces.Box) or len(box.shape) != 1:
-        raise TypeError(f"the observation's {key!r} is {box}: only flat Boxes can be frozen")
-    return int(box.shape[0])
+def _flat_size(key: str, space: spaces.Space[Any]) -> int:
+    if not isinstance(space, spaces.Box) or len(space.shape) != 1:
+        raise TypeError(f"the observation's {key!r} is {space}: only flat Boxes can be frozen")
+    return int(space.shape[0])
 
 
-def _extractor_statistics(
-    model: OffPolicyAlgorithm, extractor: NormalizedGoalFeatures
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the statistics that actor and critic share."""
-    critic: Any = model.policy.critic
-    for name in ("shift", "scale"):
-        if not torch.equal(getattr(extractor, name), getattr(critic.features_extractor, name)):
-            raise TypeError(
-                f"actor and critic normalise with different {name}: share the extractor"
-            )
-    mean = extractor.shift.cpu()
-    return mean, 1.0 / extractor.scale.cpu(), torch.full_like(mean, extractor.clip)
-
-
-def _wrapper_statistics(
-    wrapper: VecNormalize | None, inputs: tuple[tuple[str, int], ...]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return VecNormalize's statistics, so that the frozen policy takes raw observations."""
-    parts = []
-    for key, size in inputs:
-        if wrapper is not None and key in (wrapper.norm_obs_keys or ()):
+def _copy_statistics(wrapper: VecNormalize, networks: PolicyNetworks) -> None:
+    """Copy VecNormalize's statistics, so that the frozen policy takes raw observations."""
+    start = 0
+    for key, size in networks.spec.inputs:
+        own, start = slice(start, start + size), start + size
+        if key in (wrapper.norm_obs_keys or ()):
             statistics = wrapper.obs_rms[key]
-            std = np.sqrt(statistics.var + wrapper.epsilon)
-            parts.append((statistics.mean, std, np.full(size, wrapper.clip_obs)))
-        else:
-            parts.append((np.zeros(size), np.ones(size), np.full(size, math.inf)))
-    values = [torch.as_tensor(np.concatenate(each)).float() for each in zip(*parts, strict=True)]
-    return values[0], values[1], values[2]
+            networks.mean[own] = torch.as_tensor(statistics.mean)
+            networks.std[own] = torch.as_tensor(np.sqrt(statistics.var + wrapper.epsilon))
+            networks.clip[own] = wrapper.clip_obs

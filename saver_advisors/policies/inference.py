@@ -6,7 +6,7 @@ For the few rows that a teacher computes at every step, NumPy takes half of torc
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from saver_advisors.policies.networks import ACTIVATIONS, PolicyNetworks
+from saver_advisors.policies.networks import PolicyNetworks
 
 FloatArray = NDArray[np.float32]
 Activation = Callable[[FloatArray], FloatArray]
@@ -134,8 +134,7 @@ def _layers(network: nn.Module) -> list[_Layer]:
             weight = last.weight - last.weight.mean(axis=1, keepdims=True)
             layers.append(_Layer(weight, last.bias - last.bias.mean(), norm, None))
         else:
-            activation = _activation(module)
-            layers.append(_Layer(last.weight, last.bias, last.norm, activation))
+            layers.append(replace(last, activation=_activation(module)))
     return layers
 
 
@@ -180,24 +179,16 @@ def _normalise(values: FloatArray, weight: FloatArray, bias: FloatArray, eps: fl
     values += bias
 
 
-def _relu(values: FloatArray) -> FloatArray:
-    return np.maximum(values, np.float32(0.0), out=values)
-
-
-def _tanh(values: FloatArray) -> FloatArray:
-    return np.tanh(values, out=values)
-
-
-_OWN: Final[Mapping[type[nn.Module], Activation]] = {nn.ReLU: _relu, nn.Tanh: _tanh}
+_OWN: Final[Mapping[type[nn.Module], Activation]] = {
+    nn.ReLU: lambda values: np.maximum(values, np.float32(0.0), out=values),
+    nn.Tanh: lambda values: np.tanh(values, out=values),
+}
 """Activations in NumPy; the others run in torch on the same memory."""
 
 
 def _activation(module: nn.Module) -> Activation:
-    kind = type(module)
-    if kind not in ACTIVATIONS.values():
-        raise TypeError(f"{module} is not a layer of a frozen policy")
-    if kind in _OWN:
-        return _OWN[kind]
+    if type(module) in _OWN:
+        return _OWN[type(module)]
 
     def of_torch(values: FloatArray) -> FloatArray:
         with torch.inference_mode():

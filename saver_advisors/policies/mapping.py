@@ -15,6 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from saver_advisors.policies.networks import OBSERVATION_KEYS
+from saver_envs.validation import require, require_kind
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -40,8 +41,8 @@ class ArmMapping:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise ValueError(f"{name}={value!r} must be a whole number of at least 1")
+            require_kind(name, value, int)
+            require(name, value, value >= 1, "at least 1")
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]

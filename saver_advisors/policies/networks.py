@@ -16,6 +16,8 @@ import torch
 from stable_baselines3.common.torch_layers import create_mlp
 from torch import Tensor, nn
 
+from saver_envs.validation import require, require_kind
+
 ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = {
     "relu": nn.ReLU,
     "tanh": nn.Tanh,
@@ -64,27 +66,21 @@ class NetworkSpec:
 
     def __post_init__(self) -> None:
         _check_inputs(self.inputs)
-        if self.activation not in ACTIVATIONS:
-            raise ValueError(
-                f"activation={self.activation!r} is unknown: use one of {sorted(ACTIVATIONS)}"
+        known = self.activation in ACTIVATIONS
+        require("activation", self.activation, known, f"one of {sorted(ACTIVATIONS)}")
+        for name in ("actor_hidden", "critic_hidden"):
+            widths = getattr(self, name)
+            require(
+                f"layers of {name}", len(widths), len(widths) <= MAX_DEPTH, f"up to {MAX_DEPTH}"
             )
-        for name, widths in (
-            ("actor_hidden", self.actor_hidden),
-            ("critic_hidden", self.critic_hidden),
-        ):
-            if len(widths) > MAX_DEPTH:
-                raise ValueError(
-                    f"{name} has {len(widths)} layers: at most {MAX_DEPTH} are allowed"
-                )
             for width in widths:
                 _check_size(name, width)
         _check_size("action_size", self.action_size)
         _check_size("critic_outputs", self.critic_outputs)
-        if type(self.n_critics) is not int or not 0 <= self.n_critics <= MAX_DEPTH:
-            raise ValueError(f"n_critics={self.n_critics!r} must be from 0 to {MAX_DEPTH}")
+        possible = type(self.n_critics) is int and 0 <= self.n_critics <= MAX_DEPTH
+        require("n_critics", self.n_critics, possible, f"from 0 to {MAX_DEPTH}")
         for name in ("actor_layer_norm", "critic_layer_norm"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"{name}={getattr(self, name)!r} must be true or false")
+            require_kind(name, getattr(self, name), bool)
 
     @property
     def feature_size(self) -> int:

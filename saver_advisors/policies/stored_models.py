@@ -13,18 +13,15 @@ import pickle
 import re
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-import numpy as np
 import torch
 from stable_baselines3.common.save_util import load_from_zip_file
 from torch import Tensor
 
 from saver_advisors.learner.arms import ArmBlocks
-from saver_advisors.policies.expanding import SHARED
-from saver_advisors.policies.freezing import build_frozen, build_shared, without_costs
+from saver_advisors.policies.freezing import networks_of_state
 from saver_advisors.policies.networks import ACTIVATIONS, PolicyNetworks
 from saver_envs.envs.spaces import action_space, observation_space
 from saver_envs.files import read_json
@@ -33,9 +30,6 @@ from saver_envs.weights import check_finite, read_weights
 
 LARGEST: Final = 2**28
 """Bytes that a zip file may expand to; a policy of the package has less than 10 million."""
-EXTRACTOR: Final = "actor.features_extractor."
-NORMALISER_CLIP: Final = 5.0
-"""Default of `NormalizedGoalFeatures`."""
 POLICIES: Final = (
     *("stable_baselines3.td3.policies", "stable_baselines3.sac.policies"),
     *("sb3_contrib.tqc.policies", "saver_advisors.learner.policies"),
@@ -64,9 +58,8 @@ def networks_of_run(folder: Path) -> PolicyNetworks:
         raise ValueError(f"{folder / 'run.json'} is not the record of a run: {error!r}") from error
     sizes = {key: int(box.shape[0]) for key, box in observation_space(episodes).items()}  # type: ignore[index]
     box = action_space(episodes)
-    return _networks(
-        path, state, sizes, (box.low, box.high), arms=lambda: ArmBlocks.of_episodes(episodes)
-    )
+    bounds = torch.as_tensor(box.low), torch.as_tensor(box.high)
+    return _networks(path, state, sizes, bounds, "relu", lambda: ArmBlocks.of_episodes(episodes))
 
 
 def networks_of_zip(path: Path) -> PolicyNetworks:
@@ -92,7 +85,8 @@ def networks_of_zip(path: Path) -> PolicyNetworks:
         spaces, actions = data["observation_space"]["spaces"], data["action_space"]
         sizes = {name: int(size) for name, size in _BOX.findall(spaces)}
         bounds = [
-            np.array(actions[end].strip("[] ").split(), np.float32) for end in ("low", "high")
+            torch.tensor([float(one) for one in actions[end].strip("[] ").split()])
+            for end in ("low", "high")
         ]
         arguments, module = dict(data["policy_kwargs"]), data["policy_class"]["__module__"]
         noise, more = data["use_sde"], dict(arguments.get("features_extractor_kwargs", {}))
@@ -120,7 +114,7 @@ def networks_of_zip(path: Path) -> PolicyNetworks:
             _refuse(path, reason)
     described = arguments.get("arms")
     arms = None if described is None else lambda: ArmBlocks.from_mapping(described)
-    return _networks(path, state, sizes, (bounds[0], bounds[1]), activation, arms)
+    return _networks(path, state, sizes, bounds, activation, arms)
 
 
 _BOX: Final = re.compile(r"'(\w+)'[:,] Box\([^()]*\((\d+),\), \w+\)")
@@ -140,79 +134,11 @@ def _check_size(path: Path, archive: zipfile.ZipFile) -> None:
         raise ValueError(f"{path} expands to {size:,} bytes: at most {LARGEST:,} are read")
 
 
-def _networks(
-    path: Path,
-    state: Mapping[str, Tensor],
-    sizes: Mapping[str, int],
-    bounds: tuple[Any, Any],
-    activation: str = "relu",
-    arms: Callable[[], ArmBlocks] | None = None,
-) -> PolicyNetworks:
-    """Build frozen networks from the tensors of a policy of SB3 or of a goal learner.
-
-    :param arms: gives the arms, for networks that they share.
-    """
+def _networks(path: Path, *arguments: Any) -> PolicyNetworks:
+    """Call `networks_of_state` with errors that name the file."""
     try:
-        names = sorted({name.split(".")[1] for name in state if name.startswith("critic.qf")})
-        low, high = (torch.as_tensor(end) for end in bounds)
-        if f"actor.mu.{SHARED}" in state:
-            shared = [_part(state, f"critic.{name}") for name in names]
-            networks = _shared_networks(state, shared, arms, (low, high))
-            check_finite(path, networks.state_dict(), {"clip"})
-            return networks
-        actor = _layers(state, "actor.mu")
-        if not actor:  # SAC and TQC keep the last layer apart
-            last = state["actor.mu.weight"], state["actor.mu.bias"]
-            actor = [*_layers(state, "actor.latent_pi"), last]
-        n_costs = int(state.get("critic.cost_outputs", 0))
-        critics = [without_costs(_layers(state, f"critic.{name}"), n_costs) for name in names]
-        read = actor[0][0].shape[-1]
-        # SB3 reads the entries in sorted order, the goal learners in their own.
-        keys: tuple[str, ...] = tuple(sorted(sizes))
-        mean, std, clip = torch.zeros(read), torch.ones(read), torch.full((read,), torch.inf)
-        if f"{EXTRACTOR}shift" in state:
-            keys = ("observation", "desired_goal", "achieved_goal")
-            keys = keys[:2] if sum(sizes.get(key, 0) for key in keys[:2]) == read else keys
-            mean, std, clip = _statistics(state)
-        inputs = tuple((key, sizes[key]) for key in keys)
-        networks = build_frozen(actor, critics, inputs, (mean, std, clip), (low, high), activation)
+        networks = networks_of_state(*arguments)
     except (LookupError, RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{path} has networks that cannot be frozen: {error}") from error
     check_finite(path, networks.state_dict(), {"clip"})
     return networks
-
-
-def _shared_networks(
-    state: Mapping[str, Tensor],
-    critics: list[dict[str, Tensor]],
-    arms: Callable[[], ArmBlocks] | None,
-    bounds: tuple[Tensor, Tensor],
-) -> PolicyNetworks:
-    """Build frozen networks from the tensors of networks that arms share."""
-    if arms is None:
-        raise ValueError("arms share the networks, but the file does not describe the arms")
-    blocks, statistics = arms(), _statistics(state)
-    sizes = blocks.sizes_of_arm()
-    keys: tuple[str, ...] = ("observation", "desired_goal", "achieved_goal")
-    if sum(sizes[key] for key in keys[:2]) == len(statistics[0]):
-        keys = keys[:2]
-    return build_shared(_part(state, "actor.mu"), critics, blocks, keys, statistics, bounds)
-
-
-def _statistics(state: Mapping[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return mean, standard deviation and clip of a goal learner's inputs."""
-    mean = state[f"{EXTRACTOR}shift"]
-    return mean, 1.0 / state[f"{EXTRACTOR}scale"], torch.full_like(mean, NORMALISER_CLIP)
-
-
-def _part(state: Mapping[str, Tensor], name: str) -> dict[str, Tensor]:
-    """Return the entries of one network."""
-    prefix = f"{name}."
-    return {k.removeprefix(prefix): one for k, one in state.items() if k.startswith(prefix)}
-
-
-def _layers(state: Mapping[str, Tensor], prefix: str) -> list[tuple[Tensor, Tensor]]:
-    """Return weight and bias of each layer of a sequence, in order."""
-    pattern = re.compile(re.escape(prefix) + r"\.(\d+)\.weight")
-    numbers = sorted(int(found[1]) for name in state if (found := pattern.fullmatch(name)))
-    return [(state[f"{prefix}.{one}.weight"], state[f"{prefix}.{one}.bias"]) for one in numbers]

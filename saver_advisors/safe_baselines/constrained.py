@@ -25,6 +25,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
 from saver_advisors.safe_baselines.costs import Array, CostCritic, EpisodeCosts, read_costs
+from saver_envs.validation import require, require_share
 
 DEFAULT_COST_LIMIT = 1.0
 
@@ -80,19 +81,12 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
     def _check_arguments(self) -> None:
         limit = self.cost_limit
         number = isinstance(limit, int | float | np.number) and not isinstance(limit, bool)
-        if not number or not math.isfinite(limit) or limit < 0:
-            raise ValueError(
-                f"cost_limit={limit!r} must be a finite number of at least 0: the permitted mean "
-                f"cost of an episode"
-            )
-        if not 0.0 < self.cost_gamma <= 1.0:
-            raise ValueError(f"cost_gamma={self.cost_gamma} must lie in (0, 1]")
-        if not 0.0 <= self.cost_gae_lambda <= 1.0:
-            raise ValueError(f"cost_gae_lambda={self.cost_gae_lambda} must lie in [0, 1]")
-        if self.n_cost_critic_updates < 1:
-            raise ValueError(
-                f"n_cost_critic_updates={self.n_cost_critic_updates} must be at least 1"
-            )
+        wanted = "a finite number of at least 0: the permitted mean cost of an episode"
+        require("cost_limit", limit, number and 0 <= limit < math.inf, wanted)
+        require("cost_gamma", self.cost_gamma, 0.0 < self.cost_gamma <= 1.0, "in (0, 1]")
+        require_share("cost_gae_lambda", self.cost_gae_lambda)
+        updates = self.n_cost_critic_updates
+        require("n_cost_critic_updates", updates, updates >= 1, "at least 1")
 
     def _setup_model(self) -> None:
         self._check_arguments()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,7 +14,7 @@ from gymnasium import spaces
 from sb3_contrib import TRPO
 from sb3_contrib.common.utils import flat_grad
 from stable_baselines3.common.buffers import RolloutBuffer
-from stable_baselines3.common.distributions import Distribution, kl_divergence
+from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.common.utils import explained_variance
 from torch import nn
 from torch.nn import functional
@@ -35,26 +36,6 @@ class Surrogates:
     reward: th.Tensor
     cost: th.Tensor
     divergence: th.Tensor
-
-
-@dataclass(frozen=True)
-class Batch:
-    """A whole rollout, with steps and environments flattened into one axis of n.
-
-    :param observations: as for the policy.
-    :param actions: as for its distribution.
-    :param log_prob: (n,) of the actions under the old policy.
-    :param advantages: (n,) of rewards, standardised if the algorithm does so.
-    :param cost_advantages: (n,) of costs, centred.
-    :param old: the distribution that the actions were drawn from.
-    """
-
-    observations: Any
-    actions: th.Tensor
-    log_prob: th.Tensor
-    advantages: th.Tensor
-    cost_advantages: th.Tensor
-    old: Distribution
 
 
 class CPO(CostConstrainedMixin, TRPO):
@@ -82,13 +63,14 @@ class CPO(CostConstrainedMixin, TRPO):
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
         self._flatten_rollout()
-        parameters = self._update_policy(self._batch())
+        parameters = self._update_policy(self._comparison())
         self._train_value_function(parameters)
         self._train_cost_critic(self.batch_size)
         self._n_updates += 1
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 
-    def _batch(self) -> Batch:
+    def _comparison(self) -> Callable[[], Surrogates]:
+        """Return what compares the current policy with the one that collected the rollout."""
         buffer = self.rollout_buffer
         indices = np.arange(0, buffer.buffer_size * buffer.n_envs, self.sub_sampling_factor)
         samples = buffer._get_samples(indices)
@@ -100,37 +82,27 @@ class CPO(CostConstrainedMixin, TRPO):
             advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
         costs = th.as_tensor(RolloutBuffer.swap_and_flatten(self._cost_rollout.advantages))
         costs = costs.flatten()[th.as_tensor(indices)].to(self.device)
+        costs = costs - costs.mean()
         with th.no_grad():
             old = copy.copy(self.policy.get_distribution(samples.observations))
-        return Batch(
-            samples.observations,
-            actions,
-            samples.old_log_prob,
-            advantages,
-            costs - costs.mean(),
-            old,
-        )
 
-    def _surrogates(self, batch: Batch) -> Surrogates:
-        """Compare the current policy with the one that collected the rollout."""
-        distribution = self.policy.get_distribution(batch.observations)
-        ratio = th.exp(distribution.log_prob(batch.actions) - batch.log_prob)
-        return Surrogates(
-            (batch.advantages * ratio).mean(),
-            (batch.cost_advantages * ratio).mean(),
-            kl_divergence(distribution, batch.old).mean(),
-        )
+        def compare() -> Surrogates:
+            distribution = self.policy.get_distribution(samples.observations)
+            ratio = th.exp(distribution.log_prob(actions) - samples.old_log_prob)
+            divergence = kl_divergence(distribution, old).mean()
+            return Surrogates((advantages * ratio).mean(), (costs * ratio).mean(), divergence)
+
+        return compare
 
     def _excess(self) -> float:
         """Compute c, the excess over the limit in the unit of the surrogate of the cost."""
-        assert self.mean_episode_cost is not None
-        assert self.mean_episode_length is not None
+        assert self.mean_episode_cost is not None and self.mean_episode_length is not None
         excess = self.mean_episode_cost - self.cost_limit
         return excess / self.mean_episode_length if self.divide_by_episode_length else excess
 
-    def _update_policy(self, batch: Batch) -> list[nn.Parameter]:
+    def _update_policy(self, compare: Callable[[], Surrogates]) -> list[nn.Parameter]:
         """Take one constrained step; return the parameters that the distribution depends on."""
-        before = self._surrogates(batch)
+        before = compare()
         parameters, reward_gradient, divergence_gradient, _ = self._compute_actor_grad(
             before.divergence, before.reward
         )
@@ -148,7 +120,7 @@ class CPO(CostConstrainedMixin, TRPO):
         excess = self._excess()
         step = best_step(q, r, s, excess, self.target_kl)
         direction = step.reward * x - step.cost * p
-        after, taken = self._line_search(batch, parameters, direction, before, step, excess)
+        after, taken = self._line_search(compare, parameters, direction, before, step, excess)
         self.logger.record("train/policy_objective", after.reward.item())
         self.logger.record("train/cost_change", (after.cost - before.cost).item())
         self.logger.record("train/cost_excess", excess)
@@ -162,7 +134,7 @@ class CPO(CostConstrainedMixin, TRPO):
 
     def _line_search(
         self,
-        batch: Batch,
+        compare: Callable[[], Surrogates],
         parameters: list[nn.Parameter],
         direction: th.Tensor,
         before: Surrogates,
@@ -180,7 +152,7 @@ class CPO(CostConstrainedMixin, TRPO):
         with th.no_grad():
             for _ in range(self.line_search_max_iter):
                 _move(parameters, origin + fraction * direction)
-                after = self._surrogates(batch)
+                after = compare()
                 if (
                     after.divergence <= self.target_kl
                     and after.cost - before.cost <= max(-excess, 0.0)

@@ -22,7 +22,6 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 
 from saver_advisors.learner.algorithms import GoalLearnerMixin
-from saver_advisors.learner.replay import GoalReplayBuffer
 from saver_advisors.reporting.provenance import write_json_atomic
 from saver_envs.files import read_json
 from saver_envs.weights import read_weights, write_weights
@@ -75,7 +74,6 @@ def save_checkpoint(folder: Path, model: GoalLearnerMixin, extra: dict[str, Any]
         partial.mkdir(parents=True)
         save_policy(partial / POLICY_FILE, model.policy)
         write_weights(partial / TRAINING_FILE, KIND, _training_tensors(model), {})
-        assert isinstance(model.replay_buffer, GoalReplayBuffer)  # the mixin checks it
         model.replay_buffer.save_npz(partial / REPLAY_FILE)
         files = {path.name: _file_checksum(path) for path in sorted(partial.iterdir())}
         # Through JSON, as it is read back: tuples become lists, numbers as keys text.
@@ -115,7 +113,6 @@ def load_checkpoint(folder: Path, model: GoalLearnerMixin) -> dict[str, Any]:
     state = read_state(folder)
     load_policy(folder / POLICY_FILE, model.policy)
     _load_training_tensors(folder / TRAINING_FILE, model)
-    assert isinstance(model.replay_buffer, GoalReplayBuffer)
     model.replay_buffer.load_npz(folder / REPLAY_FILE)
     random = state["random"]
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,15 +33,17 @@ def evaluate_trained(
     :return: the outcome of each episode.
     """
     config = RunConfig.from_mapping(read_record(run_dir)["config"])
-    model = load_trained(run_dir, which)
-    return evaluate_policy(
-        lambda observation: model.predict(observation, deterministic=True)[0],
-        config.env_id,
-        episodes=episodes,
-        seed=seed,
-        env_kwargs=config.env_kwargs,
-        threads=threads,
-    )
+    model, options = load_trained(run_dir, which), {"threads": threads}
+    return _evaluated(model, config.env_id, config.env_kwargs, episodes, seed, **options)
+
+
+def _evaluated(
+    model: Any, env_id: str, env_kwargs: Mapping[str, Any], episodes: int, seed: int, **named: Any
+) -> EpisodeOutcomes:
+    """Evaluate the deterministic actions of a model or a frozen policy."""
+    predict = partial(model.predict, deterministic=True)
+    named |= {"episodes": episodes, "seed": seed, "env_kwargs": env_kwargs}
+    return evaluate_policy(lambda observation: predict(observation)[0], env_id, **named)
 
 
 def _rates(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,14 +66,10 @@ def remeasure(weights: str | Path, path: str | Path, episodes: int | None = None
     :raises ValueError: for a damaged file, or an environment that does not exist.
     """
     policy = load_policy(weights)
-    summary = evaluate_policy(
-        lambda observation: policy.predict(observation, deterministic=True)[0],
-        policy.card.env_id,
-        episodes=policy.card.success_episodes if episodes is None else episodes,
-        seed=REPORT_SEED,
-        env_kwargs=policy.card.env_kwargs,
-    ).summary()
-    save_policy(path, policy, replace(policy.card, **_rates(summary)))
+    card = policy.card
+    n = card.success_episodes if episodes is None else episodes
+    summary = _evaluated(policy, card.env_id, card.env_kwargs, n, REPORT_SEED).summary()
+    save_policy(path, policy, replace(card, **_rates(summary)))
     return summary
 
 

@@ -25,7 +25,7 @@ from saver_advisors.evaluation.episodes import Observation, evaluate_policy, for
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
-from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
+from saver_advisors.learner.replay import DemonstrationReplayBuffer
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
 from saver_advisors.training.building import build_model, build_stages, demonstration_steps
 from saver_advisors.training.checkpoint import (
@@ -301,7 +301,6 @@ class Run:
 
     def _checkpoint(self) -> None:
         """Save everything, then continue as a resumed run would."""
-        assert isinstance(self.model.replay_buffer, GoalReplayBuffer)
         self.model.replay_buffer.end_running_episodes()
         extra = {
             "config": self.config.to_mapping(),

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
+from saver_envs.validation import require
+
 
 @contextmanager
 def threads_of_algebra(threads: int) -> Iterator[None]:
@@ -14,8 +16,7 @@ def threads_of_algebra(threads: int) -> Iterator[None]:
     :param threads: threads of torch.
     :raises ValueError: for less than one.
     """
-    if threads < 1:
-        raise ValueError(f"threads={threads!r} must be at least 1")
+    require("threads", threads, threads >= 1, "at least 1")
     import torch
     from threadpoolctl import threadpool_limits
 

@@ -14,6 +14,7 @@ from saver_advisors.advising import Advisor
 from saver_advisors.learner.algorithms import task_of
 from saver_advisors.learner.replay import GoalReplayBuffer, RewardFunction
 from saver_advisors.variable_reward.stages import StageClock, TrainingStage, check_stages
+from saver_envs.validation import require
 
 
 def reward_of(stage: TrainingStage, task: Any) -> RewardFunction:
@@ -62,11 +63,11 @@ class StageControl(StageClock):
         *,
         constraint_value_weight: float = 1.0,
     ) -> None:
-        if not constraint_value_weight >= 0:
-            raise ValueError(f"constraint_value_weight={constraint_value_weight} must be 0 or more")
+        weight = constraint_value_weight
+        require("constraint_value_weight", weight, weight >= 0, "0 or more")
         super().__init__(stages)
         self._model: Any = model
-        self._weight = constraint_value_weight
+        self._weight = weight
         buffer = model.replay_buffer
         if not isinstance(buffer, GoalReplayBuffer):
             raise TypeError(

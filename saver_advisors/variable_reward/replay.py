@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, get_args
 
 from saver_advisors.learner.episodes import FloatArray, IntArray
 from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_envs.validation import require
 
 ConstraintRelabelling = Literal["next", "future", "keep"]
 RELABELLINGS: Final[tuple[str, ...]] = get_args(ConstraintRelabelling)
@@ -38,11 +39,9 @@ class ConstraintReplayBuffer(GoalReplayBuffer):
         goal_size: int = 3,
         **named: Any,
     ) -> None:
-        if constraint_relabelling not in RELABELLINGS:
-            raise ValueError(
-                f"constraint_relabelling={constraint_relabelling!r} must be one of "
-                f"{', '.join(RELABELLINGS)}"
-            )
+        known = constraint_relabelling in RELABELLINGS
+        wanted = f"one of {', '.join(RELABELLINGS)}"
+        require("constraint_relabelling", constraint_relabelling, known, wanted)
         super().__init__(*arguments, **named)
         self.constraint_relabelling = constraint_relabelling
         size = self.achieved_goal.shape[-1]
@@ -52,12 +51,10 @@ class ConstraintReplayBuffer(GoalReplayBuffer):
                 f"of {goal_size}"
             )
 
-    def _relabel(
-        self, desired: FloatArray, slot: IntArray, step: IntArray, probability: float
-    ) -> IntArray:
+    def _relabel(self, desired: FloatArray, slot: IntArray, step: IntArray) -> IntArray:
         """Relabel goals in place as the parent does, and the required value as configured."""
         required = desired[:, -1].copy()
-        goal_step = super()._relabel(desired, slot, step, probability)
+        goal_step = super()._relabel(desired, slot, step)
         if self.constraint_relabelling == "future":
             return goal_step
         desired[:, -1] = required

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, Literal, get_args
 
+from saver_envs.validation import require
+
 StageName = Literal["teaching", "stretching", "exploring"]
 STAGES: Final[tuple[str, ...]] = get_args(StageName)
 
@@ -50,7 +52,7 @@ class SwitchRule:
             if kind == "success" and 0 < value <= 1:
                 return cls("success", value)
         wanted = "'budget', 'steps N' with N above 0, or 'success S' with S above 0 and at most 1"
-        raise ValueError(f"until={text!r} must be {wanted}")
+        raise ValueError(f"until={text!r}: must be {wanted}")
 
     def is_met(self, stage_steps: int, advice_left: int, success_rate: float | None) -> bool:
         """Return whether the stage is over.
@@ -81,8 +83,7 @@ class TrainingStage:
     until: SwitchRule | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in STAGES:
-            raise ValueError(f"stage={self.name!r} must be one of {', '.join(STAGES)}")
+        require("stage", self.name, self.name in STAGES, f"one of {', '.join(STAGES)}")
         if self.until is not None and self.until.kind == "budget" and not self.advised:
             raise ValueError(
                 f"stage {self.name!r} cannot end with the advice budget, which is spent only in "
@@ -120,8 +121,7 @@ def check_stages(stages: Sequence[TrainingStage]) -> None:
         other than the last has no end, or the last has one.
     """
     names = [stage.name for stage in stages]
-    if not names:
-        raise ValueError(f"stages={names} must be one or more of {', '.join(STAGES)}")
+    require("stages", names, bool(names), f"one or more of {', '.join(STAGES)}")
     places = [STAGES.index(name) for name in names]
     if any(first >= second for first, second in pairwise(places)):
         raise ValueError(f"stages={names}: their order is {', '.join(STAGES)}, each at most once")

@@ -420,7 +420,7 @@ def test_11_the_loop_in_processes_goes_on_under_attack(
     with ProcessLoop(settings, bench, {"moving": ("kinematics",)}) as apart:
         insider = attack(apart.hub.admit(TARGETS))
         stranger = attack(apart.hub.admit(TARGETS), bare=True)
-        apart.reset(0)
+        apart.loop.reset(0)
         start = bench.joint_position()
         apart.run_until(0.4)
         before = memory()  # the loop itself has what it needs by now

@@ -35,7 +35,7 @@ PATIENCE = 60.0
 def test_a_killed_process_is_held_for_and_comes_back() -> None:
     bench = EpisodesBench(make_episodes("DualMicoPush-v0"))
     with ProcessLoop(SETTINGS, bench, {"planning": ("policy",)}) as apart:
-        apart.reset(0)
+        apart.loop.reset(0)
         start = bench.joint_position()
         apart.run_until(0.6)
         assert np.abs(bench.joint_position() - start).max() > 0.01, "the policy must drive the arms"

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from reproduction.wrist_push.faults import FAULTS, with_fault
+from reproduction.wrist_push.injections import ALLOWED, DURATION, inject
 from saver_advisors.integration import perception_stages
 from saver_advisors.integration.assembly import LoopSettings, build_loop, settings_for
-from saver_advisors.integration.faults import FAULTS, with_fault
-from saver_advisors.integration.injections import ALLOWED, DURATION, inject
 from saver_advisors.integration.messages import Message, Person
 from saver_advisors.integration.perception_stages import Estimator, PictureCheckStage, PoseStage
 from saver_advisors.integration.stage import LoopStage

@@ -460,7 +460,7 @@ def test_a_header_out_of_range_is_named(tmp_path: Path, name: str, value: Any) -
         arrays = dict(archive)
     header = json.loads(str(arrays["header"]))
     np.savez(path, **arrays | {"header": np.array(json.dumps({**header, name: value}))})
-    with pytest.raises(ValueError, match=rf"replay\.npz: {name}={value!r} must lie from 0 to"):
+    with pytest.raises(ValueError, match=rf"replay\.npz: {name}={value!r}: must be from 0 to"):
         buffer.load_npz(path)
 
 

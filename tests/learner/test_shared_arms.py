@@ -287,5 +287,5 @@ def test_a_description_of_too_many_arms_is_refused(tmp_path: Path) -> None:
     model = make_model()
     model.policy_kwargs["arms"]["n_arms"] = 10**9
     model.save(tmp_path / "model.zip")
-    with pytest.raises(ValueError, match="n_arms=1000000000 must be 1 to"):
+    with pytest.raises(ValueError, match="n_arms=1000000000: must be 1 to"):
         load_teacher(tmp_path / "model.zip")

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from reproduction.wrist_push.faults import FAULTS, with_fault
 from saver_advisors.integration.assembly import LoopSettings, build_loop
-from saver_advisors.integration.faults import FAULTS, with_fault
 from saver_advisors.integration.health import STOPPED
 from saver_advisors.integration.messages import Message, ServoCommand
 from saver_advisors.integration.wrist_bench import WristBench
