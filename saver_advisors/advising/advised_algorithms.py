@@ -198,9 +198,8 @@ class AdvisedMixin(OffPolicyAlgorithm):
         executed = np.where(replaced, np.clip(advised_action, box.low, box.high), action)
         # All other entries stay bit-equal to the student's.
         stored = np.where(replaced, self.policy.scale_action(executed), buffer_action)
-        return executed.astype(action.dtype, copy=False), stored.astype(
-            buffer_action.dtype, copy=False
-        )
+        stored = stored.astype(buffer_action.dtype, copy=False)
+        return executed.astype(action.dtype, copy=False), stored
 
     def _store_transition(
         self,

@@ -167,17 +167,16 @@ class Advisor:
         mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
         actions = student_actions
         if self.active:
+            compared = student_actions if compared_actions is None else compared_actions
             by_arm = self.mapping.split_action(student_actions)
-            observations, goals, achieved_goals = self._by_arm(observation)
+            observations, goals, achieved_goals = self.mapping.split(observation)
             context = AdviceContext(
                 teachers=self.teachers,
                 observations=observations,
                 goals=goals,
                 achieved_goals=achieved_goals,
                 teacher_actions=self.teachers.act(observations, goals, achieved_goals),
-                student_actions=by_arm
-                if compared_actions is None
-                else self.mapping.split_action(compared_actions),
+                student_actions=self.mapping.split_action(compared),
                 budget=self.budget,
                 advisable=self.advisable,
                 twin_minimum=self.twin_minimum,
@@ -211,21 +210,13 @@ class Advisor:
             )
         return wanted & self.advisable
 
-    def _by_arm(self, observation: Observation) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Observations, desired and achieved goals, each (n_envs, n_arms, size)."""
-        return (
-            self.mapping.split_observation(observation["observation"]),
-            self.mapping.split_goal(observation["desired_goal"]),
-            self.mapping.split_goal(observation["achieved_goal"]),
-        )
-
     def teacher_actions(self, observation: Observation) -> FloatArray:
         """Compute the teachers' actions, regardless of strategy and budget; nothing is counted.
 
         :param observation: as for `advise`.
         :return: (n_envs, n_arms, action_size), in the environment's units.
         """
-        return self.teachers.act(*self._by_arm(observation))
+        return self.teachers.act(*self.mapping.split(observation))
 
     def propose(
         self,

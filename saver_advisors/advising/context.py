@@ -83,8 +83,9 @@ class AdviceBudget:
 def _count(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise TypeError(f"{name}={value!r} must be a whole number of environment steps")
-    require(name, value, bool(value >= 0), "0 or more, the number of environment steps to advise")
-    return int(value)
+    number = int(value)
+    require(name, number, number >= 0, "0 or more, the number of environment steps to advise")
+    return number
 
 
 @dataclass(frozen=True)

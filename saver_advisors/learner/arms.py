@@ -16,6 +16,9 @@ POSE_SIZE = 4
 """Numbers that say where a neighbour's base stands: x and y (m), cosine and sine of its turn."""
 
 
+GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
+"""The entries of a goal environment's Dict observation."""
+
 MOST = 1024
 """Bound on the sizes, so that the description in a file cannot allocate gigabytes."""
 
@@ -90,20 +93,16 @@ class ArmBlocks:
 
     def sizes_of_arm(self) -> dict[str, int]:
         """Return the sizes of what one arm sees of the entries."""
-        keys = ("observation", "achieved_goal", "desired_goal")
-        return {key: self._block(key) + self._tail(key) for key in keys}
+        return {key: sum(self._block_and_tail(key)) for key in GOAL_KEYS}
 
     def sizes(self) -> dict[str, int]:
         """Return the sizes of the entries of all arms."""
-        goal = self.n_arms * self.goal + self.shared_goal
-        observation = self.n_arms * self.observation
-        return {"observation": observation, "achieved_goal": goal, "desired_goal": goal}
+        parts = {key: self._block_and_tail(key) for key in GOAL_KEYS}
+        return {key: self.n_arms * block + tail for key, (block, tail) in parts.items()}
 
-    def _block(self, key: str) -> int:
-        return self.observation if key == "observation" else self.goal
-
-    def _tail(self, key: str) -> int:
-        return 0 if key == "observation" else self.shared_goal
+    def _block_and_tail(self, key: str) -> tuple[int, int]:
+        """Return the sizes of an arm's block of an entry, and of what all arms share."""
+        return (self.observation, 0) if key == "observation" else (self.goal, self.shared_goal)
 
     def split(self, key: str, values: th.Tensor) -> th.Tensor:
         """Return what each arm sees of an entry: its block, then what all share.
@@ -112,9 +111,10 @@ class ArmBlocks:
         :param values: (batch, size) of all arms.
         :return: (batch * n_arms, size of one arm).
         """
-        end = self.n_arms * self._block(key)
-        blocks = values[:, :end].reshape(len(values) * self.n_arms, self._block(key))
-        if self._tail(key) == 0:
+        block, tail = self._block_and_tail(key)
+        end = self.n_arms * block
+        blocks = values[:, :end].reshape(len(values) * self.n_arms, block)
+        if tail == 0:
             return blocks
         return th.cat((blocks, values[:, end:].repeat_interleave(self.n_arms, dim=0)), dim=1)
 
@@ -126,7 +126,7 @@ class ArmBlocks:
         found: list[list[int]] = [[] for _ in range(self.n_arms)]
         start = 0
         for key in keys:
-            block, tail = self._block(key), self._tail(key)
+            block, tail = self._block_and_tail(key)
             end = start + self.n_arms * block
             for arm, own in enumerate(found):
                 own += range(start + arm * block, start + (arm + 1) * block)

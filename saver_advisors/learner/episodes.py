@@ -22,6 +22,7 @@ from gymnasium import spaces
 from numpy.lib.npyio import NpzFile
 from stable_baselines3.common.buffers import ReplayBuffer
 
+from saver_advisors.learner.arms import GOAL_KEYS
 from saver_envs.files import written_whole
 from saver_envs.validation import require
 
@@ -29,7 +30,6 @@ FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-GOAL_KEYS = ("observation", "achieved_goal", "desired_goal")
 FILE_FORMAT = "saver-goal-replay-1"
 _MOST_HEADER_BYTES = 2**20
 _SLOT_ARRAYS = ("length", "observation", "achieved_goal", "desired_goal", "action", "advised")

@@ -127,6 +127,22 @@ def _frozen(module: nn.Module) -> Iterator[None]:
             parameter.requires_grad_(True)
 
 
+def perceptron(
+    inputs: int, outputs: int, hidden: Sequence[int], activation: type[nn.Module], layer_norm: bool
+) -> nn.Sequential:
+    """Build hidden layers of Linear, optional LayerNorm and activation, and a final Linear.
+
+    :param inputs: number of inputs.
+    :param outputs: number of outputs.
+    :param hidden: widths of the hidden layers.
+    :param activation: of the hidden layers.
+    :param layer_norm: whether LayerNorm precedes each activation.
+    """
+    norms: list[type[nn.Module]] = [nn.LayerNorm] if layer_norm else []
+    layers = create_mlp(inputs, outputs, list(hidden), activation, post_linear_modules=norms)
+    return nn.Sequential(*layers)
+
+
 def _add_networks(
     critic: Any, n_critics: int, output_dim: int, layer_norm: bool, arguments: Mapping[str, Any]
 ) -> None:
@@ -134,15 +150,9 @@ def _add_networks(
     critic.value_bounds = None
     critic.n_critics = n_critics
     input_dim = arguments["features_dim"] + int(np.prod(critic.action_space.shape or ()))
+    hidden, kind = arguments["net_arch"], arguments.get("activation_fn", nn.ReLU)
     for index in range(n_critics):
-        layers = create_mlp(
-            input_dim,
-            output_dim,
-            arguments["net_arch"],
-            arguments.get("activation_fn", nn.ReLU),
-            post_linear_modules=[nn.LayerNorm] if layer_norm else [],
-        )
-        network = nn.Sequential(*layers)
+        network = perceptron(input_dim, output_dim, hidden, kind, layer_norm)
         critic.add_module(f"qf{index}", network)
         critic.q_networks.append(network)
 

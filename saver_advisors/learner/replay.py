@@ -303,11 +303,9 @@ class DemonstrationReplayBuffer(GoalReplayBuffer):
         demonstrated.slot[:] += self.n_slots
         if n_shown == batch_size:
             return demonstrated
-        own = super().sample_transitions(batch_size - n_shown)
-        shown = vars(demonstrated)
-        return GoalTransitions(
-            **{name: np.concatenate((value, shown[name])) for name, value in vars(own).items()}
-        )
+        own, shown = vars(super().sample_transitions(batch_size - n_shown)), vars(demonstrated)
+        joined = {name: np.concatenate((value, shown[name])) for name, value in own.items()}
+        return GoalTransitions(**joined)
 
     def end_running_episodes(self) -> None:
         """End the running episodes of both buffers."""

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_advisors.learner.arms import GOAL_KEYS
 from saver_advisors.policies.cards import PolicyCard
 from saver_advisors.policies.inference import FloatArray, FrozenPolicy
 from saver_advisors.policies.mapping import ArmMapping
-from saver_advisors.policies.networks import OBSERVATION_KEYS, PolicyNetworks
+from saver_advisors.policies.networks import PolicyNetworks
 from saver_advisors.policies.teacher import Teacher, TeacherGroup
 
 Observation = Mapping[str, NDArray[Any]]
@@ -44,9 +45,7 @@ class _Predictor(ABC):
         del state, episode_start
         if not deterministic:
             raise ValueError("deterministic=False is not possible: frozen policies are not random")
-        given = {
-            key: np.asarray(observation[key]) for key in OBSERVATION_KEYS if key in observation
-        }
+        given = {key: np.asarray(observation[key]) for key in GOAL_KEYS if key in observation}
         if len({values.ndim for values in given.values()}) > 1:
             raise ValueError(f"the observation mixes single entries and batches: {sorted(given)}")
         single = all(values.ndim == 1 for values in given.values())
@@ -96,12 +95,7 @@ class SideBySidePolicy(_Predictor):
         )
 
     def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
-        actions = self._group.act(
-            self.mapping.split_observation(batch["observation"]),
-            self.mapping.split_goal(batch["desired_goal"]),
-            self.mapping.split_goal(batch["achieved_goal"]) if "achieved_goal" in batch else None,
-        )
-        return self.mapping.join_actions(actions)
+        return self.mapping.join_actions(self._group.act(*self.mapping.split(batch)))
 
 
 def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> SideBySidePolicy:

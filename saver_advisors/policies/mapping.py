@@ -7,6 +7,7 @@ a = f_a(a_1..a_n) (5.8) a concatenation, and h_i(a) (5.9) a slice.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -14,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_advisors.policies.networks import OBSERVATION_KEYS
+from saver_advisors.learner.arms import GOAL_KEYS
 from saver_envs.validation import require, require_kind
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -56,7 +57,7 @@ class ArmMapping:
         """
         if not isinstance(observation_space, spaces.Dict):
             raise TypeError(
-                f"advice needs a goal environment: a Dict observation with {OBSERVATION_KEYS}, "
+                f"advice needs a goal environment: a Dict observation with {GOAL_KEYS}, "
                 f"not {observation_space}"
             )
         given = {**observation_space.spaces, "action": action_space}
@@ -74,6 +75,22 @@ class ArmMapping:
                     f"the {name} has size {total}, but {self.n_arms} arm(s) of {size} need "
                     f"{'at least ' * more}{needed}"
                 )
+
+    def split(
+        self, observation: Mapping[str, NDArray[Any]]
+    ) -> tuple[NDArray[Any], NDArray[Any], Any]:
+        """Split the entries of a Dict observation by arm.
+
+        :param observation: `observation`, `desired_goal` and, if it is there, `achieved_goal`.
+        :return: observations, desired and achieved goals, each (..., n_arms, size), views; None
+            for the latter if there are none.
+        """
+        achieved = observation.get("achieved_goal")
+        return (
+            self.split_observation(observation["observation"]),
+            self.split_goal(observation["desired_goal"]),
+            None if achieved is None else self.split_goal(achieved),
+        )
 
     def split_observation(self, observation: NDArray[Scalar]) -> NDArray[Scalar]:
         """Split an observation by arm, s_i = f_i(s) (eq. 5.7).

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import torch
-from stable_baselines3.common.torch_layers import create_mlp
 from torch import Tensor, nn
 
+from saver_advisors.learner.arms import GOAL_KEYS
+from saver_advisors.learner.policies import perceptron
 from saver_envs.validation import require, require_kind
 
 ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = {
@@ -27,9 +28,6 @@ ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = {
     "leaky_relu": nn.LeakyReLU,
 }
 """The activations that a weight file may name; each with torch's default parameters."""
-
-OBSERVATION_KEYS: Final = ("observation", "achieved_goal", "desired_goal")
-"""The entries of a goal environment's Dict observation."""
 
 MAX_WIDTH: Final = 65_536
 MAX_DEPTH: Final = 64
@@ -116,22 +114,12 @@ def _check_size(name: str, value: object) -> None:
 
 def _check_inputs(inputs: tuple[tuple[str, int], ...]) -> None:
     keys = [key for key, _ in inputs]
-    if not keys or len(set(keys)) != len(keys) or not set(keys) <= set(OBSERVATION_KEYS):
+    if not keys or len(set(keys)) != len(keys) or not set(keys) <= set(GOAL_KEYS):
         raise ValueError(
-            f"inputs are {keys}: they must be one or more of {list(OBSERVATION_KEYS)}, each once"
+            f"inputs are {keys}: they must be one or more of {list(GOAL_KEYS)}, each once"
         )
     for key, size in inputs:
         _check_size(f"inputs[{key!r}]", size)
-
-
-def _network(
-    input_size: int, hidden: tuple[int, ...], output_size: int, activation: str, layer_norm: bool
-) -> nn.Sequential:
-    """Return hidden layers of Linear, optional LayerNorm and activation, and a final Linear."""
-    norms: list[type[nn.Module]] = [nn.LayerNorm] if layer_norm else []
-    kind = ACTIVATIONS[activation]
-    layers = create_mlp(input_size, output_size, list(hidden), kind, post_linear_modules=norms)
-    return nn.Sequential(*layers)
 
 
 class PolicyNetworks(nn.Module):
@@ -161,11 +149,10 @@ class PolicyNetworks(nn.Module):
         self.register_buffer("clip", torch.full((size,), math.inf))
         self.register_buffer("action_low", -torch.ones(spec.action_size))
         self.register_buffer("action_high", torch.ones(spec.action_size))
-        kind = spec.activation
-        actor = size, spec.actor_hidden, spec.action_size, kind, spec.actor_layer_norm
-        joined = size + spec.action_size
-        critic = joined, spec.critic_hidden, spec.critic_outputs, kind, spec.critic_layer_norm
-        self.actor = _network(*actor)
-        self.critics = nn.ModuleList(_network(*critic) for _ in range(spec.n_critics))
+        kind, joined = ACTIVATIONS[spec.activation], size + spec.action_size
+        actor = size, spec.action_size, spec.actor_hidden, kind, spec.actor_layer_norm
+        critic = joined, spec.critic_outputs, spec.critic_hidden, kind, spec.critic_layer_norm
+        self.actor = perceptron(*actor)
+        self.critics = nn.ModuleList(perceptron(*critic) for _ in range(spec.n_critics))
         self.requires_grad_(False)
         self.eval()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -197,10 +197,8 @@ class TeacherGroup:
         """
         n_envs = len(observations)
         actions = np.empty((n_envs, self.n_arms, self.action_size), dtype=np.float32)
-        for teacher, arms in self._members:
-            achieved = None if achieved_goals is None else _stack(achieved_goals, arms)
-            batch = teacher.act(_stack(observations, arms), _stack(goals, arms), achieved)
-            actions[:, arms] = batch.reshape(n_envs, len(arms), self.action_size)
+        for teacher, arms, seen in self._batches(observations, goals, achieved_goals):
+            actions[:, arms] = teacher.act(*seen).reshape(n_envs, len(arms), self.action_size)
         return actions
 
     def q_value(
@@ -223,18 +221,18 @@ class TeacherGroup:
         """
         n_candidates, n_envs = actions.shape[:2]
         values = np.empty((n_candidates, n_envs, self.n_arms), dtype=np.float32)
-        for teacher, arms in self._members:
-            achieved = None if achieved_goals is None else _stack(achieved_goals, arms)
+        for teacher, arms, (seen, goal, achieved) in self._batches(
+            observations, goals, achieved_goals
+        ):
             candidates = actions[:, :, arms].reshape(n_candidates, -1, self.action_size)
-            batch = teacher.q_value(
-                _stack(observations, arms),
-                _stack(goals, arms),
-                candidates,
-                achieved,
-                twin_minimum=twin_minimum,
-            )
+            batch = teacher.q_value(seen, goal, candidates, achieved, twin_minimum=twin_minimum)
             values[:, :, arms] = batch.reshape(n_candidates, n_envs, len(arms))
         return values
+
+    def _batches(self, *parts: NDArray[Any] | None) -> Iterator[tuple[Teacher, list[int], Any]]:
+        """Yield each teacher, its arms, and the parts of these with the arms in the batch."""
+        for teacher, arms in self._members:
+            yield teacher, arms, [None if one is None else _stack(one, arms) for one in parts]
 
 
 def _stack(per_arm: NDArray[Any], arms: list[int]) -> NDArray[Any]:

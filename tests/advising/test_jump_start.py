@@ -142,7 +142,7 @@ def test_a_run_by_success_resumes(tmp_path: Path) -> None:
         ({"stages": 1.5}, "stages=1.5"),
         ({"stages": True}, "stages=True"),
         ({"horizon": 0}, "horizon=0"),
-        ({"success": 0.0}, r"success=0.0 must be a number in \(0, 1\]"),
+        ({"success": 0.0}, r"success=0.0: must be a number in \(0, 1\]"),
         ({"success": 1.1}, "success=1.1"),
         ({"success": float("nan")}, "success=nan"),
         ({"stage": 3}, "'jump-start' takes no stage=3; its settings are stages, success, horizon"),

@@ -50,7 +50,7 @@ def test_a_stage_is_read() -> None:
     assert TrainingStage.parse("stretching", "steps 5") == TrainingStage(
         "stretching", SwitchRule("steps", 5)
     )
-    with pytest.raises(ValueError, match="stage='resting' must be one of teaching, stretching"):
+    with pytest.raises(ValueError, match="stage='resting': must be one of teaching, stretching"):
         TrainingStage.parse("resting")
     with pytest.raises(ValueError, match="until='never'"):
         TrainingStage.parse("teaching", "never")

@@ -220,7 +220,7 @@ def weights(model: Any) -> dict[str, Any]:
         (TINY, "net_arch=[8] cannot hold the teachers side by side"),
         ((*STARTING, "replay_buffer_class=saver_advisors.Buffer"), "is unknown"),
         ((*STARTING, "callback=[{saver_advisors.variable_reward.StagesCallback: "
-          "{stages: [{stage: resting}]}}]"), "stage='resting' must be one of"),
+          "{stages: [{stage: resting}]}}]"), "stage='resting': must be one of"),
     ],
 )  # fmt: skip
 def test_settings_that_the_algorithm_refuses_are_told_in_a_line(
