@@ -31,7 +31,7 @@ def all_pages(output: Path) -> dict[str, str]:
     """
     results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
-    pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
+    pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries) + GENERATED
     pages["worlds.md"] = worlds_page(sparse_ids()) + GENERATED
     pages["weights.md"] = weights_page() + GENERATED

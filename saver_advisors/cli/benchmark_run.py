@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.arguments import (
+    add,
     add_count,
+    add_env,
     add_env_kwargs,
     add_folder,
     add_settings,
-    at_least,
     checked_env_kwargs,
-    env_id,
     settings,
 )
 from saver_advisors.cli.evaluate import show
@@ -76,26 +76,17 @@ def seed_range(text: str) -> list[int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
-    parser.add_argument(
-        "--algo", required=True, metavar="MODULE:CLASS", help="the algorithm; or FILE.py:CLASS"
-    )
+    add_env(parser, required=True)
+    add(parser, "--algo", "the algorithm; or FILE.py:CLASS", required=True, metavar="MODULE:CLASS")
     text = "its keyword arguments as YAML; import:MODULE:NAME refers to a class"
     add_settings(parser, "--algo-kwargs", text)
-    parser.add_argument("--name", help="its name in tables (default: the class's name)")
-    parser.add_argument(
-        "--steps",
-        type=at_least(1),
-        metavar="N",
-        help="total environment steps (default: the environment's, as in `saver train`)",
-    )
+    add(parser, "--name", "its name in tables (default: the class's name)")
+    text = "total environment steps (default: the environment's, as in `saver train`)"
+    add_count(parser, "--steps", None, text)
     which = parser.add_mutually_exclusive_group(required=True)
-    which.add_argument(
-        "--seed", type=at_least(0), metavar="S", help="seed of all random numbers of one run"
-    )
-    which.add_argument(
-        "--seeds", type=seed_range, metavar="A-B", help="seeds of several runs: 0-4, or 0,3,7"
-    )
+    text = "seed of all random numbers of one run"
+    add_count(which, "--seed", None, text, least=0, metavar="S")
+    add(which, "--seeds", "seeds of several runs: 0-4, or 0,3,7", type=seed_range, metavar="A-B")
     add_count(parser, "--processes", 1, "runs in parallel, with --seeds")
     add_folder(parser, "--output", "folder of the result file", required=True)
     add_count(parser, "--n-envs", 16, "environments stepped in parallel")

@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from saver_advisors.cli.arguments import (
         add_count,
+        add_flag,
         add_page,
         add_seconds,
         add_several,
@@ -44,12 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_several(parser, "--threads", count, THREADS, "native threads, each on its own core")
     add_count(parser, "--rounds", 9, "rounds of each median")
     add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
-    parser.add_argument(
-        "--peers",
-        action="store_true",
-        help=f"also time {', '.join(peer.name for peer in PEERS)}, each in a virtual environment "
-        "created at first use",
-    )
+    peers = ", ".join(peer.name for peer in PEERS)
+    text = f"also time {peers}, each in a virtual environment created at first use"
+    add_flag(parser, "--peers", text)
     add_peer_cache(parser)
     add_page(parser)
 

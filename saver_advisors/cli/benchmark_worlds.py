@@ -33,14 +33,14 @@ success and, after the slash, with success and without any collision. `none` is 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import add_count, add_page, env_id
+    from saver_advisors.cli.arguments import add, add_count, add_env, add_page
 
     text = "policies as in `saver evaluate` (default: every shipped one)"
-    parser.add_argument("--policies", nargs="+", metavar="POLICY", help=text)
+    add(parser, "--policies", text, nargs="+", metavar="POLICY")
     text = "environment of policies that do not ship; a shipped one has its own"
-    parser.add_argument("--env", type=env_id, metavar="ID", help=text)
+    add_env(parser, text)
     text = "values of randomization (default: none, mild, wide, every held-out range, all of them)"
-    parser.add_argument("--worlds", nargs="+", metavar="NAME", help=text)
+    add(parser, "--worlds", text, nargs="+", metavar="NAME")
     add_count(parser, "--episodes", 200, "episodes of each policy in each world")
     add_count(parser, "--seed", 0, "seed of episode 0", least=0)
     add_page(parser)

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         videos=videos,
         scenes=scenes,
         environment_columns=COLUMNS,
-        environment_rows=row_cells([vars(entry(name)) for name in sparse_ids()], COLUMNS.values()),
+        environment_rows=row_cells(map(entry, sparse_ids()), COLUMNS.values()),
     )
     (args.output / "index.html").write_text(page, encoding="utf-8")
     for path in (args.output / "demo.json", args.json):

@@ -10,13 +10,14 @@ import time
 from typing import Any
 
 from saver_advisors.cli.arguments import (
+    add,
     add_count,
+    add_env,
     add_env_kwargs,
     add_figure,
     add_file,
     add_json,
     checked_env_kwargs,
-    env_id,
     write_json,
 )
 from saver_advisors.reporting.errors import user_mistakes
@@ -47,21 +48,16 @@ policies:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
-    parser.add_argument(
-        "--policy", required=True, metavar="POLICY", help="the policy; see the list below"
-    )
+    add_env(parser, required=True)
+    add(parser, "--policy", "the policy; see the list below", required=True, metavar="POLICY")
     add_count(parser, "--episodes", 100, "number of episodes")
     add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
     add_env_kwargs(parser)
     add_json(parser)
     text = "record a video of the first episodes"
     add_file(parser, "--video", text, ".mp4", metavar="FILE.mp4")
-    add_figure(
-        parser,
-        "--paths",
-        "plot the paths of hands and objects in the first episode, and the objects' distance",
-    )
+    text = "plot the paths of hands and objects in the first episode, and the objects' distance"
+    add_figure(parser, "--paths", text)
     add_count(parser, "--video-episodes", 4, "number of recorded episodes")
 
 

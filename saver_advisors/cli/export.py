@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_file, add_json, at_least, write_json
+from saver_advisors.cli.arguments import add, add_count, add_file, add_json, add_path, write_json
 from saver_advisors.cli.runs import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -30,16 +30,14 @@ EPISODES = 200
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     text = "a folder of `saver train`, or a weight file"
-    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help=text)
+    add_path(parser, "run_dir", text, metavar="RUN_DIR")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument(
-        "--name",
-        help="add it to the shipped policies under this name; only in a clone of the repository",
-    )
+    text = "add it to the shipped policies under this name; only in a clone of the repository"
+    add(where, "--name", text)
     add_file(where, "--path", "write the weights to this file", ".safetensors")
     text = "episodes per evaluation (default: 200, or as on the card of a weight file)"
-    parser.add_argument("--episodes", type=at_least(1), metavar="N", help=text)
-    parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
+    add_count(parser, "--episodes", None, text)
+    add(parser, "--task", "description of the task, for the card", metavar="TEXT")
     add_json(parser)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
+    add,
     add_count,
     add_figure,
     add_file,
@@ -44,13 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     train = steps.add_parser("train", help="train an inverse model and write its weights")
     _add_model_arguments(train)
-    train.add_argument(
-        "--data",
-        default="twin",
-        metavar="WHERE",
-        help="twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
-        "inverse kinematics only), or a data file (default: twin)",
-    )
+    text = "twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
+    text += "inverse kinematics only), or a data file"
+    add(train, "--data", text, "twin", metavar="WHERE")
     add_count(train, "--data-seed", 0, "", least=0)
     add_file(train, "--output", "file of the weights", ".safetensors", required=True)
     train.set_defaults(work=_train)
@@ -60,37 +57,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_model_arguments(search)
     add_count(search, "--trials", 50, "")
-    search.add_argument(
-        "--loop-weights",
-        nargs="+",
-        type=float,
-        default=[],
-        metavar="W",
-        help="bigan and dualgan: compare these loop weights instead of architectures, each with "
-        "as many seeds as the trials allow",
-    )
+    text = "bigan and dualgan: compare these loop weights instead of architectures, each with "
+    text += "as many seeds as the trials allow"
+    add(search, "--loop-weights", text, [], nargs="+", type=float, metavar="W")
     add_json(search)
     search.set_defaults(work=_search, data="twin", data_seed=0)
     for step in (data, train, search):
-        step.add_argument("--robot", type=arm, required=True, help="name of the arm")
+        add(step, "--robot", "name of the arm", type=arm, required=True)
 
 
 def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the model and its training."""
-    parser.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
+    add(parser, "--model", "", "mlp", metavar="NAME")
     add_count(parser, "--samples", 60_000, "", least=100)
-    parser.add_argument(
-        "--task",
-        choices=("ik", "id"),
-        default="ik",
-        help="inverse kinematics or inverse dynamics (default: ik)",
+    text = "inverse kinematics or inverse dynamics"
+    add(parser, "--task", text, "ik", choices=("ik", "id"))
+    text = "settings of the training and the architecture: epochs, batch_size, learning_rate, "
+    text += (
+        "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak"
     )
-    add_settings(
-        parser,
-        "--set",
-        "settings of the training and the architecture: epochs, batch_size, learning_rate, "
-        "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak",
-    )
+    add_settings(parser, "--set", text)
 
 
 @one_thread_of_algebra()

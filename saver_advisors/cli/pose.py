@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any, Final
 
-from saver_advisors.cli.arguments import add_file, add_path, new_file, write_json
+from saver_advisors.cli.arguments import add, add_file, add_path, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -28,16 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
     add_file(parser, "--out", f"{text}NAME-poses.png or .mp4)", *PICTURES, ".mp4")
     add_weights(parser)
-    parser.add_argument(
-        "--limbs", nargs="+", metavar="NAME", help="limbs to detect (default: all 13)"
-    )
-    parser.add_argument(
-        "--turn",
-        type=int,
-        default=0,
-        choices=range(4),
-        help="quarter turns, anticlockwise, that bring heads to the top (default: 0)",
-    )
+    add(parser, "--limbs", "limbs to detect (default: all 13)", nargs="+", metavar="NAME")
+    text = "quarter turns, anticlockwise, that bring heads to the top"
+    add(parser, "--turn", text, 0, type=int, choices=range(4))
     text = "write joints (pixels) and confidences of every frame to this file"
     add_file(parser, "--json", text, ".json")
 

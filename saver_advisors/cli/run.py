@@ -8,7 +8,15 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_file, add_folder, add_json, write_json
+from saver_advisors.cli.arguments import (
+    add,
+    add_count,
+    add_file,
+    add_flag,
+    add_folder,
+    add_json,
+    write_json,
+)
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -35,20 +43,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    parser.add_argument("task", choices=TASKS, help="the task")
+    add(parser, "task", "the task", choices=TASKS)
     add_count(parser, "--trials", 1, "number of trials")
     add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
-    parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
-    parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")
+    add_flag(parser, "--true-state", "use the true state, no camera")
+    add_flag(parser, "--exact-ik", "use damped least squares")
     shown = parser.add_mutually_exclusive_group()
     text = "record all trials in this file"
     add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
-    shown.add_argument("--view", action="store_true", help="show the scene in a window")
+    add_flag(shown, "--view", "show the scene in a window")
     add_folder(shown, "--report", "write a page about the trials in this folder")
-    parser.add_argument(
-        "--apart", action="store_true", help="run the stages in three processes, in real time"
-    )
+    add_flag(parser, "--apart", "run the stages in three processes, in real time")
     add_json(parser)
 
 
@@ -57,23 +63,12 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    parser.add_argument(
-        "--policy",
-        default=POLICY,
-        metavar="POLICY",
-        help=f"a shipped policy, a weight file, or expert (default: {POLICY})",
-    )
-    parser.add_argument(
-        "--max-speed",
-        type=float,
-        metavar="M/S",
-        help="of the tools (default: 0.2, Table 5.3)",
-    )
-    parser.add_argument(
-        "--measured-latency",
-        action="store_true",
-        help="use the duration of each call on this machine as its latency",
-    )
+    text = "a shipped policy, a weight file, or expert"
+    add(parser, "--policy", text, POLICY, metavar="POLICY")
+    text = "of the tools (default: 0.2, Table 5.3)"
+    add(parser, "--max-speed", text, type=float, metavar="M/S")
+    text = "use the duration of each call on this machine as its latency"
+    add_flag(parser, "--measured-latency", text)
 
 
 def settings_of(args: argparse.Namespace) -> LoopSettings:

@@ -19,14 +19,17 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import (
+    add,
+    add_count,
+    add_env,
     add_env_kwargs,
+    add_flag,
     add_folder,
     add_json,
     add_path,
     add_seconds,
     add_settings,
     add_threads,
-    at_least,
     env_id,
     teacher,
     write_json,
@@ -52,12 +55,12 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
+    add_env(parser)
     add_folder(parser, "--output", "the run's folder")
-    parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
-    parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
-    parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
-    parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
+    add_flag(parser, "--resume", "continue from its checkpoint")
+    add_count(parser, "--steps", None, "total environment steps")
+    add_count(parser, "--seed", None, "seed of all random numbers", least=0, metavar="S")
+    add(parser, "--algorithm", "ddpg, td3, sac or tqc", metavar="NAME")
     text = "settings in YAML or JSON that replace the environment's defaults"
     add_path(parser, "--config", text)
     text = "any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config"
@@ -65,47 +68,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_env_kwargs(parser)
     add_seconds(parser, "--time-limit", "stop with a checkpoint after this time")
     add_threads(parser)
-    parser.add_argument(
-        "--print-config", action="store_true", help="show the settings as YAML and stop"
-    )
+    add_flag(parser, "--print-config", "show the settings as YAML and stop")
     advice = parser.add_argument_group("advice")
-    advice.add_argument(
-        "--advice",
-        metavar="STRATEGY",
-        help="early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher",
-    )
-    advice.add_argument(
-        "--teacher",
-        type=teacher,
-        metavar="NAME",
-        help="a shipped policy, weight file, run's folder, SB3 zip or MODULE:FUNCTION",
-    )
-    advice.add_argument(
-        "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
-    )
-    advice.add_argument("--threshold", type=float, metavar="T", help="for correcting strategies")
+    text = "early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher"
+    add(advice, "--advice", text, metavar="STRATEGY")
+    text = "a shipped policy, weight file, run's folder, SB3 zip or MODULE:FUNCTION"
+    add(advice, "--teacher", text, type=teacher, metavar="NAME")
+    add_count(advice, "--budget", None, "environment steps that may be advised", least=0)
+    add(advice, "--threshold", "for correcting strategies", type=float, metavar="T")
     zoo = parser.add_argument_group("RL Zoo")
-    zoo.add_argument(
-        "--zoo",
-        metavar="ALGO",
-        help="run under RL Zoo: ddpg, td3, sac, tqc, a goal learner such as goal_td3, or cpo, "
-        "trpolag, ppolag",
-    )
-    zoo.add_argument(
-        "zoo_arguments", nargs="*", metavar="ARG", help="RL Zoo's own arguments, after --"
-    )
+    text = "run under RL Zoo: ddpg, td3, sac, tqc, a goal learner such as goal_td3, or cpo, "
+    add(zoo, "--zoo", f"{text}trpolag, ppolag", metavar="ALGO")
+    add(zoo, "zoo_arguments", "RL Zoo's own arguments, after --", nargs="*", metavar="ARG")
     add_json(parser)
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="write the curve to DIR/tensorboard as well"
-    )
-    parser.add_argument(
-        "--wandb",
-        nargs="?",
-        const="saver",
-        metavar="PROJECT",
-        help="send the curve to Weights & Biases (default project: saver)",
-    )
-    parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    add_flag(parser, "--tensorboard", "write the curve to DIR/tensorboard as well")
+    text = "send the curve to Weights & Biases (default project: saver)"
+    add(parser, "--wandb", text, nargs="?", const="saver", metavar="PROJECT")
+    add_flag(parser, "--no-progress", "show no progress bar")
 
 
 def run(args: argparse.Namespace) -> int:
