@@ -25,12 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the table, draw the figure, write the figures."""
-    from saver_advisors.cli.runs import CURVE_COLUMNS, draw, read_runs
+    from saver_advisors.cli.runs import CURVE_COLUMNS, draw, read_runs, summary
     from saver_advisors.evaluation.metrics import SOLVED
     from saver_advisors.reporting.tables import show_rows
 
     runs = read_runs(args.run_dirs)
-    summaries = [one.summary() for one in runs]
+    summaries = [summary(one) for one in runs]
     show_rows(summaries, CURVE_COLUMNS)
     if args.output is not None:
         draw(runs).savefig(args.output)

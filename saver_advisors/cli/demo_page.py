@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from saver_advisors.cli.demo_learning import TEACHER
-from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, RunCurve, draw
+from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, draw
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.experiments.training_runs import drawn_run
 from saver_advisors.reporting.curve_style import COLOURS
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.tables import row_cells
@@ -69,7 +70,7 @@ def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:
     if not summaries:
         return ""
-    runs = [RunCurve(one["name"], {}, one["points"]) for one in summaries]
+    runs = [drawn_run(one, {}) for one in summaries]
     return _figure_uri(draw(runs, PANELS[:2]))
 
 

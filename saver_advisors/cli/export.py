@@ -46,38 +46,27 @@ def run(args: argparse.Namespace) -> int:
     """Choose the policy, measure it, and write weights and card."""
     from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
     from saver_advisors.reporting.tables import show_rows
-    from saver_advisors.training.release import release_run
+    from saver_advisors.training.release import release_run, remeasure
 
+    path = args.path or shipped_path(args.name)
+    figures: dict[str, Any] = {"kind": "export", "policy": path.stem}
     if args.run_dir.suffix == ".safetensors":
-        return _measure_again(args)
-    episodes = EPISODES if args.episodes is None else args.episodes
-    config = read_run(args.run_dir, "").config
-    env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
-    path = args.path or shipped_path(args.name)
-    print(f"evaluating {args.run_dir}: up to three times {episodes} episodes")
-    with user_mistakes("argument RUN_DIR"):
-        released = release_run(
-            args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=episodes
-        )
-    figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
-    show_rows([figures], EVALUATION_COLUMNS)
-    print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
-    write_json(args.json, {"kind": "export", **released, **figures})
-    return 0
-
-
-def _measure_again(args: argparse.Namespace) -> int:
-    """Measure the policy of a weight file, and write it with a new card."""
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
-    from saver_advisors.reporting.tables import show_rows
-    from saver_advisors.training.release import remeasure
-
-    path = args.path or shipped_path(args.name)
-    with user_mistakes("argument RUN_DIR"):
-        summary = remeasure(args.run_dir, path, args.episodes)
-    show_rows([{"policy": path.stem, **summary}], EVALUATION_COLUMNS)
-    print(f"wrote {path} and {path.with_suffix('.md')}")
-    write_json(args.json, {"kind": "export", "policy": path.stem, "summary": summary})
+        with user_mistakes("argument RUN_DIR"):
+            figures["summary"] = remeasure(args.run_dir, path, args.episodes)
+        shown, chosen = {**figures, **figures["summary"]}, ""
+    else:
+        episodes = EPISODES if args.episodes is None else args.episodes
+        config = read_run(args.run_dir, "").config
+        env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
+        print(f"evaluating {args.run_dir}: up to three times {episodes} episodes")
+        task = args.task or _task(env, env_kwargs)
+        with user_mistakes("argument RUN_DIR"):
+            released = release_run(args.run_dir, path, task=task, episodes=episodes)
+        figures |= {"env_kwargs": env_kwargs, **released, **released["summary"]}
+        shown, chosen = figures, f"took the {released['chosen']} policy; "
+    show_rows([shown], EVALUATION_COLUMNS)
+    print(f"{chosen}wrote {path} and {path.with_suffix('.md')}")
+    write_json(args.json, figures)
     return 0
 
 

@@ -11,17 +11,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import (
-    add,
-    add_count,
-    add_figure,
-    add_file,
-    add_json,
-    add_settings,
-    arm,
-    settings,
-    write_json,
-)
+from saver_advisors.cli import arguments
 from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
@@ -39,44 +29,44 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     steps = parser.add_subparsers(dest="step", metavar="WHAT", required=True)
     data = steps.add_parser("data", help="record an arm's data set, and plot the first samples")
-    add_count(data, "--seed", 0, "", least=0)
-    add_figure(data, "--figure", "plot the samples in this file")
+    arguments.add_count(data, "--seed", 0, "", least=0)
+    arguments.add_figure(data, "--figure", "plot the samples in this file")
     data.set_defaults(work=_data)
 
     train = steps.add_parser("train", help="train an inverse model and write its weights")
     _add_model_arguments(train)
     text = "twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
     text += "inverse kinematics only), or a data file"
-    add(train, "--data", text, "twin", metavar="WHERE")
-    add_count(train, "--data-seed", 0, "", least=0)
-    add_file(train, "--output", "file of the weights", ".safetensors", required=True)
+    arguments.add(train, "--data", text, "twin", metavar="WHERE")
+    arguments.add_count(train, "--data-seed", 0, "", least=0)
+    arguments.add_file(train, "--output", "file of the weights", ".safetensors", required=True)
     train.set_defaults(work=_train)
 
     search = steps.add_parser(
         "search", help="search the architectures of Table 7.3, or the loop weight, with Optuna"
     )
     _add_model_arguments(search)
-    add_count(search, "--trials", 50, "")
+    arguments.add_count(search, "--trials", 50, "")
     text = "bigan and dualgan: compare these loop weights instead of architectures, each with "
     text += "as many seeds as the trials allow"
-    add(search, "--loop-weights", text, [], nargs="+", type=float, metavar="W")
-    add_json(search)
+    arguments.add(search, "--loop-weights", text, [], nargs="+", type=float, metavar="W")
+    arguments.add_json(search)
     search.set_defaults(work=_search, data="twin", data_seed=0)
     for step in (data, train, search):
-        add(step, "--robot", "name of the arm", type=arm, required=True)
+        arguments.add(step, "--robot", "name of the arm", type=arguments.arm, required=True)
 
 
 def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the model and its training."""
-    add(parser, "--model", "", "mlp", metavar="NAME")
-    add_count(parser, "--samples", 60_000, "", least=100)
+    arguments.add(parser, "--model", "", "mlp", metavar="NAME")
+    arguments.add_count(parser, "--samples", 60_000, "", least=100)
     text = "inverse kinematics or inverse dynamics"
-    add(parser, "--task", text, "ik", choices=("ik", "id"))
+    arguments.add(parser, "--task", text, "ik", choices=("ik", "id"))
     text = "settings of the training and the architecture: epochs, batch_size, learning_rate, "
     text += (
         "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak"
     )
-    add_settings(parser, "--set", text)
+    arguments.add_settings(parser, "--set", text)
 
 
 @one_thread_of_algebra()
@@ -107,7 +97,7 @@ def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.networks import MLPArchitecture
 
-    values = settings(args.set, "--set")
+    values = arguments.settings(args.set, "--set")
     names = [[field.name for field in fields(kind)] for kind in (Training, MLPArchitecture)]
     valid = sorted({*names[0], *names[1]})
     for name in values:
@@ -235,7 +225,7 @@ def _search(args: argparse.Namespace) -> int:
     }
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
     tables.show_rows(best, columns, f"best of {len(trials)}")
-    write_json(
+    arguments.write_json(
         args.json,
         {
             "kind": "modelling-search",

@@ -119,6 +119,7 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
     import numpy as np
     from tqdm import tqdm
 
+    from saver_advisors.reporting.video import mp4_writer
     from saver_envs.perception.drawing import draw_poses
 
     reader = imageio_ffmpeg.read_frames(str(args.input), pix_fmt="rgb24")
@@ -128,15 +129,7 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
         text = " ".join(str(error).split())[-200:]
         raise UsageError(f"argument FILE: {args.input} is no readable video: {text}") from error
     width, height = about["size"]
-    writer = imageio_ffmpeg.write_frames(
-        str(args.out),
-        (width, height),
-        fps=about["fps"],
-        codec="libx264",
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-    )
-    writer.send(None)
+    writer = mp4_writer(args.out, width, height, about["fps"])
     found = []
     total = round(about["fps"] * about["duration"]) or None
     for raw in tqdm(reader, total=total, unit="frame", dynamic_ncols=True):

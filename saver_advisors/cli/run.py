@@ -8,15 +8,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import (
-    add,
-    add_count,
-    add_file,
-    add_flag,
-    add_folder,
-    add_json,
-    write_json,
-)
+from saver_advisors.cli import arguments
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -43,19 +35,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    add(parser, "task", "the task", choices=TASKS)
-    add_count(parser, "--trials", 1, "number of trials")
-    add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
+    arguments.add(parser, "task", "the task", choices=TASKS)
+    arguments.add_count(parser, "--trials", 1, "number of trials")
+    arguments.add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
-    add_flag(parser, "--true-state", "use the true state, no camera")
-    add_flag(parser, "--exact-ik", "use damped least squares")
+    arguments.add_flag(parser, "--true-state", "use the true state, no camera")
+    arguments.add_flag(parser, "--exact-ik", "use damped least squares")
     shown = parser.add_mutually_exclusive_group()
     text = "record all trials in this file"
-    add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
-    add_flag(shown, "--view", "show the scene in a window")
-    add_folder(shown, "--report", "write a page about the trials in this folder")
-    add_flag(parser, "--apart", "run the stages in three processes, in real time")
-    add_json(parser)
+    arguments.add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
+    arguments.add_flag(shown, "--view", "show the scene in a window")
+    arguments.add_folder(shown, "--report", "write a page about the trials in this folder")
+    arguments.add_flag(parser, "--apart", "run the stages in three processes, in real time")
+    arguments.add_json(parser)
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,11 +56,11 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
     :param parser: of the command.
     """
     text = "a shipped policy, a weight file, or expert"
-    add(parser, "--policy", text, POLICY, metavar="POLICY")
+    arguments.add(parser, "--policy", text, POLICY, metavar="POLICY")
     text = "of the tools (default: 0.2, Table 5.3)"
-    add(parser, "--max-speed", text, type=float, metavar="M/S")
+    arguments.add(parser, "--max-speed", text, type=float, metavar="M/S")
     text = "use the duration of each call on this machine as its latency"
-    add_flag(parser, "--measured-latency", text)
+    arguments.add_flag(parser, "--measured-latency", text)
 
 
 def settings_of(args: argparse.Namespace) -> LoopSettings:
@@ -104,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         records = _play_apart(args, settings)
     else:
         records = _play(args, settings)
-    write_json(args.json, {"kind": "run", "trials": [one.summary() for one in records]})
+    arguments.write_json(args.json, {"kind": "run", "trials": [one.summary() for one in records]})
     return 0
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
+import numpy as np
+
+from saver_advisors.evaluation.metrics import SOLVED
+from saver_advisors.experiments.training_runs import TrainingRun, training_run
 from saver_advisors.reporting.curve_style import PENS, dress, line_style
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.reporting.tables import Column
@@ -24,66 +26,39 @@ PANELS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class RunCurve:
-    """A run's curve.
+def summary(run: TrainingRun) -> dict[str, Any]:
+    """Return the figures of a run for tables, and all its points.
 
-    :param name: label in legends and tables
-    :param config: settings of the run
-    :param points: one mapping per evaluation, the lines of ``curve.jsonl``
-    :param world: digest of the run's world, None for older runs
+    :param run: from :func:`read_run`
     """
-
-    name: str
-    config: dict[str, Any]
-    points: list[dict[str, Any]]
-    world: str | None = None
-
-    def values(self, name: str) -> list[float]:
-        """Return a column of the curve, with NaN for missing values."""
-        return [float("nan") if p.get(name) is None else float(p[name]) for p in self.points]
-
-    def summary(self) -> dict[str, Any]:
-        """Return the run's figures for tables, and all its points."""
-        solved = time_to_level(LearningCurve.from_points(self.points))
-        rates = [p["success_rate"] for p in self.points]
-        collisions = [p.get("cost_collision", 0.0) for p in self.points]
-        advice = self.config.get("advice")
-        return {
-            "name": self.name,
-            "env": self.config.get("env_id"),
-            "env_kwargs": self.config.get("env_kwargs") or {},
-            "world": self.world,
-            "algorithm": self.config.get("algorithm"),
-            "advice": None if advice is None else advice["strategy"],
-            "seed": self.config.get("seed"),
-            "steps": self.points[-1]["steps"],
-            "wall_clock_s": self.points[-1]["wall_clock_s"],
-            "steps_to_solved": None if solved.steps is None else int(solved.steps),
-            "wall_clock_to_solved_s": solved.wall_clock_s,
-            "best_success_rate": max(rates),
-            "last_success_rate": rates[-1],
-            "last_safe_success_rate": self.points[-1].get("safe_success_rate"),
-            "last_success_rate_2cm": self.points[-1].get("success_rate_2cm"),
-            "cost_collision_mean": sum(collisions) / len(collisions),
-            "cost_collision_last": collisions[-1],
-            "points": self.points,
-        }
+    solved, points = run.metrics.solved, run.points
+    collisions = [p.get("cost_collision", 0.0) for p in points]
+    advice = run.config.get("advice")
+    return {
+        "name": run.name,
+        "env": run.config.get("env_id"),
+        "env_kwargs": run.config.get("env_kwargs") or {},
+        "world": run.world,
+        "algorithm": run.config.get("algorithm"),
+        "advice": None if advice is None else advice["strategy"],
+        "seed": run.config.get("seed"),
+        "steps": points[-1]["steps"],
+        "wall_clock_s": points[-1]["wall_clock_s"],
+        "steps_to_solved": None if solved.steps is None else int(solved.steps),
+        "wall_clock_to_solved_s": solved.wall_clock_s,
+        "best_success_rate": max(p["success_rate"] for p in points),
+        "last_success_rate": points[-1]["success_rate"],
+        "last_safe_success_rate": points[-1].get("safe_success_rate"),
+        "last_success_rate_2cm": points[-1].get("success_rate_2cm"),
+        "cost_collision_mean": sum(collisions) / len(collisions),
+        "cost_collision_last": collisions[-1],
+        "points": points,
+    }
 
 
-def _steps_to_solved(summary: dict[str, Any]) -> str:
-    steps = summary["steps_to_solved"]
-    return "-" if steps is None else f"{steps:,}"
-
-
-def _rate(name: str) -> Callable[[dict[str, Any]], str]:
-    """Return what formats a rate, which older results lack."""
-    return lambda one: "-" if one.get(name) is None else f"{one[name]:.2f}"
-
-
-def _minutes_to_solved(summary: dict[str, Any]) -> str:
-    seconds = summary["wall_clock_to_solved_s"]
-    return "-" if seconds is None else f"{seconds / 60:.1f}"
+def _figure(name: str, form: str = ".2f", unit: float = 1.0) -> Column:
+    """Return what formats a figure, or a dash where a run has none."""
+    return lambda one: "-" if one.get(name) is None else format(one[name] / unit, form)
 
 
 CURVE_COLUMNS: Final[dict[str, Column]] = {
@@ -91,19 +66,19 @@ CURVE_COLUMNS: Final[dict[str, Column]] = {
     "environment": lambda one: one["env"] or "-",
     "advice": lambda one: one["advice"] or "none",
     "steps": "{steps:,}",
-    f"steps to {SOLVED:g}": _steps_to_solved,
-    f"minutes to {SOLVED:g}": _minutes_to_solved,
+    f"steps to {SOLVED:g}": _figure("steps_to_solved", ",.0f"),
+    f"minutes to {SOLVED:g}": _figure("wall_clock_to_solved_s", ".1f", 60),
     "best success": "{best_success_rate:.2f}",
     "last success": "{last_success_rate:.2f}",
-    "safe": _rate("last_safe_success_rate"),
-    "within 2 cm": _rate("last_success_rate_2cm"),
+    "safe": _figure("last_safe_success_rate"),
+    "within 2 cm": _figure("last_success_rate_2cm"),
     "collisions per episode": "{cost_collision_mean:.2f}",
     "last of them": "{cost_collision_last:.2f}",
 }
-"""Headings, and how a :meth:`RunCurve.summary` fills each column."""
+"""Headings, and how a :func:`summary` fills each column."""
 
 
-def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
+def read_runs(folders: Sequence[Path]) -> list[TrainingRun]:
     """Read the curves of several runs.
 
     :param folders: folders of the runs
@@ -117,7 +92,7 @@ def read_runs(folders: Sequence[Path]) -> list[RunCurve]:
     return [read_run(folder, name) for folder, name in zip(folders, names, strict=True)]
 
 
-def read_run(folder: Path, name: str) -> RunCurve:
+def read_run(folder: Path, name: str) -> TrainingRun:
     """Read the curve of a run.
 
     :param folder: folder of the run
@@ -132,10 +107,10 @@ def read_run(folder: Path, name: str) -> RunCurve:
         points = read_curve(folder)
     if not points:
         raise UsageError(f"argument RUN_DIR: {str(folder)!r} has no evaluation yet")
-    return RunCurve(name, record["config"], points, record.get("world"))
+    return training_run({**record, "curve": points}, name)
 
 
-def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
+def draw(runs: Sequence[TrainingRun], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
     """Plot curves over environment steps, on the left, and over wall-clock time, on the right.
 
     :param runs: at least one run
@@ -150,10 +125,10 @@ def draw(runs: Sequence[RunCurve], panels: Sequence[tuple[str, str]] = PANELS) -
         for column, (axis, scale) in enumerate((("steps", 1e3), ("wall_clock_s", 60.0))):
             axes = grid[row][column]
             for index, run in enumerate(runs):
-                x = [value / scale for value in run.values(axis)]
+                x, y = (np.array([p.get(one) for p in run.points], float) for one in (axis, name))
                 pen = PENS[index % len(PENS)]
                 drawn = {"color": pen.colour, "linestyle": pen.dashes, **line_style(len(x))}
-                axes.plot(x, run.values(name), label=run.name, **drawn)
+                axes.plot(x / scale, y, label=run.name, **drawn)
             dress(axes, name)
         grid[row][0].set_ylabel(label)
     grid[-1][0].set_xlabel("environment steps (thousands)")

@@ -288,9 +288,9 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
     kind = content["kind"]
     try:
         if kind == KIND:
-            return [_training_run(content, stem)]
+            return [training_run(content, stem)]
         if kind == "curves":
-            return [_drawn_run(one, content) for one in content["runs"]]
+            return [drawn_run(one, content) for one in content["runs"]]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"has a missing or invalid entry: {error!r}") from error
     if kind in RENDERED:
@@ -302,8 +302,12 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
     raise ValueError(f"has kind {kind!r}: must be {KIND}, curves or evaluation")
 
 
-def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
-    """Read a run as the experiment runner and `saver benchmark run` write it."""
+def training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
+    """Read a run as the experiment runner and `saver benchmark run` write it.
+
+    :param content: of the file
+    :param stem: name of a run without a name
+    """
     config = content.get("config") or {}
     points = content["curve"]
     env_id = str(content.get("task") or config["env_id"])
@@ -333,8 +337,12 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
     )
 
 
-def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
-    """Read a run from the figures of `saver curves`."""
+def drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
+    """Read a run from the figures of `saver curves`.
+
+    :param one: summary of the run
+    :param content: with the ``provenance``, if it is known
+    """
     advice = one.get("advice")
     config = {
         "env_id": one["env"],
@@ -342,7 +350,7 @@ def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRu
         "algorithm": one.get("algorithm"),
         "advice": None if advice is None else {"strategy": advice},
     }
-    return _training_run(
+    return training_run(
         {
             "seed": one.get("seed") or 0,
             "curve": one["points"],

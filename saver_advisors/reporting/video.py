@@ -129,12 +129,13 @@ def _write_frames(path: Path, recordings: list[EpisodeVideo], title: str) -> Non
     writer.close()
 
 
-def mp4_writer(path: Path, width: int, height: int) -> Any:
-    """Open a writer of H.264 in real time: `send` it frames, then `close` it.
+def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
+    """Open a writer of H.264: `send` it frames, then `close` it.
 
     :param path: ending in ``.mp4``
     :param width: of a frame, pixels
     :param height: of a frame, pixels
+    :param fps: frames per second
     :return: a generator that is ready for the first frame
     """
     import imageio_ffmpeg
@@ -142,7 +143,7 @@ def mp4_writer(path: Path, width: int, height: int) -> Any:
     writer = imageio_ffmpeg.write_frames(
         str(path),
         (width, height),
-        fps=FPS,
+        fps=fps,
         codec="libx264",
         quality=None,
         macro_block_size=2,
