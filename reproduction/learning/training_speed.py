@@ -26,8 +26,8 @@ from reproduction.learning.training_loops import (
 )
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
-from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
-from saver_advisors.cli.arguments import add_count, add_page, env_id
+from saver_advisors.benchmark.peers.suites import SBX, install
+from saver_advisors.cli.arguments import add_count, add_page, add_peer_cache, env_id
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages, measured_at
 from saver_advisors.reporting.tables import join_parts, markdown, rows_table

@@ -292,6 +292,29 @@ def add_folder(parser: Any, name: str, text: str, **options: Any) -> None:
     parser.add_argument(name, type=new_folder, metavar="DIR", help=text, **options)
 
 
+def add_cache(parser: Any, name: str, what: str, text: str) -> None:
+    """Add an option for a folder of files that are kept, in the user's cache by default.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--cache``
+    :param what: name of the folder in the cache
+    :param text: help text
+    """
+    from saver_envs.files import cache_folder
+
+    add(parser, name, text, cache_folder(what), type=Path, metavar="DIR")
+
+
+def add_pose_cache(parser: Any) -> None:
+    """Add ``--cache``, the folder of rendered pictures."""
+    add_cache(parser, "--cache", "pose", "folder of rendered pictures")
+
+
+def add_peer_cache(parser: Any) -> None:
+    """Add ``--peer-cache``, the folder of the suites that ours is compared with."""
+    add_cache(parser, "--peer-cache", "peers", "folder of the peers' virtual environments")
+
+
 def add_figure(parser: Any, name: str, text: str) -> None:
     """Add an option for a figure to write: PNG, SVG or PDF.
 

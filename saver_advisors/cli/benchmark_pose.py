@@ -11,9 +11,8 @@ from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import add_peer_cache
-from saver_advisors.cli.arguments import add, add_count, add_flag, add_json, write_json
-from saver_advisors.cli.pose import add_cache, add_weights
+from saver_advisors.cli import arguments
+from saver_advisors.cli.pose import add_weights
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -34,16 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_weights(parser)
     text = "test pictures, rounded down to a multiple of 20"
-    add_count(parser, "--frames", FRAMES, text, least=20)
+    arguments.add_count(parser, "--frames", FRAMES, text, least=20)
     text = "pictures of each harder set: occluded, low light, two people"
-    add_count(parser, "--hard-frames", HARD_FRAMES, text, least=20)
-    add_count(parser, "--rounds", 7, "rounds of each median")
-    add(parser, "--only", "measure only this (default: accuracy and speed)", choices=PARTS)
+    arguments.add_count(parser, "--hard-frames", HARD_FRAMES, text, least=20)
+    arguments.add_count(parser, "--rounds", 7, "rounds of each median")
+    arguments.add(
+        parser, "--only", "measure only this (default: accuracy and speed)", choices=PARTS
+    )
     text = "also BlazePose (lite, full, heavy), in a virtual environment created at first use"
-    add_flag(parser, "--peers", text)
-    add_peer_cache(parser)
-    add_cache(parser)
-    add_json(parser)
+    arguments.add_flag(parser, "--peers", text)
+    arguments.add_peer_cache(parser)
+    arguments.add_pose_cache(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
     print(pose_page(figures))
-    write_json(args.json, figures)
+    arguments.write_json(args.json, figures)
     return 0
 
 

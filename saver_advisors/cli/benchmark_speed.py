@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import PEERS, add_peer_cache
+from saver_advisors.benchmark.peers.suites import PEERS
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add_count,
         add_flag,
         add_page,
+        add_peer_cache,
         add_seconds,
         add_several,
         at_least,

@@ -41,14 +41,6 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
     add_path(parser, "--weights", text)
 
 
-def add_cache(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--cache``, the folder of rendered pictures."""
-    from saver_envs.files import cache_folder
-
-    text = "folder of rendered pictures (default: %(default)s)"
-    add_path(parser, "--cache", text, metavar="DIR", default=cache_folder("pose"))
-
-
 def run(args: argparse.Namespace) -> int:
     """Estimate poses, draw them, and write the files.
 

@@ -90,13 +90,11 @@ def run(args: argparse.Namespace) -> int:
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )
-    if args.apart:
-        if args.video or args.view or args.report:
-            raise UsageError("argument --apart: not with --video, --view or --report")
-        records = _play_apart(args, settings)
-    else:
-        records = _play(args, settings)
-    arguments.write_json(args.json, {"kind": "run", "trials": [one.summary() for one in records]})
+    if args.apart and (args.video or args.view or args.report):
+        raise UsageError("argument --apart: not with --video, --view or --report")
+    records = _play(args, settings)
+    trials = [one.summary() for one in records]
+    arguments.write_json(args.json, {"kind": "run", "trials": trials})
     return 0
 
 
@@ -104,25 +102,33 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
     from saver_advisors.integration.assembly import build_loop
     from saver_advisors.integration.recording import VideoRecorder
     from saver_advisors.integration.run_page import write_report
+    from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
 
     records = []
     with ExitStack() as stack:
         bench = stack.enter_context(closing(WristBench()))
-        loop = build_loop(settings, bench)
-        recorder = None
+        processes = recorder = None
+        if args.apart:
+            settings = replace(settings, silent_periods=SILENT_PERIODS)
+            processes = stack.enter_context(ProcessLoop(settings, bench))
+        loop = processes.loop if processes else build_loop(settings, bench)
         if args.video is not None:
             stack.callback(print, f"wrote {args.video}")
             recorder = stack.enter_context(closing(VideoRecorder(args.video, loop)))
         look = recorder or (_window(bench) if args.view else None)
         counted = stack.enter_context(_progress(args, look))
+        advance = processes.run_until if processes else None
         for seed in range(args.seed, args.seed + args.trials):
-            records.append(run_trial(loop, seed, look=counted))
+            records.append(run_trial(loop, seed, look=counted, advance=advance))
             _tell(records[-1])
             if recorder is not None:
                 recorder.end(records[-1])
-        if args.report is not None:
+        if processes:
+            for name, (calls, mean) in processes.timings.items():
+                print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
+        elif args.report is not None:
             print(f"wrote {write_report(args.report, loop, records)}")
         elif look is None:
             print(f"to watch it: saver run {args.task} --video trial.mp4")
@@ -130,11 +136,11 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
 
 
 @contextmanager
-def _progress(args: argparse.Namespace, look: Look | None = None) -> Iterator[Look]:
+def _progress(args: argparse.Namespace, look: Look | None) -> Iterator[Look]:
     """Show a progress bar over the actions of all trials.
 
     :param args: the command line
-    :param look: called after every action
+    :param look: called after every action, if there is one
     :return: a context with a function to call after every action
     """
     from tqdm import tqdm
@@ -158,27 +164,6 @@ def _window(bench: WristBench) -> Look:
 
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
     return lambda now: pictures.draw()
-
-
-def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
-    from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
-    from saver_advisors.integration.trial import run_trial
-    from saver_advisors.integration.wrist_bench import WristBench
-
-    records = []
-    settings = replace(settings, silent_periods=SILENT_PERIODS)
-    with (
-        closing(WristBench()) as bench,
-        ProcessLoop(settings, bench) as processes,
-        _progress(args) as look,
-    ):
-        for seed in range(args.seed, args.seed + args.trials):
-            advance = processes.run_until
-            records.append(run_trial(processes.loop, seed, look=look, advance=advance))
-            _tell(records[-1])
-        for name, (calls, mean) in processes.timings.items():
-            print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
-    return records
 
 
 def _tell(record: TrialRecord) -> None:

@@ -12,7 +12,7 @@ from saver_advisors.evaluation.metrics import SOLVED
 from saver_advisors.experiments.training_runs import TrainingRun, training_run
 from saver_advisors.reporting.curve_style import PENS, dress, line_style
 from saver_advisors.reporting.errors import UsageError, user_mistakes
-from saver_advisors.reporting.tables import Column
+from saver_advisors.reporting.tables import Column, optional
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.run_folder import RECORD_FILE, read_record
 
@@ -56,22 +56,17 @@ def summary(run: TrainingRun) -> dict[str, Any]:
     }
 
 
-def _figure(name: str, form: str = ".2f", unit: float = 1.0) -> Column:
-    """Return what formats a figure, or a dash where a run has none."""
-    return lambda one: "-" if one.get(name) is None else format(one[name] / unit, form)
-
-
 CURVE_COLUMNS: Final[dict[str, Column]] = {
     "run": "{name}",
     "environment": lambda one: one["env"] or "-",
     "advice": lambda one: one["advice"] or "none",
     "steps": "{steps:,}",
-    f"steps to {SOLVED:g}": _figure("steps_to_solved", ",.0f"),
-    f"minutes to {SOLVED:g}": _figure("wall_clock_to_solved_s", ".1f", 60),
+    f"steps to {SOLVED:g}": optional("steps_to_solved", ",.0f"),
+    f"minutes to {SOLVED:g}": optional("wall_clock_to_solved_s", ".1f", 60),
     "best success": "{best_success_rate:.2f}",
     "last success": "{last_success_rate:.2f}",
-    "safe": _figure("last_safe_success_rate"),
-    "within 2 cm": _figure("last_success_rate_2cm"),
+    "safe": optional("last_safe_success_rate"),
+    "within 2 cm": optional("last_success_rate_2cm"),
     "collisions per episode": "{cost_collision_mean:.2f}",
     "last of them": "{cost_collision_last:.2f}",
 }

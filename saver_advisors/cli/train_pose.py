@@ -10,8 +10,14 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add, add_count, add_folder, add_path, add_seconds
-from saver_advisors.cli.pose import add_cache
+from saver_advisors.cli.arguments import (
+    add,
+    add_count,
+    add_folder,
+    add_path,
+    add_pose_cache,
+    add_seconds,
+)
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -35,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(parser, "--rendered", 8000, text, least=200)
     add_path(parser, "--coco", "train on a COCO key point file instead")
     add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
-    add_cache(parser)
+    add_pose_cache(parser)
     add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
     add(parser, "--seed", "", 0, type=int)
     add(parser, "--learning-rate", "peak learning rate (default: 0.002)", type=float, metavar="X")

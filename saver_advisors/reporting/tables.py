@@ -94,6 +94,16 @@ def rows_table(rows: Iterable[Any], columns: Mapping[str, Column]) -> str:
     return markdown(list(columns), row_cells(rows, columns.values()))
 
 
+def optional(name: str, form: str = ".2f", unit: float = 1.0) -> Column:
+    """Return a column of a figure that some rows lack, which show a dash.
+
+    :param name: key of the figure in a row
+    :param form: format of the figure
+    :param unit: by which it is divided
+    """
+    return lambda row: "-" if row.get(name) is None else format(row[name] / unit, form)
+
+
 def row_cells(rows: Iterable[Any], columns: Iterable[Column]) -> list[list[str]]:
     """Fill the cells of a table from rows.
 

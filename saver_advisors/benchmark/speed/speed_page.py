@@ -7,7 +7,14 @@ from typing import Any, Final
 
 from saver_advisors.benchmark.speed.randomized_steps import MUST
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, join_parts, markdown, row_cells, rows_table
+from saver_advisors.reporting.tables import (
+    Column,
+    join_parts,
+    markdown,
+    optional,
+    row_cells,
+    rows_table,
+)
 
 INTRODUCTION: Final = """\
 Rendered from the JSON file of `saver benchmark speed`, never typed. A step is one action of one
@@ -53,7 +60,7 @@ _STEPS: Final[Sequence[tuple[str, Column]]] = (
     ("SB3", "{sb3_steps_per_second:,.0f}"),
     ("ratio", "{sb3_ratio_to_raw:.2f}"),
     ("threads' gain", "{speed_up_of_threads:.2f}x"),
-    ("MB an environment", lambda row: _memory(row.get("memory_per_env_mb"))),
+    ("MB an environment", optional("memory_per_env_mb")),
 )
 _RATIOS: Final[Mapping[str, Column]] = {
     "environment": "{env}",
@@ -123,10 +130,6 @@ def _randomized(rows: Sequence[Mapping[str, Any]]) -> str:
         f"memory (at most {MUST['memory']:g}x)": memory,
     }
     return rows_table(rows, columns)
-
-
-def _memory(megabytes: float | None) -> str:
-    return "-" if megabytes is None else f"{megabytes:.2f}"
 
 
 def _resets(resets: Sequence[Mapping[str, Any]]) -> str:
