@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.arguments import add_figure, add_json, add_path, add_table, write_json
 from saver_advisors.cli.measured import read_training
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.figures import link
-from saver_advisors.reporting.tables import join_parts, rows_table, show
+from saver_advisors.reporting.tables import join_parts, link, rows_table, show
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.summary import MethodRow

@@ -6,7 +6,7 @@ import argparse
 import time
 from typing import Any, Final
 
-from saver_advisors.cli.runs import summary
+from saver_advisors.cli.curves import summary
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import ONE_ARM_ID
 

@@ -8,8 +8,8 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.cli.curves import CURVE_COLUMNS, PANELS, draw
 from saver_advisors.cli.demo_learning import TEACHER
-from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, draw
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.experiments.training_runs import drawn_run
 from saver_advisors.reporting.curve_style import COLOURS

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from saver_advisors.cli.arguments import add, add_count, add_file, add_json, add_path, write_json
-from saver_advisors.cli.runs import read_run
+from saver_advisors.cli.curves import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 

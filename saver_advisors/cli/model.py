@@ -9,13 +9,17 @@ import argparse
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli import arguments
-from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from saver_envs.modelling.datasets import DataSet, Recording
 
 EXAMPLES = """\
 examples:
@@ -23,6 +27,15 @@ examples:
   saver model train --robot mico --model mlp --data workspace --output mico-ik.safetensors
   saver model train --robot mico --task id --model cgan --set sigma=0.2 --output id.safetensors
   saver model search --robot mico --trials 50 --json search.json    the paper's Table 7.3"""
+
+_QUANTITIES: Final = (
+    ("position", "position (rad)"),
+    ("velocity", "velocity (rad/s)"),
+    ("acceleration", "acceleration (rad/s²)"),
+    ("torque", "torque (N m)"),
+)
+_SHOWN: Final = 1200
+"""Number of plotted samples; more would hide the curves' shapes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,14 +95,62 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_figure import draw_recording
-
     data = prepare_data(args.robot, args.seed)
     print(f"{args.robot}: {len(data.train):,} training samples, {len(data.test):,} test samples")
     if args.figure is not None:
         draw_recording(data.test, args.robot).savefig(args.figure)
         print(f"wrote {args.figure}")
     return 0
+
+
+def prepare_data(robot: str, seed: int = 0) -> DataSet:
+    """Return an arm's data set; record it with a progress bar if it is missing.
+
+    :param robot: the arm's name
+    :param seed: seed of the data set
+    :raises UsageError: for an arm without a twin
+    """
+    from tqdm import tqdm
+
+    from saver_envs.modelling.datasets import simulated_steps, twin_data_set
+
+    with user_mistakes("argument --robot"):
+        total = simulated_steps(robot)
+    with tqdm(total=total, desc=f"{robot}: data", unit="step", delay=2.0, leave=False) as bar:
+        return twin_data_set(robot, seed, progress=bar.update)
+
+
+def draw_recording(recording: Recording, robot: str) -> Figure:
+    """Plot the first samples of a recording, one column per joint.
+
+    :param recording: the samples
+    :param robot: the arm's name
+    :return: the figure
+    """
+    from matplotlib.figure import Figure
+
+    from saver_envs.modelling.arms import arm_named
+
+    slides = arm_named(robot).chain.prismatic
+    joints = len(slides)
+    figure = Figure(figsize=(2.6 * joints, 8.0), layout="constrained")
+    axes = figure.subplots(len(_QUANTITIES), joints, sharex=True, squeeze=False)
+    for row, (name, label) in enumerate(_QUANTITIES):
+        values = getattr(recording, name)[:_SHOWN]
+        for joint in range(joints):
+            axis = axes[row, joint]
+            axis.plot(values[:, joint], linewidth=0.7, color=f"C{row}")
+            axis.tick_params(labelsize=7)
+            axis.grid(alpha=0.3)
+            if row == 0:
+                hinges = joint + 1 - sum(slides[: joint + 1])
+                title = "lift (m, N)" if slides[joint] else f"joint {hinges}"
+                axis.set_title(title, fontsize=9)
+            if joint == 0:
+                axis.set_ylabel(label, fontsize=9)
+            if row == len(_QUANTITIES) - 1:
+                axis.set_xlabel("sample", fontsize=8)
+    return figure
 
 
 def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:

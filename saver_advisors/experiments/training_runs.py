@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,9 +21,6 @@ from saver_advisors.evaluation.protocol import environment_text
 KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
 """Kinds of files that are generated from runs, and may be in the same folder."""
-
-THREADS_OPTION: Final = re.compile(r"--threads[ =](\d+)")
-"""Finds the number of threads in the command of ``saver experiments run``."""
 
 DEFAULT_EPISODES: Final = 100
 """Episodes per evaluation, for files that do not state the number."""
@@ -100,12 +96,6 @@ class TrainingRun:
     def final_success(self) -> float | None:
         """The last policy's success rate on report seeds, None before that evaluation."""
         return self.final_rate("success_rate")
-
-    @property
-    def threads(self) -> int:
-        """Threads according to its command, which affect its training time; 1 by default."""
-        told = THREADS_OPTION.search(str(self.provenance.get("command") or ""))
-        return int(told[1]) if told else 1
 
     @property
     def advice_spent(self) -> int:

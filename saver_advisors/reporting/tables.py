@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -127,26 +128,19 @@ def join_parts(parts: Iterable[str]) -> str:
     return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
+def link(figure: Path, folder: Path) -> str:
+    """Return the link from a page to a figure.
+
+    :param figure: the picture
+    :param folder: of the page
+    :return: the relative path, with slashes
+    """
+    return Path(os.path.relpath(figure.resolve(), folder.resolve())).as_posix()
+
+
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _is_number(text: str) -> bool:
     return text.replace(",", "").replace(".", "", 1).lstrip("-").isdigit() or text in ("-", "")
-
-
-def between_markers(text: str, begin: str, end: str, content: str) -> str:
-    """Replace the text between two markers.
-
-    :param text: of a page
-    :param begin: the first marker
-    :param end: the second marker
-    :param content: the replacement
-    :return: the new text
-    :raises ValueError: if a marker is missing
-    """
-    before, opened, rest = text.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not opened or not closed:
-        raise ValueError(f"{begin} or {end} is missing")
-    return f"{before}{begin}\n{content}{end}{after}"

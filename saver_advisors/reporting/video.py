@@ -155,29 +155,6 @@ def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
     return writer
 
 
-def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
-    """Write a short animated WebP, which Markdown pages show like a picture.
-
-    :param path: ending in ``.webp``
-    :param frames: of every ``stride``-th step
-    :param stride: steps between frames, so that the clip plays in real time
-    :param quality: 0 to 100
-    """
-    from PIL import Image
-
-    shown = [Image.fromarray(frame) for frame in frames]
-    shown += shown[-1:] * (HOLD // stride)
-    shown[0].save(
-        path,
-        save_all=True,
-        append_images=shown[1:],
-        duration=round(1000 * stride / FPS),
-        loop=0,
-        quality=quality,
-        method=4,
-    )
-
-
 def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:
     """Add a bar with text below a frame.
 

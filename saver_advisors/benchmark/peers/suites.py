@@ -48,9 +48,6 @@ TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "m
 ENVPOOL_PUSH: Final = Peer("FetchPush-v4", "envpool", 64, ("envpool==1.2.5",))
 PEERS: Final = (FETCH_PUSH, ENVPOOL_PUSH, TWO_ARM_LIFT)
 
-#: Stable-Baselines3 in JAX, whose gradient steps are timed; it has no environment.
-SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
-
 
 def install(peer: Peer, cache: Path) -> Path:
     """Create the peer's virtual environment, unless it exists.
