@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -391,15 +391,15 @@ def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
     return values
 
 
-def write_json(path: Path | None, data: dict[str, Any]) -> None:
+def write_json(path: Path | None, data: Mapping[str, Any]) -> None:
     """Write results with their provenance; do nothing without a path.
 
     :param path: of the file, or None
-    :param data: JSON-able results
+    :param data: JSON-able results; a provenance of an earlier time among them is kept
     """
-    if path is None:
-        return
     from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
-    write_json_atomic(path, {**data, "provenance": provenance()})
-    print(f"wrote {path}")
+    if path is not None:
+        origin = data.get("provenance") or provenance()
+        write_json_atomic(path, {**data, "provenance": origin})
+        print(f"wrote {path}")

@@ -45,7 +45,7 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
     :raises UsageError: if a student's process fails
     """
     from saver_advisors.experiments.grid import ExperimentRun, Grid
-    from saver_advisors.experiments.progress import ProgressTable
+    from saver_advisors.experiments.progress import shown_progress
     from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
     from saver_advisors.experiments.training_runs import read_training_runs
     from saver_advisors.pretrained import shipped_policies
@@ -61,8 +61,8 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
     folder = args.output / "learning" / time.strftime("%Y%m%d-%H%M%S")
     places = Places(folder, folder / "results")
     backend, stop = LocalProcesses(places, len(students)), Stop(START_UP + args.train_seconds)
-    with ProgressTable(grid, places) as shown:
-        progress = work_off(grid, places, backend, stop, shown.look)
+    with shown_progress(grid, places) as look:
+        progress = work_off(grid, places, backend, stop, look)
     for name, words in progress.failed.items():
         raise UsageError(f"training failed: {name}: {words} (see {folder / name})")
     runs = sorted(read_training_runs([places.results]).runs, key=lambda run: run.row != "taught")

@@ -113,13 +113,13 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
     :return: exit status: 0 where all are done or the time is over, 1 after a failure, 130 after
         Ctrl-C
     """
-    from saver_advisors.experiments.progress import ProgressTable
+    from saver_advisors.experiments.progress import shown_progress
     from saver_advisors.experiments.scheduler import work_off
     from saver_advisors.training.stopping import Stop
 
     stop = Stop(time_limit)
-    with stop.on_signals(), ProgressTable(grid, places) as shown:
-        progress = work_off(grid, places, backend, stop, shown.look)
+    with stop.on_signals(), shown_progress(grid, places) as look:
+        progress = work_off(grid, places, backend, stop, look)
     if progress.failed:
         for name, words in progress.failed.items():
             log = places.folder(grid.named(name)) / LOG_FILE

@@ -6,6 +6,7 @@ import errno
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, Final
 
@@ -109,24 +110,19 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     :param title: start of the captions
     :raises OSError: if the file cannot be written, as on a full disk
     """
+    first = captioned(recordings[0].frames[0], title, GREY)
     try:
-        _write_frames(path, recordings, title)
+        writer = mp4_writer(path, first.shape[1], first.shape[0])
+        for number, recording in enumerate(recordings, start=1):
+            caption = f"{title}   episode {number} of {len(recordings)}"
+            outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
+            last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
+            shown = (captioned(frame, caption, GREY) for frame in recording.frames)
+            for frame in chain(shown, repeat(last, HOLD)):
+                writer.send(np.ascontiguousarray(frame))
+        writer.close()
     except OSError as error:  # what ffmpeg printed, without a number
         raise OSError(errno.EIO, f"{path} could not be written: is the disk full?") from error
-
-
-def _write_frames(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
-    first = captioned(recordings[0].frames[0], title, GREY)
-    writer = mp4_writer(path, first.shape[1], first.shape[0])
-    for number, recording in enumerate(recordings, start=1):
-        caption = f"{title}   episode {number} of {len(recordings)}"
-        for frame in recording.frames:
-            writer.send(np.ascontiguousarray(captioned(frame, caption, GREY)))
-        outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
-        last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
-        for _ in range(HOLD):
-            writer.send(np.ascontiguousarray(last))
-    writer.close()
 
 
 def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
