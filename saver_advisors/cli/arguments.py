@@ -194,13 +194,7 @@ def add_flag(parser: Any, name: str, text: str) -> None:
 
 
 def add_count(
-    parser: Any,
-    name: str,
-    default: int | None,
-    text: str,
-    *,
-    least: int = 1,
-    metavar: str = "N",
+    parser: Any, name: str, default: int | None, text: str, *, least: int = 1, metavar: str = "N"
 ) -> None:
     """Add an option for an integer with a lower bound.
 

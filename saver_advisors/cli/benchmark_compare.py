@@ -55,15 +55,20 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.benchmark.run_tables import FINAL_RATES, final_rates, measured
+    from saver_advisors.benchmark import run_tables
 
     entries, baselines = read_training(args.results), read_training(args.baselines)
     check_worlds([*entries.runs, *baselines.runs], {run.task for run in entries.runs})
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
-        columns = ("row", "n", "IE", "RT", "MSR", "ELR", *FINAL_RATES, "off protocol")
+        columns = ("row", "n", "IE", "RT", "MSR", "ELR", *run_tables.FINAL_RATES, "off protocol")
         cells = [
-            [row.name, *measured(row), *final_rates(row).values(), row.off_protocol]
+            [
+                row.name,
+                *run_tables.measured(row),
+                *run_tables.final_rates(row).values(),
+                row.off_protocol,
+            ]
             for row in (*own, *others)
         ]
         show(columns, cells, title=task)
@@ -160,39 +165,33 @@ def page(
     :param folder: folder of the page, for the link to the figure
     :return: Markdown
     """
-    from saver_advisors.benchmark.run_tables import (
-        DEFINITIONS,
-        beside,
-        beyond,
-        metrics_table,
-        origin,
-        reference_table,
-        run_table,
-        skipped_list,
-    )
+    from saver_advisors.benchmark import run_tables
 
-    parts = ["# Beside the baselines", INTRODUCTION, DEFINITIONS]
+    parts = ["# Beside the baselines", INTRODUCTION, run_tables.DEFINITIONS]
     runs = []
     for task, (own, others) in tasks.items():
         rows = [*own, *others]
         of_task = [run for row in rows for run in row.runs]
-        parts += [f"## {task}", metrics_table(rows), beyond(rows)]
+        parts += [f"## {task}", run_tables.metrics_table(rows), run_tables.beyond(rows)]
         if marked := [row for row in rows if row.off_protocol]:
             columns = {"row": lambda row: row.name, "off protocol": lambda row: row.off_protocol}
             parts += ["Rows that are not measured by the protocol:\n", rows_table(marked, columns)]
         if others:
-            parts += [BESIDE, beside([(row, other) for row in own for other in others])]
+            parts += [BESIDE, run_tables.beside([(row, other) for row in own for other in others])]
         references = [one for one in baselines.references if one["env"] == task]
         if references:
-            parts += ["Policies that these runs did not train:\n", reference_table(references)]
-        parts += ["Each run:\n", run_table(of_task)]
+            parts += [
+                "Policies that these runs did not train:\n",
+                run_tables.reference_table(references),
+            ]
+        parts += ["Each run:\n", run_tables.run_table(of_task)]
         runs += of_task
     if figure is not None:
         parts.append(f"![learning curves]({link(figure, folder)})\n")
-    parts.append(skipped_list([*entries.skipped, *baselines.skipped]))
+    parts.append(run_tables.skipped_list([*entries.skipped, *baselines.skipped]))
     if older := unknown_worlds(tasks):
         parts.append(f"{NO_DIGEST} {', '.join(f'`{one}`' for one in older)}.\n")
-    parts.append(origin(runs))
+    parts.append(run_tables.origin(runs))
     return join_parts(parts)
 
 
@@ -228,14 +227,14 @@ def figures(tasks: Tasks) -> dict[str, Any]:
 
     :param tasks: from :func:`compared`
     """
-    from saver_advisors.benchmark.run_tables import flat
+    from saver_advisors.benchmark import run_tables
     from saver_advisors.evaluation.statistics import probability_of_improvement
 
     rows = [row for own, others in tasks.values() for row in (*own, *others)]
     return {
         "title": "Beside the baselines",
         "kind": "comparison",
-        "rows": [flat(row) for row in rows],
+        "rows": [run_tables.flat(row) for row in rows],
         "detail": [row.to_mapping() for row in rows],
         "improvement": [
             {

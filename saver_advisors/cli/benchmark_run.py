@@ -27,12 +27,7 @@ from saver_advisors.cli.arguments import (
 )
 from saver_advisors.cli.evaluate import show
 from saver_advisors.cli.experiments import execute
-from saver_advisors.evaluation.protocol import (
-    EVALUATE_EVERY,
-    REPORT_EPISODES,
-    SELECTION_EPISODES,
-    training_seed,
-)
+from saver_advisors.evaluation import protocol
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -95,9 +90,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(earlier, "--teacher-steps", 0, "steps that trained its teachers", least=0)
     add_count(earlier, "--demonstration-steps", 0, "steps of demonstrations", least=0)
     rules = parser.add_argument_group("evaluations", "their seeds are fixed")
-    add_count(rules, "--eval-every", EVALUATE_EVERY, "environment steps between evaluations")
-    add_count(rules, "--eval-episodes", SELECTION_EPISODES, "episodes per evaluation")
-    add_count(rules, "--report-episodes", REPORT_EPISODES, "episodes of the reported evaluation")
+    add_count(
+        rules, "--eval-every", protocol.EVALUATE_EVERY, "environment steps between evaluations"
+    )
+    add_count(rules, "--eval-episodes", protocol.SELECTION_EPISODES, "episodes per evaluation")
+    add_count(
+        rules, "--report-episodes", protocol.REPORT_EPISODES, "episodes of the reported evaluation"
+    )
 
 
 @one_thread_of_algebra()
@@ -167,7 +166,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any], seed: int) -> Benchm
     from saver_advisors.experiments.grid import THIRD_PARTY_KEYS, third_party_plan
 
     with user_mistakes("argument --seeds" if args.seeds else "argument --seed"):
-        training_seed(seed)
+        protocol.training_seed(seed)
     name = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{name}-seed{seed}")
     shared = {key: getattr(args, key) for key in ("n_envs", "eval_every", "eval_episodes")}

@@ -29,28 +29,23 @@ THREADS: Final = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import (
-        add_count,
-        add_flag,
-        add_page,
-        add_peer_cache,
-        add_seconds,
-        add_several,
-        at_least,
-        env_id,
-    )
+    from saver_advisors.cli import arguments
 
-    add_several(parser, "--envs", env_id, TIMED_IDS, "environments", metavar="ID")
-    count = at_least(1)
-    add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
-    add_several(parser, "--threads", count, THREADS, "native threads, each on its own core")
-    add_count(parser, "--rounds", 9, "rounds of each median")
-    add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
+    arguments.add_several(
+        parser, "--envs", arguments.env_id, TIMED_IDS, "environments", metavar="ID"
+    )
+    count = arguments.at_least(1)
+    arguments.add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
+    arguments.add_several(
+        parser, "--threads", count, THREADS, "native threads, each on its own core"
+    )
+    arguments.add_count(parser, "--rounds", 9, "rounds of each median")
+    arguments.add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
     peers = ", ".join(peer.name for peer in PEERS)
     text = f"also time {peers}, each in a virtual environment created at first use"
-    add_flag(parser, "--peers", text)
-    add_peer_cache(parser)
-    add_page(parser)
+    arguments.add_flag(parser, "--peers", text)
+    arguments.add_peer_cache(parser)
+    arguments.add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:

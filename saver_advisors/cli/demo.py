@@ -167,14 +167,11 @@ def best_shipped(
     """
     from saver_advisors.pretrained import shipped_policies
 
-    best: dict[str, Mapping[str, Any]] = {}
+    found: dict[str, list[Mapping[str, Any]]] = {}
     for one in evaluations:
         if one["policy"] in shipped_policies() and one["env"] != left_out:
-            environment = environment_text(one["env"], one["env_kwargs"])
-            other = best.setdefault(environment, one)
-            if one["success_rate"] > other["success_rate"]:
-                best[environment] = one
-    return list(best.values())
+            found.setdefault(environment_text(one["env"], one["env_kwargs"]), []).append(one)
+    return [max(of_env, key=lambda one: one["success_rate"]) for of_env in found.values()]
 
 
 def _record(

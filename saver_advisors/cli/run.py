@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -99,10 +99,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
+    from tqdm import tqdm
+
     from saver_advisors.integration.assembly import build_loop
+    from saver_advisors.integration.casualty import TASK
     from saver_advisors.integration.recording import VideoRecorder
     from saver_advisors.integration.run_page import write_report
-    from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
     from saver_advisors.integration.trial import run_trial
     from saver_advisors.integration.wrist_bench import WristBench
 
@@ -111,6 +113,8 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
         bench = stack.enter_context(closing(WristBench()))
         processes = recorder = None
         if args.apart:
+            from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
+
             settings = replace(settings, silent_periods=SILENT_PERIODS)
             processes = stack.enter_context(ProcessLoop(settings, bench))
         loop = processes.loop if processes else build_loop(settings, bench)
@@ -118,7 +122,14 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
             stack.callback(print, f"wrote {args.video}")
             recorder = stack.enter_context(closing(VideoRecorder(args.video, loop)))
         look = recorder or (_window(bench) if args.view else None)
-        counted = stack.enter_context(_progress(args, look))
+        actions = args.trials * (TASK.horizon + 1)
+        bar = stack.enter_context(tqdm(total=actions, unit="action", dynamic_ncols=True))
+
+        def counted(now: float) -> None:
+            bar.update()
+            if look is not None:
+                look(now)
+
         advance = processes.run_until if processes else None
         for seed in range(args.seed, args.seed + args.trials):
             records.append(run_trial(loop, seed, look=counted, advance=advance))
@@ -133,28 +144,6 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
         elif look is None:
             print(f"to watch it: saver run {args.task} --video trial.mp4")
     return records
-
-
-@contextmanager
-def _progress(args: argparse.Namespace, look: Look | None) -> Iterator[Look]:
-    """Show a progress bar over the actions of all trials.
-
-    :param args: the command line
-    :param look: called after every action, if there is one
-    :return: a context with a function to call after every action
-    """
-    from tqdm import tqdm
-
-    from saver_advisors.integration.casualty import TASK
-
-    with tqdm(total=args.trials * (TASK.horizon + 1), unit="action", dynamic_ncols=True) as bar:
-
-        def counted(now: float) -> None:
-            bar.update()
-            if look is not None:
-                look(now)
-
-        yield counted
 
 
 def _window(bench: WristBench) -> Look:

@@ -48,13 +48,10 @@ def start_picture(env_id: str) -> Frame:
     :param env_id: a registered id
     :return: (height, width, 3), uint8
     """
-    import gymnasium
+    from saver_envs.envs.goal_env import SaverGoalEnv
 
     width, height = PICTURE_SIZE
-    env = gymnasium.make(
-        f"saver_envs:{env_id}", render_mode="rgb_array", width=width, height=height
-    )
-    with closing(env):
+    with closing(SaverGoalEnv(env_id, "rgb_array", width=width, height=height)) as env:
         env.reset(seed=0)
         return np.asarray(env.render(), dtype=np.uint8)
 
