@@ -15,6 +15,7 @@ from saver_advisors.experiments.training_runs import drawn_run
 from saver_advisors.reporting.curve_style import COLOURS
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.tables import row_cells
+from saver_advisors.reporting.templates import rendered
 from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
@@ -29,14 +30,11 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     :param parts: further variables of the template
     :return: HTML
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     evaluations, learning = figures["evaluations"], figures["learning"]
     columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
-    templates = Environment(
-        loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
-    )
-    return templates.get_template("demo.html.j2").render(
+    return rendered(
+        "saver_advisors.cli",
+        "demo.html.j2",
         **parts,
         **{name: figures[name] for name in ("total_s", "provenance", "evaluations")},
         episodes=args.episodes,
