@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli import arguments
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
+from saver_advisors.reporting.templates import rendered
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -240,31 +241,12 @@ def _train(args: argparse.Namespace) -> int:
         errors = model.predict(inputs) - torques
         card["unseen_trajectory_rmse"] = float(np.sqrt(np.square(errors).mean()))
     model.save(args.output, card)
-    _write_card(args.output, card)
+    # The card, as Markdown next to the weights.
+    text = rendered("saver_advisors.cli", "model_card.md.j2", stem=args.output.stem, card=card)
+    args.output.with_suffix(".md").write_text(text, encoding="utf-8")
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")
     return 0
-
-
-def _write_card(path: Path, card: dict[str, Any]) -> None:
-    """Write a weight file's card, as Markdown next to it."""
-    names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
-    rows = [[name.replace("_", " "), str(card[name])] for name in names]
-    rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
-    if "unseen_trajectory_rmse" in card:
-        rows += [["RMSE on the unseen trajectory", f"{card['unseen_trajectory_rmse']:.4g} N m"]]
-    rows += [["architecture", str(card["architecture"])]]
-    rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
-    rows += [["commit", f"`{card['provenance']['commit']}`"]]
-    for kind, error in card.get("unseen_targets_mm", {}).items():
-        told = f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"
-        rows += [[f"unseen targets, {kind.replace('_', ' ')}", told]]
-    text = (
-        f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
-        f"{tables.markdown(['', ''], rows)}\nTrained by:\n\n"
-        f"```\n{card['provenance']['command']}\n```\n"
-    )
-    path.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 def _search(args: argparse.Namespace) -> int:
