@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
@@ -96,19 +98,15 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
     estimators = {"saver": estimator}
     with contextlib.suppress(ValueError):  # limbs without their mirror images
         estimators["saver_mirror"] = PoseEstimator(estimator.network, mirror=True)
-    models: dict[str, dict[str, Any]] = {
-        model: {
-            name: accuracy(of_network(one, data, counts[name]), data) for name, data in sets.items()
-        }
-        for model, one in estimators.items()
-    }
+
+    def figures(estimates: Callable[..., Any], names: Iterable[str]) -> dict[str, Any]:
+        return {one: accuracy(estimates(sets[one], counts[one]), sets[one]) for one in names}
+
+    models = {model: figures(partial(of_network, one), sets) for model, one in estimators.items()}
     for variant in VARIANTS if args.peers else ():
         with BlazePose(variant, args.peer_cache) as peer:
-            models[f"blazepose_{variant}"] = {
-                name: accuracy(of_blazepose(peer, data, counts[name]), data)
-                for name, data in sets.items()
-                if variant == "heavy" or name == "test"
-            }
+            names = sets if variant == "heavy" else ["test"]
+            models[f"blazepose_{variant}"] = figures(partial(of_blazepose, peer), names)
     return {
         "weights": weights.name,
         "weights_info": read_info(weights)["info"],
