@@ -4,17 +4,31 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from saver_advisors.cli.arguments import add_json, add_table, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
-from saver_advisors.reporting.figures import Drawn, link
+from saver_advisors.reporting.tables import link
+from saver_advisors.reporting.video import FPS, HOLD, Frame
 
 if TYPE_CHECKING:
     from saver_advisors.experiments.plots import Panel
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure on disk.
+
+    :param path: of the picture
+    :param caption: below the picture
+    """
+
+    path: Path
+    caption: str
 
 
 def add_seeds(parser: argparse.ArgumentParser, default: Sequence[int], purpose: str) -> None:
@@ -190,3 +204,54 @@ def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
     :return: one part of the page per figure.
     """
     return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]
+
+
+def under_way_list(rows: Sequence[MethodRow]) -> str:
+    """List the unfinished runs, which no figure counts; empty without any."""
+    told = [
+        f"{row.name} seed {run.seed} ({run.curve.steps[-1]:,.0f} steps, success "
+        f"{run.curve.success[-1]:.2f})"
+        for row in rows
+        for run in row.under_way
+    ]
+    return f"Not finished, and not counted: {'; '.join(told)}.\n" if told else ""
+
+
+def between_markers(text: str, begin: str, end: str, content: str) -> str:
+    """Replace the text between two markers.
+
+    :param text: of a page
+    :param begin: the first marker
+    :param end: the second marker
+    :param content: the replacement
+    :return: the new text
+    :raises ValueError: if a marker is missing
+    """
+    before, opened, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
+    if not opened or not closed:
+        raise ValueError(f"{begin} or {end} is missing")
+    return f"{before}{begin}\n{content}{end}{after}"
+
+
+def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
+    """Write a short animated WebP, which Markdown pages show like a picture.
+
+    :param path: ending in ``.webp``
+    :param frames: of every ``stride``-th step
+    :param stride: steps between frames, so that the clip plays in real time
+    :param quality: 0 to 100
+    """
+    from PIL import Image
+
+    shown = [Image.fromarray(frame) for frame in frames]
+    shown += shown[-1:] * (HOLD // stride)
+    shown[0].save(
+        path,
+        save_all=True,
+        append_images=shown[1:],
+        duration=round(1000 * stride / FPS),
+        loop=0,
+        quality=quality,
+        method=4,
+    )

@@ -21,7 +21,7 @@ import numpy as np
 
 from saver_advisors.evaluation.metrics import RISEN
 from saver_advisors.evaluation.statistics import Estimate, difference, estimate
-from saver_advisors.experiments.summary import MethodRow, success_resolution
+from saver_advisors.experiments.summary import MethodRow
 from saver_advisors.experiments.training_runs import TrainingRun
 
 Metric = Literal["inspired_epoch", "rise_time", "maximum_success_rate", "effective_learning_rate"]
@@ -51,6 +51,10 @@ def verdict_of(holds: bool | None) -> Verdict:
     """
     verdicts: dict[bool | None, Verdict] = {True: "holds", False: "does not hold"}
     return verdicts.get(holds, "cannot be told")
+
+
+Z95: Final = 1.959964
+"""Half-width of the central 95% of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -328,3 +332,14 @@ def number(value: float, metric: Metric, signed: bool = False) -> str:
     """
     digits = {"maximum_success_rate": 3, "effective_learning_rate": 4}.get(metric, 0)
     return f"{value:{'+' if signed else ''},.{digits}f}"
+
+
+def success_resolution(success: float, episodes: int) -> float:
+    """Compute the smallest difference between success rates that one evaluation resolves.
+
+    :param success: the rate
+    :param episodes: of the evaluation
+    :return: half of its 95% interval, for a rate at least half an episode away from 0 and 1
+    """
+    rate = min(max(success, 0.5 / episodes), 1 - 0.5 / episodes)
+    return Z95 * math.sqrt(rate * (1 - rate) / episodes)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from reproduction.advising.paper import NO_ADVICE, ONE_ARM, PaperFigures, table_5_2
-from reproduction.command_parts import pictures, print_skipped, save_panels
+from reproduction.command_parts import Drawn, pictures, print_skipped, save_panels, under_way_list
 from reproduction.findings import ABBREVIATIONS, MIN_SEEDS, Finding
 from saver_advisors.benchmark.run_tables import (
     DEFINITIONS,
@@ -22,13 +22,11 @@ from saver_advisors.benchmark.run_tables import (
     reference_table,
     run_table,
     skipped_list,
-    under_way_list,
 )
 from saver_advisors.evaluation.metrics import EPOCH_STEPS
 from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MethodRow
 from saver_advisors.experiments.training_runs import Results, TrainingRun
-from saver_advisors.reporting.figures import Drawn
 from saver_advisors.reporting.tables import join_parts, markdown, records_table
 from saver_advisors.reporting.tables import show as show_table
 

@@ -7,6 +7,7 @@ succeeds" one of at most 0.05.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,23 +15,23 @@ from typing import Any, Final
 
 import numpy as np
 
-from reproduction.command_parts import pictures, print_skipped, save_panels
-from reproduction.findings import Verdict, verdict_of
+from reproduction.command_parts import Drawn, pictures, print_skipped, save_panels, under_way_list
+from reproduction.findings import Verdict, success_resolution, verdict_of
 from saver_advisors.benchmark.run_tables import (
     NOTHING,
     origin,
     outcome_cell,
     skipped_list,
-    under_way_list,
 )
 from saver_advisors.evaluation.statistics import Estimate, estimate
 from saver_advisors.experiments.plots import Panel
-from saver_advisors.experiments.summary import MINUTE, MethodRow, success_resolution
+from saver_advisors.experiments.summary import MINUTE, MethodRow
 from saver_advisors.experiments.training_runs import Results, TrainingRun
-from saver_advisors.reporting.figures import Drawn
 from saver_advisors.reporting.tables import join_parts, markdown, records_table, rows_table
 from saver_advisors.reporting.tables import show as show_table
 
+#: Finds the number of threads in the command of `saver experiments run`.
+THREADS: Final = re.compile(r"--threads[ =](\d+)")
 PAPER_BEST: Final = 0.70
 """Highest SR of the three stages in Figure 6.2."""
 SUCCEEDS: Final = PAPER_BEST / 2
@@ -241,7 +242,8 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
 
 def on_threads(row: MethodRow) -> str:
     """Return the number of threads of a row's runs in words; empty for a single thread."""
-    told = sorted({run.threads for run in row.runs})
+    commands = (str(run.provenance.get("command") or "") for run in row.runs)
+    told = sorted({int(found[1]) if (found := THREADS.search(one)) else 1 for one in commands})
     return "" if told == [1] else f" on {' or '.join(map(str, told))} threads"
 
 

@@ -16,11 +16,11 @@ from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_seeds
+from reproduction.command_parts import add_choices, add_seeds, between_markers
 from saver_advisors.cli.arguments import add_count, add_page, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, between_markers, join_parts, rows_table
+from saver_advisors.reporting.tables import Column, join_parts, rows_table
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\

@@ -18,8 +18,8 @@ from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import add_peer_cache, environment
-from saver_advisors.cli.arguments import add_page
+from saver_advisors.benchmark.peers.suites import environment
+from saver_advisors.cli.arguments import add_page, add_peer_cache
 from saver_advisors.reporting.provenance import REPOSITORY, measured_at
 
 EXAMPLES: Final = """\

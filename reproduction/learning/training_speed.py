@@ -26,8 +26,8 @@ from reproduction.learning.training_loops import (
 )
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
-from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
-from saver_advisors.cli.arguments import add_count, add_page, env_id
+from saver_advisors.benchmark.peers.suites import Peer, install
+from saver_advisors.cli.arguments import add_count, add_page, add_peer_cache, env_id
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages, measured_at
 from saver_advisors.reporting.tables import join_parts, markdown, rows_table
@@ -41,6 +41,8 @@ examples:
 
 ENVS: Final = ("JacoPush-v0", "DualJacoPush-v0")
 STOCK: Final = ("TD3", "DDPG")
+#: Stable-Baselines3 in JAX, whose gradient steps are timed; it has no environment.
+SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
 SBX_WORKER: Final = Path(__file__).with_name("sbx_worker.py")
 #: Warm-up blocks, which fill caches and replay and run the compilers.
 WARM_UP: Final = 2

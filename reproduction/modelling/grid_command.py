@@ -25,7 +25,7 @@ from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
 from reproduction.modelling.paper_claims import claims, little_data
 from saver_advisors.cli.arguments import add_count, add_page
-from saver_advisors.cli.model_data import prepare_data
+from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:

@@ -100,7 +100,7 @@ def _models(
     robot: str, names: Sequence[str], training: Mapping[str, Any]
 ) -> dict[str, InverseModel | None]:
     """Return the analytic model, the shipped one, as None, and the trained ones."""
-    from saver_advisors.cli.model_data import prepare_data
+    from saver_advisors.cli.model import prepare_data
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training, new_model
 

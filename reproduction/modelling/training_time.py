@@ -68,7 +68,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able; ``rows`` has one row per task and model.
     """
-    from saver_advisors.cli.model_data import prepare_data
+    from saver_advisors.cli.model import prepare_data
     from saver_envs.modelling.datasets import samples_of, twin_data_set
     from saver_envs.modelling.models import Training, new_model
 

@@ -10,7 +10,7 @@ from typing import Any
 from reproduction.joint_speeds import in_words
 from reproduction.pages.page_templates import template
 from reproduction.pages.results import results_of
-from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
+from saver_advisors.cli.catalogue import COLUMNS, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
 from saver_envs.episodes import Episodes
 from saver_envs.registration import ControlOptions, default_options, make_episodes
@@ -19,7 +19,7 @@ from saver_envs.tasks.contract import Task
 from saver_envs.tasks.layout import Layout, Part
 
 
-def environments_table(entries: list[Entry], folder: str) -> str:
+def environments_table(entries: list[dict[str, Any]], folder: str) -> str:
     """Render the table of environments with links to their pages.
 
     :param entries: the rows.
@@ -27,37 +27,37 @@ def environments_table(entries: list[Entry], folder: str) -> str:
     :return: Markdown.
     """
     columns = {**COLUMNS, "id": f"[`{{env_id}}`]({folder}{{env_id}}.md)"}
-    return rows_table(map(vars, entries), columns)
+    return rows_table(entries, columns)
 
 
-def environments_page(entries: list[Entry]) -> str:
+def environments_page(entries: list[dict[str, Any]]) -> str:
     """Render the page that lists the environments.
 
     :param entries: the rows of its table.
     :return: Markdown.
     """
     lines = ["# Environments", "", environments_table(entries, "")]
-    twin = dense_twin(entries[0].env_id)
+    twin = dense_twin(entries[0]["env_id"])
     lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", ""]
     lines += [f"{sentence}\n" for sentence in pixel_ids()]
     return "\n".join([*lines, ""])
 
 
-def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
+def environment_page(one: Mapping[str, Any], results: list[dict[str, Any]]) -> str:
     """Render the page of an id and its twin with a dense reward.
 
     :param one: entry of the sparse id.
     :param results: result files, see :func:`~reproduction.pages.results.read_result_files`.
     :return: Markdown.
     """
-    episodes = make_episodes(one.env_id)
+    episodes = make_episodes(one["env_id"])
     task = episodes.task
     page = task.page(episodes.scene)
     return template("environment.md.j2").render(
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
-        twin=dense_twin(one.env_id),
-        facts=[*_facts(one, episodes), *_speeds(one.env_id, results)],
+        twin=dense_twin(one["env_id"]),
+        facts=[*_facts(one, episodes), *_speeds(one["env_id"], results)],
         spaces=_spaces(one),
         observation=_layout_table(task.observation_layout, _unit),
         action=_action(episodes),
@@ -68,16 +68,16 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         costs=_costs(one, page.costs),
         readings=page.readings,
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
-        keywords=_keywords(one.env_id, task),
-        results=results_of(one.env_id, results),
+        keywords=_keywords(one["env_id"], task),
+        results=results_of(one["env_id"], results),
     )
 
 
-def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
+def _facts(one: Mapping[str, Any], episodes: Episodes) -> list[tuple[str, str]]:
     return [
-        ("robot", f"{one.arms} x {one.robot}" if one.arms > 1 else one.robot),
+        ("robot", f"{one['arms']} x {one['robot']}" if one["arms"] > 1 else one["robot"]),
         ("an action lasts", f"{ACTION_DURATION:g} s"),
-        ("horizon", f"{one.horizon} actions, {one.horizon * ACTION_DURATION:g} s"),
+        ("horizon", f"{one['horizon']} actions, {one['horizon'] * ACTION_DURATION:g} s"),
         ("top speed of a hand", f"{episodes.settings.max_speed:g} m/s"),
         *episodes.task.page(episodes.scene).facts,
     ]
@@ -88,13 +88,13 @@ def _speeds(env_id: str, results: list[dict[str, Any]]) -> list[tuple[str, str]]
     return [("speed of the joints", told)] if told else []
 
 
-def _spaces(one: Entry) -> str:
-    goal = ["achieved_goal", f"Box(-inf, inf, ({one.goal_size},), float32)"]
+def _spaces(one: Mapping[str, Any]) -> str:
+    goal = ["achieved_goal", f"Box(-inf, inf, ({one['goal_size']},), float32)"]
     rows = [
-        ["observation", f"Box(-inf, inf, ({one.observation_size},), float32)"],
+        ["observation", f"Box(-inf, inf, ({one['observation_size']},), float32)"],
         goal,
         ["desired_goal", goal[1]],
-        ["action", f"Box(-1, 1, ({one.action_size},), float32)"],
+        ["action", f"Box(-1, 1, ({one['action_size']},), float32)"],
     ]
     return markdown(("entry", "space"), [[f"`{name}`", space] for name, space in rows])
 
@@ -139,10 +139,10 @@ def _indices(first: int, size: int, block: int, arms: int) -> str:
     return " to ".join(f"{offset}{end}" for end in ends)
 
 
-def _costs(one: Entry, meanings: Mapping[str, str]) -> str:
+def _costs(one: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
     rows = [
-        [f"`cost_{name}`", meanings.get(name, name), "yes" if name in one.summed_costs else "no"]
-        for name in one.costs
+        [f"`cost_{name}`", meanings.get(name, name), "yes" if name in one["summed_costs"] else "no"]
+        for name in one["costs"]
     ]
     return markdown(("cost", "what", 'part of `info["cost"]`'), rows)
 

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Final
 
+from reproduction.command_parts import between_markers
 from reproduction.pages.environments import (
     environment_page,
     environments_page,
@@ -18,7 +19,7 @@ from reproduction.pages.results import read_result_files, results_page, success_
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
-from saver_advisors.reporting.tables import between_markers, markdown
+from saver_advisors.reporting.tables import markdown
 
 GENERATED: Final = "Generated from the code by `python -m reproduction pages`.\n"
 
@@ -31,7 +32,7 @@ def all_pages(output: Path) -> dict[str, str]:
     """
     results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
-    pages = {f"environments/{one.env_id}.md": environment_page(one, results) for one in entries}
+    pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries) + GENERATED
     pages["worlds.md"] = worlds_page(sparse_ids()) + GENERATED
     pages["weights.md"] = weights_page() + GENERATED

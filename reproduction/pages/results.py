@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli import runs
+from saver_advisors.cli.curves import CURVE_COLUMNS
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.provenance import machine_in_words
@@ -121,7 +121,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
         if one.get("kind") == "curves":
             lines += [f"![learning curves](results/{stem}.png)", ""]
-            lines.append(rows_table(one["runs"], runs.CURVE_COLUMNS))
+            lines.append(rows_table(one["runs"], CURVE_COLUMNS))
         elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
             lines += [f"See [the separate page]({page}).", ""]
         elif one.get("kind") == "modelling-search":

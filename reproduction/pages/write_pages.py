@@ -87,9 +87,10 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from PIL import Image
     from tqdm import tqdm
 
+    from reproduction.command_parts import write_clip
     from reproduction.pages.clips import CLIP_EVERY, clip_frames
     from reproduction.pages.worlds import SHOWN, world_pictures
-    from saver_advisors.reporting.video import start_picture, write_clip
+    from saver_advisors.reporting.video import start_picture
 
     folder = output / "images" / "environments"
     folder.mkdir(parents=True, exist_ok=True)

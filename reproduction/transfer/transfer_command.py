@@ -22,9 +22,8 @@ from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.errors import UsageError, unknown
-from saver_advisors.reporting.figures import link
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, join_parts, markdown, rows_table
+from saver_advisors.reporting.tables import Column, join_parts, link, markdown, rows_table
 from saver_envs.sensor_errors import SENSORS
 
 EXAMPLES: Final = """\

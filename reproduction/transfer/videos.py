@@ -7,9 +7,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from reproduction.command_parts import write_clip
 from reproduction.transfer.attempts import Attempt, Played, by_kind
 from reproduction.transfer.failures import WORDS
-from saver_advisors.reporting.video import EpisodeVideo, Frame, write_clip, write_mp4
+from saver_advisors.reporting.video import EpisodeVideo, Frame, write_mp4
 
 if TYPE_CHECKING:
     from saver_envs.episodes import Episodes

@@ -212,17 +212,6 @@ def reference_table(references: Sequence[Mapping[str, Any]]) -> str:
     return rows_table(references, columns)
 
 
-def under_way_list(rows: Sequence[MethodRow]) -> str:
-    """List the unfinished runs, which no figure counts; empty without any."""
-    told = [
-        f"{row.name} seed {run.seed} ({run.curve.steps[-1]:,.0f} steps, success "
-        f"{run.curve.success[-1]:.2f})"
-        for row in rows
-        for run in row.under_way
-    ]
-    return f"Not finished, and not counted: {'; '.join(told)}.\n" if told else ""
-
-
 def skipped_list(skipped: Sequence[Skipped]) -> str:
     """List the omitted files and the reasons; empty without any."""
     if not skipped:

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -169,8 +169,32 @@ def settings(pairs: Sequence[str] | None, argument: str) -> dict[str, Any]:
     return values
 
 
+def add(parser: Any, name: str, text: str, default: Any = None, **options: Any) -> None:
+    """Add an argument.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--policy``
+    :param text: help text, to which the default value is added
+    :param default: its default value, if there is one to show
+    :param options: further arguments of argparse
+    """
+    shown = " ".join(map(str, default)) if isinstance(default, list) else default
+    text = text if shown in (None, "") else f"{text} (default: {shown})".lstrip()
+    parser.add_argument(name, default=default, help=text, **options)
+
+
+def add_flag(parser: Any, name: str, text: str) -> None:
+    """Add an option without a value.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--resume``
+    :param text: help text
+    """
+    parser.add_argument(name, action="store_true", help=text)
+
+
 def add_count(
-    parser: Any, name: str, default: int, text: str, *, least: int = 1, metavar: str = "N"
+    parser: Any, name: str, default: int | None, text: str, *, least: int = 1, metavar: str = "N"
 ) -> None:
     """Add an option for an integer with a lower bound.
 
@@ -181,8 +205,7 @@ def add_count(
     :param least: smallest allowed value
     :param metavar: name of the value in the help text
     """
-    text = f"{text} (default: {default})".lstrip()
-    parser.add_argument(name, type=at_least(least), default=default, metavar=metavar, help=text)
+    add(parser, name, text, default, type=at_least(least), metavar=metavar)
 
 
 def add_seconds(
@@ -222,10 +245,7 @@ def add_several(
     :param text: help text
     :param metavar: name of a value in the help text
     """
-    text = f"{text} (default: {' '.join(map(str, default))})"
-    parser.add_argument(
-        name, nargs="+", type=kind, default=list(default), metavar=metavar, help=text
-    )
+    add(parser, name, text, list(default), nargs="+", type=kind, metavar=metavar)
 
 
 def add_file(
@@ -266,6 +286,29 @@ def add_folder(parser: Any, name: str, text: str, **options: Any) -> None:
     parser.add_argument(name, type=new_folder, metavar="DIR", help=text, **options)
 
 
+def add_cache(parser: Any, name: str, what: str, text: str) -> None:
+    """Add an option for a folder of files that are kept, in the user's cache by default.
+
+    :param parser: an argparse parser or group
+    :param name: such as ``--cache``
+    :param what: name of the folder in the cache
+    :param text: help text
+    """
+    from saver_envs.files import cache_folder
+
+    add(parser, name, text, cache_folder(what), type=Path, metavar="DIR")
+
+
+def add_pose_cache(parser: Any) -> None:
+    """Add ``--cache``, the folder of rendered pictures."""
+    add_cache(parser, "--cache", "pose", "folder of rendered pictures")
+
+
+def add_peer_cache(parser: Any) -> None:
+    """Add ``--peer-cache``, the folder of the suites that ours is compared with."""
+    add_cache(parser, "--peer-cache", "peers", "folder of the peers' virtual environments")
+
+
 def add_figure(parser: Any, name: str, text: str) -> None:
     """Add an option for a figure to write: PNG, SVG or PDF.
 
@@ -302,19 +345,27 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_env(
+    parser: argparse.ArgumentParser, text: str = "see `saver envs`", required: bool = False
+) -> None:
+    """Add ``--env ID``.
+
+    :param parser: an argparse parser
+    :param text: help text
+    :param required: whether the command needs it
+    """
+    add(parser, "--env", text, type=env_id, metavar="ID", required=required)
+
+
 def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
     """Add ``--env-kwargs name=value ...`` and ``--randomization``, which adds one of them."""
     text = "keyword arguments of the environment, such as rated=true object_size=0.07"
     add_settings(parser, "--env-kwargs", text)
-    parser.add_argument(
-        "--randomization",
-        dest="env_kwargs",
-        action="append",
-        type="randomization={}".format,
-        metavar="NAME",
-        help="what differs between episodes: none, mild, wide, held-out:NAME or held-out:all; "
-        "short for --env-kwargs randomization=NAME",
-    )
+    text = "what differs between episodes: none, mild, wide, held-out:NAME or held-out:all; "
+    text += "short for --env-kwargs randomization=NAME"
+    kind = "randomization={}".format
+    names = {"dest": "env_kwargs", "metavar": "NAME"}
+    add(parser, "--randomization", text, action="append", type=kind, **names)
 
 
 def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
@@ -334,15 +385,15 @@ def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
     return values
 
 
-def write_json(path: Path | None, data: dict[str, Any]) -> None:
+def write_json(path: Path | None, data: Mapping[str, Any]) -> None:
     """Write results with their provenance; do nothing without a path.
 
     :param path: of the file, or None
-    :param data: JSON-able results
+    :param data: JSON-able results; a provenance of an earlier time among them is kept
     """
-    if path is None:
-        return
     from saver_advisors.reporting.provenance import provenance, write_json_atomic
 
-    write_json_atomic(path, {**data, "provenance": provenance()})
-    print(f"wrote {path}")
+    if path is not None:
+        origin = data.get("provenance") or provenance()
+        write_json_atomic(path, {**data, "provenance": origin})
+        print(f"wrote {path}")

@@ -16,23 +16,20 @@ To reproduce the dissertation's tables and figures, run
 `python -m reproduction NAME` in a clone of the repository."""
 
 KINDS: Final = {
-    "speed": (
-        "saver_advisors.cli.benchmark_speed",
-        "measure environment steps per second, here and in other suites",
-    ),
-    "run": (
-        "saver_advisors.cli.benchmark_run",
-        "train your own algorithm by the benchmark protocol",
-    ),
-    "compare": ("saver_advisors.cli.benchmark_compare", "compare your results with the baselines"),
-    "worlds": ("saver_advisors.cli.benchmark_worlds", "evaluate policies in worlds that vary"),
-    "pose": ("saver_advisors.cli.benchmark_pose", "measure pose estimation, here and in BlazePose"),
+    "speed": "measure environment steps per second, here and in other suites",
+    "run": "train your own algorithm by the benchmark protocol",
+    "compare": "compare your results with the baselines",
+    "worlds": "evaluate policies in worlds that vary",
+    "pose": "measure pose estimation, here and in BlazePose",
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of every benchmark."""
-    add_commands(parser.add_subparsers(dest="kind", metavar="WHAT", required=True), KINDS)
+    kinds = {
+        name: (f"saver_advisors.cli.benchmark_{name}", summary) for name, summary in KINDS.items()
+    }
+    add_commands(parser.add_subparsers(dest="kind", metavar="WHAT", required=True), kinds)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import add_peer_cache
-from saver_advisors.cli.arguments import add_count, add_json, write_json
-from saver_advisors.cli.pose import add_cache, add_weights
+from saver_advisors.cli import arguments
+from saver_advisors.cli.pose import add_weights
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -33,37 +34,30 @@ PARTS: Final = ("accuracy", "speed")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_weights(parser)
-    add_count(
-        parser, "--frames", FRAMES, "test pictures, rounded down to a multiple of 20", least=20
+    text = "test pictures, rounded down to a multiple of 20"
+    arguments.add_count(parser, "--frames", FRAMES, text, least=20)
+    text = "pictures of each harder set: occluded, low light, two people"
+    arguments.add_count(parser, "--hard-frames", HARD_FRAMES, text, least=20)
+    arguments.add_count(parser, "--rounds", 7, "rounds of each median")
+    arguments.add(
+        parser, "--only", "measure only this (default: accuracy and speed)", choices=PARTS
     )
-    add_count(
-        parser,
-        "--hard-frames",
-        HARD_FRAMES,
-        "pictures of each harder set: occluded, low light, two people",
-        least=20,
-    )
-    add_count(parser, "--rounds", 7, "rounds of each median")
-    parser.add_argument(
-        "--only", choices=PARTS, help="measure only this (default: accuracy and speed)"
-    )
-    parser.add_argument(
-        "--peers",
-        action="store_true",
-        help="also BlazePose (lite, full, heavy), in a virtual environment created at first use",
-    )
-    add_peer_cache(parser)
-    add_cache(parser)
-    add_json(parser)
+    text = "also BlazePose (lite, full, heavy), in a virtual environment created at first use"
+    arguments.add_flag(parser, "--peers", text)
+    arguments.add_peer_cache(parser)
+    arguments.add_pose_cache(parser)
+    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print the figures, and write them.
+    """Measure, print the tables, and write the figures.
 
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
     import pycocotools  # noqa: F401  (needed after the work: say so before it)
+
+    from saver_advisors.benchmark.pose.pose_page import pose_page
 
     figures: dict[str, Any] = {"kind": "pose", "title": "Seeing a person"}
     try:
@@ -74,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
                 figures |= _speed(args)
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    _show(figures)
-    write_json(args.json, figures)
+    print(pose_page(figures))
+    arguments.write_json(args.json, figures)
     return 0
 
 
@@ -104,19 +98,15 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
     estimators = {"saver": estimator}
     with contextlib.suppress(ValueError):  # limbs without their mirror images
         estimators["saver_mirror"] = PoseEstimator(estimator.network, mirror=True)
-    models: dict[str, dict[str, Any]] = {
-        model: {
-            name: accuracy(of_network(one, data, counts[name]), data) for name, data in sets.items()
-        }
-        for model, one in estimators.items()
-    }
+
+    def figures(estimates: Callable[..., Any], names: Iterable[str]) -> dict[str, Any]:
+        return {one: accuracy(estimates(sets[one], counts[one]), sets[one]) for one in names}
+
+    models = {model: figures(partial(of_network, one), sets) for model, one in estimators.items()}
     for variant in VARIANTS if args.peers else ():
         with BlazePose(variant, args.peer_cache) as peer:
-            models[f"blazepose_{variant}"] = {
-                name: accuracy(of_blazepose(peer, data, counts[name]), data)
-                for name, data in sets.items()
-                if variant == "heavy" or name == "test"
-            }
+            names = sets if variant == "heavy" else ["test"]
+            models[f"blazepose_{variant}"] = figures(partial(of_blazepose, peer), names)
     return {
         "weights": weights.name,
         "weights_info": read_info(weights)["info"],
@@ -142,26 +132,3 @@ def _speed(args: argparse.Namespace) -> dict[str, Any]:
         "parsing": parsing_rows(args.rounds),
         "load": {"before": before, "after": load_averages()},
     }
-
-
-def _show(figures: dict[str, Any]) -> None:
-    for model, sets in figures.get("models", {}).items():
-        for name, row in sets.items():
-            error = "  --" if row["error_mm"] is None else f"{row['error_mm']:4.0f}"
-            print(
-                f"{model:16s} {name:10s} PCK@0.2 {row['pck_0.2']:.3f}   "
-                f"{row['error_px']:5.1f} px   {error} mm   "
-                f"AP {row['oks_ap']:.3f}   {row['frames_per_second']:5.1f} frames/s"
-            )
-    for row in figures.get("speed", ()):
-        spent = row["milliseconds"]
-        parts = "   ".join(f"{name} {value:.1f}" for name, value in spent.items())
-        size = f"{row['width']} x {row['height']}"
-        head = f"{row['architecture']:6s} {size:9s} {row['threads']} threads"
-        print(f"{head} {row['limbs']:2d} limbs")
-        print(f"    ms: {parts}")
-    for row in figures.get("parsing", ()):
-        print(
-            f"parsing {row['width']} x {row['height']} {row['people']:2d} people "
-            f"({row['found']} found): {row['milliseconds']:.2f} ms"
-        )

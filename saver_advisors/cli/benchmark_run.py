@@ -16,23 +16,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from saver_advisors.cli.arguments import (
+    add,
     add_count,
+    add_env,
     add_env_kwargs,
     add_folder,
     add_settings,
-    at_least,
     checked_env_kwargs,
-    env_id,
     settings,
 )
 from saver_advisors.cli.evaluate import show
 from saver_advisors.cli.experiments import execute
-from saver_advisors.evaluation.protocol import (
-    EVALUATE_EVERY,
-    REPORT_EPISODES,
-    SELECTION_EPISODES,
-    training_seed,
-)
+from saver_advisors.evaluation import protocol
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -76,26 +71,17 @@ def seed_range(text: str) -> list[int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
-    parser.add_argument(
-        "--algo", required=True, metavar="MODULE:CLASS", help="the algorithm; or FILE.py:CLASS"
-    )
+    add_env(parser, required=True)
+    add(parser, "--algo", "the algorithm; or FILE.py:CLASS", required=True, metavar="MODULE:CLASS")
     text = "its keyword arguments as YAML; import:MODULE:NAME refers to a class"
     add_settings(parser, "--algo-kwargs", text)
-    parser.add_argument("--name", help="its name in tables (default: the class's name)")
-    parser.add_argument(
-        "--steps",
-        type=at_least(1),
-        metavar="N",
-        help="total environment steps (default: the environment's, as in `saver train`)",
-    )
+    add(parser, "--name", "its name in tables (default: the class's name)")
+    text = "total environment steps (default: the environment's, as in `saver train`)"
+    add_count(parser, "--steps", None, text)
     which = parser.add_mutually_exclusive_group(required=True)
-    which.add_argument(
-        "--seed", type=at_least(0), metavar="S", help="seed of all random numbers of one run"
-    )
-    which.add_argument(
-        "--seeds", type=seed_range, metavar="A-B", help="seeds of several runs: 0-4, or 0,3,7"
-    )
+    text = "seed of all random numbers of one run"
+    add_count(which, "--seed", None, text, least=0, metavar="S")
+    add(which, "--seeds", "seeds of several runs: 0-4, or 0,3,7", type=seed_range, metavar="A-B")
     add_count(parser, "--processes", 1, "runs in parallel, with --seeds")
     add_folder(parser, "--output", "folder of the result file", required=True)
     add_count(parser, "--n-envs", 16, "environments stepped in parallel")
@@ -104,9 +90,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(earlier, "--teacher-steps", 0, "steps that trained its teachers", least=0)
     add_count(earlier, "--demonstration-steps", 0, "steps of demonstrations", least=0)
     rules = parser.add_argument_group("evaluations", "their seeds are fixed")
-    add_count(rules, "--eval-every", EVALUATE_EVERY, "environment steps between evaluations")
-    add_count(rules, "--eval-episodes", SELECTION_EPISODES, "episodes per evaluation")
-    add_count(rules, "--report-episodes", REPORT_EPISODES, "episodes of the reported evaluation")
+    add_count(
+        rules, "--eval-every", protocol.EVALUATE_EVERY, "environment steps between evaluations"
+    )
+    add_count(rules, "--eval-episodes", protocol.SELECTION_EPISODES, "episodes per evaluation")
+    add_count(
+        rules, "--report-episodes", protocol.REPORT_EPISODES, "episodes of the reported evaluation"
+    )
 
 
 @one_thread_of_algebra()
@@ -176,7 +166,7 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any], seed: int) -> Benchm
     from saver_advisors.experiments.grid import THIRD_PARTY_KEYS, third_party_plan
 
     with user_mistakes("argument --seeds" if args.seeds else "argument --seed"):
-        training_seed(seed)
+        protocol.training_seed(seed)
     name = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{name}-seed{seed}")
     shared = {key: getattr(args, key) for key in ("n_envs", "eval_every", "eval_episodes")}

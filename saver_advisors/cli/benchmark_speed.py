@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
-from saver_advisors.benchmark.peers.suites import PEERS, add_peer_cache
+from saver_advisors.benchmark.peers.suites import PEERS
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -29,29 +29,23 @@ THREADS: Final = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from saver_advisors.cli.arguments import (
-        add_count,
-        add_page,
-        add_seconds,
-        add_several,
-        at_least,
-        env_id,
-    )
+    from saver_advisors.cli import arguments
 
-    add_several(parser, "--envs", env_id, TIMED_IDS, "environments", metavar="ID")
-    count = at_least(1)
-    add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
-    add_several(parser, "--threads", count, THREADS, "native threads, each on its own core")
-    add_count(parser, "--rounds", 9, "rounds of each median")
-    add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
-    parser.add_argument(
-        "--peers",
-        action="store_true",
-        help=f"also time {', '.join(peer.name for peer in PEERS)}, each in a virtual environment "
-        "created at first use",
+    arguments.add_several(
+        parser, "--envs", arguments.env_id, TIMED_IDS, "environments", metavar="ID"
     )
-    add_peer_cache(parser)
-    add_page(parser)
+    count = arguments.at_least(1)
+    arguments.add_several(parser, "--n-envs", count, N_ENVS, "environments stepped in parallel")
+    arguments.add_several(
+        parser, "--threads", count, THREADS, "native threads, each on its own core"
+    )
+    arguments.add_count(parser, "--rounds", 9, "rounds of each median")
+    arguments.add_seconds(parser, "--seconds", "shortest measurement", 0.25, metavar="S")
+    peers = ", ".join(peer.name for peer in PEERS)
+    text = f"also time {peers}, each in a virtual environment created at first use"
+    arguments.add_flag(parser, "--peers", text)
+    arguments.add_peer_cache(parser)
+    arguments.add_page(parser)
 
 
 def run(args: argparse.Namespace) -> int:

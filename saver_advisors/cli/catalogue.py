@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from saver_advisors.reporting.tables import Column
 from saver_envs.registration import DENSE, ENVIRONMENTS, PIXELS, make_episodes
@@ -20,59 +19,33 @@ COLUMNS: Final[dict[str, Column]] = {
     "succeeds when, on the last step,": "{succeeds}",
     "cost": lambda row: ", ".join(row["summed_costs"]),
 }
-"""Headings, and how the fields of an :class:`Entry` fill each column."""
+"""Headings, and how an :func:`entry` fills each column."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A row of the table of environments.
+def entry(env_id: str) -> dict[str, Any]:
+    """Return the row of a registered id in the table of environments.
 
     :param env_id: id of the environment
-    :param task: name of the task
-    :param robot: name of the robot
-    :param arms: number of arms
-    :param observation_size: length of ``observation``
-    :param action_size: length of an action
-    :param goal_size: length of a goal
-    :param horizon: number of actions in an episode
-    :param reward: ``sparse`` or ``dense``
-    :param succeeds: condition for success, in words
-    :param costs: all costs that ``info`` reports
-    :param summed_costs: costs that are summed in ``info["cost"]``
+    :return: ``env_id``, ``task``, ``robot``, ``arms``, sizes and ``horizon`` (actions); ``reward``:
+        ``sparse`` or ``dense``; ``succeeds``: the condition for success, in words; ``costs``: all
+        that ``info`` reports; ``summed_costs``: those that are summed in ``info["cost"]``
     """
-
-    env_id: str
-    task: str
-    robot: str
-    arms: int
-    observation_size: int
-    action_size: int
-    goal_size: int
-    horizon: int
-    reward: str
-    succeeds: str
-    costs: tuple[str, ...]
-    summed_costs: tuple[str, ...]
-
-
-def entry(env_id: str) -> Entry:
-    """Return the row of a registered id."""
     row = ENVIRONMENTS[env_id]
     episodes = make_episodes(env_id)
-    return Entry(
-        env_id=env_id,
-        task=row.task.name,
-        robot=row.robot,
-        arms=row.n_arms,
-        observation_size=episodes.observation_size,
-        action_size=episodes.action_size,
-        goal_size=episodes.goal_size,
-        horizon=episodes.settings.horizon,
-        reward=row.reward_type,
-        succeeds=episodes.task.page(episodes.scene).succeeds,
-        costs=tuple(sorted(episodes.task.costs)),
-        summed_costs=episodes.task.summed,
-    )
+    return {
+        "env_id": env_id,
+        "task": row.task.name,
+        "robot": row.robot,
+        "arms": row.n_arms,
+        "observation_size": episodes.observation_size,
+        "action_size": episodes.action_size,
+        "goal_size": episodes.goal_size,
+        "horizon": episodes.settings.horizon,
+        "reward": row.reward_type,
+        "succeeds": episodes.task.page(episodes.scene).succeeds,
+        "costs": tuple(sorted(episodes.task.costs)),
+        "summed_costs": episodes.task.summed,
+    }
 
 
 def sparse_ids() -> list[str]:

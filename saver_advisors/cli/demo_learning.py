@@ -3,40 +3,38 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
-import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.runs import read_run
+from saver_advisors.cli.curves import summary
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import ONE_ARM_ID
 
 #: Teacher of the advised student.
 TEACHER: Final = "jaco-push"
 #: Small networks and frequent evaluations, for a run of two minutes (docs/decisions.md).
-LESSON_SETTINGS: Final = (
-    "net_arch=[128,128,128]",
-    "gradient_steps=120",
-    "eval_every=1600",
-    "eval_episodes=32",
-)
-#: Name and further arguments of `saver train` for each student. One is advised in every step and
-#: imitates the teacher; the other learns from hindsight relabelling.
-STUDENTS: Final = {
-    "taught": (
-        *("imitation_weight=50", "imitation_filter_start=1000000000"),
-        *("relabel_probability=0", "policy_delay=1"),
-        *("--advice", "early", "--teacher", TEACHER, "--budget", "1000000000"),
-    ),
-    "alone": ("--advice", "none"),
+LESSON_SETTINGS: Final = {
+    "net_arch": [128, 128, 128],
+    "gradient_steps": 120,
+    "eval_every": 1600,
+    "eval_episodes": 32,
+    # More steps than fit into the time limit, which ends the run.
+    "total_steps": 10_000_000,
 }
-#: More steps than fit into the time limit, which ends the run.
-LESSON_STEPS: Final = 10_000_000
-#: Time in which a stopped process must write its checkpoint (s).
-PATIENCE: Final = 60.0
+#: Further settings of each student. One is advised in every step and imitates the teacher; the
+#: other learns from hindsight relabelling.
+STUDENTS: Final[dict[str, dict[str, Any]]] = {
+    "taught": {
+        "imitation_weight": 50,
+        "imitation_filter_start": 1_000_000_000,
+        "relabel_probability": 0,
+        "policy_delay": 1,
+        "advice": {"strategy": "early", "teacher": TEACHER, "budget": 1_000_000_000},
+    },
+    "alone": {"advice": None},
+}
+#: Time in which the students' processes start (s), which the training time does not include.
+START_UP: Final = 8.0
 
 
 def learn(args: argparse.Namespace) -> dict[str, Any]:
@@ -46,70 +44,30 @@ def learn(args: argparse.Namespace) -> dict[str, Any]:
     :return: a summary of each student's curve; students without an evaluation are left out
     :raises UsageError: if a student's process fails
     """
+    from saver_advisors.experiments.grid import ExperimentRun, Grid
+    from saver_advisors.experiments.progress import shown_progress
+    from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
+    from saver_advisors.experiments.training_runs import read_training_runs
     from saver_advisors.pretrained import shipped_policies
+    from saver_advisors.training.defaults import default_settings
+    from saver_advisors.training.settings import RunConfig
+    from saver_advisors.training.stopping import Stop
 
     students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
+    common = {**default_settings(ONE_ARM_ID), **LESSON_SETTINGS, "seed": args.seed}
+    configs = {name: RunConfig.from_mapping({**common, **STUDENTS[name]}) for name in students}
+    grid = Grid("", tuple(ExperimentRun(one, "", one, configs[one]) for one in students))
     # A new folder each time, so that no run is overwritten.
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    folders = [args.output / "learning" / stamp / name for name in students]
-    processes = [
-        subprocess.Popen(_train_command(args, folder), stdout=subprocess.DEVNULL)
-        for folder in folders
-    ]
-    try:
-        _watch(processes, folders, args.train_seconds)
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            _wait(process)
-    failed = [process.returncode for process in processes if process.returncode != 0]
-    if failed:
-        raise UsageError(f"training failed with exit status {failed}; see above")
-    runs = []
-    for folder in folders:
-        with suppress(UsageError):  # stopped before the first evaluation
-            runs.append(read_run(folder, folder.name).summary())
-    return {"seconds": args.train_seconds, "students": students, "runs": runs}
-
-
-def _train_command(args: argparse.Namespace, folder: Path) -> list[str]:
-    return [
-        *(sys.executable, "-P", "-m", "saver_advisors.cli", "train", "--env", ONE_ARM_ID),
-        *("--output", str(folder), "--seed", str(args.seed), "--steps", str(LESSON_STEPS)),
-        *("--time-limit", str(args.train_seconds), "--no-progress"),
-        *("--set", *LESSON_SETTINGS, *STUDENTS[folder.name]),
-    ]
-
-
-def _watch(processes: list[subprocess.Popen[bytes]], folders: list[Path], seconds: float) -> None:
-    """Show the elapsed time and the latest success rates until every process has ended."""
-    from tqdm import tqdm
-
-    start = time.monotonic()
-    with tqdm(
-        total=round(seconds), unit="s", bar_format="{l_bar}{bar}| {n}/{total} s{postfix}"
-    ) as bar:
-        while any(process.poll() is None for process in processes):
-            time.sleep(0.5)
-            elapsed = time.monotonic() - start
-            bar.n = min(round(elapsed), bar.total)
-            rates = [f"{one.name} {_newest_success(one)}" for one in folders]
-            bar.set_postfix_str("success: " + ", ".join(rates))
-            if elapsed > seconds + PATIENCE:
-                return
-
-
-def _newest_success(folder: Path) -> str:
-    try:
-        return f"{read_run(folder, '').points[-1]['success_rate']:.2f}"
-    except UsageError:
-        return "-"
-
-
-def _wait(process: subprocess.Popen[bytes]) -> None:
-    try:
-        process.wait(PATIENCE)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    folder = args.output / "learning" / time.strftime("%Y%m%d-%H%M%S")
+    places = Places(folder, folder / "results")
+    backend, stop = LocalProcesses(places, len(students)), Stop(START_UP + args.train_seconds)
+    with shown_progress(grid, places) as look:
+        progress = work_off(grid, places, backend, stop, look)
+    for name, words in progress.failed.items():
+        raise UsageError(f"training failed: {name}: {words} (see {folder / name})")
+    runs = sorted(read_training_runs([places.results]).runs, key=lambda run: run.row != "taught")
+    return {
+        "seconds": args.train_seconds,
+        "students": students,
+        "runs": [summary(run) for run in runs],
+    }

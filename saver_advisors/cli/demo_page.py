@@ -8,12 +8,14 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
+from saver_advisors.cli.curves import CURVE_COLUMNS, PANELS, draw
 from saver_advisors.cli.demo_learning import TEACHER
-from saver_advisors.cli.runs import CURVE_COLUMNS, PANELS, RunCurve, draw
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.experiments.training_runs import drawn_run
 from saver_advisors.reporting.curve_style import COLOURS
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.tables import row_cells
+from saver_advisors.reporting.templates import rendered
 from saver_envs.registration import ONE_ARM_ID
 
 PICTURE_WIDTH: Final = 480
@@ -28,14 +30,11 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
     :param parts: further variables of the template
     :return: HTML
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     evaluations, learning = figures["evaluations"], figures["learning"]
     columns = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
-    templates = Environment(
-        loader=PackageLoader("saver_advisors.cli"), undefined=StrictUndefined, autoescape=True
-    )
-    return templates.get_template("demo.html.j2").render(
+    return rendered(
+        "saver_advisors.cli",
+        "demo.html.j2",
         **parts,
         **{name: figures[name] for name in ("total_s", "provenance", "evaluations")},
         episodes=args.episodes,
@@ -69,7 +68,7 @@ def _described_baselines(evaluations: list[dict[str, Any]]) -> str:
 def _learning_figure(summaries: list[dict[str, Any]]) -> str:
     if not summaries:
         return ""
-    runs = [RunCurve(one["name"], {}, one["points"]) for one in summaries]
+    runs = [drawn_run(one, {}) for one in summaries]
     return _figure_uri(draw(runs, PANELS[:2]))
 
 

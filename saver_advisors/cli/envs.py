@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from saver_advisors.cli.arguments import add_json, write_json
+from saver_advisors.cli.arguments import add_flag, add_json, write_json
 
 EXAMPLES = """\
 examples:
@@ -15,10 +15,8 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--all", action="store_true", help="also list the variants with a dense reward"
-    )
-    parser.add_argument("--markdown", action="store_true", help="print a Markdown table")
+    add_flag(parser, "--all", "also list the variants with a dense reward")
+    add_flag(parser, "--markdown", "print a Markdown table")
     add_json(parser)
 
 
@@ -29,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
 
     names = sparse_ids()
     listed = names + [dense_twin(name) for name in names] * args.all
-    entries = [vars(entry(name)) for name in listed]
+    entries = [entry(name) for name in listed]
     if args.markdown:
         print(tables.rows_table(entries, COLUMNS), end="")
     else:

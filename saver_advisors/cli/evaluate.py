@@ -9,16 +9,7 @@ import argparse
 import time
 from typing import Any
 
-from saver_advisors.cli.arguments import (
-    add_count,
-    add_env_kwargs,
-    add_figure,
-    add_file,
-    add_json,
-    checked_env_kwargs,
-    env_id,
-    write_json,
-)
+from saver_advisors.cli import arguments
 from saver_advisors.reporting.errors import user_mistakes
 from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, collision_force
 from saver_advisors.reporting.tables import show_rows
@@ -47,22 +38,19 @@ policies:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, required=True, metavar="ID", help="see `saver envs`")
-    parser.add_argument(
-        "--policy", required=True, metavar="POLICY", help="the policy; see the list below"
+    arguments.add_env(parser, required=True)
+    arguments.add(
+        parser, "--policy", "the policy; see the list below", required=True, metavar="POLICY"
     )
-    add_count(parser, "--episodes", 100, "number of episodes")
-    add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
-    add_env_kwargs(parser)
-    add_json(parser)
+    arguments.add_count(parser, "--episodes", 100, "number of episodes")
+    arguments.add_count(parser, "--seed", 0, "of episode 0", least=0, metavar="S")
+    arguments.add_env_kwargs(parser)
+    arguments.add_json(parser)
     text = "record a video of the first episodes"
-    add_file(parser, "--video", text, ".mp4", metavar="FILE.mp4")
-    add_figure(
-        parser,
-        "--paths",
-        "plot the paths of hands and objects in the first episode, and the objects' distance",
-    )
-    add_count(parser, "--video-episodes", 4, "number of recorded episodes")
+    arguments.add_file(parser, "--video", text, ".mp4", metavar="FILE.mp4")
+    text = "plot the paths of hands and objects in the first episode, and the objects' distance"
+    arguments.add_figure(parser, "--paths", text)
+    arguments.add_count(parser, "--video-episodes", 4, "number of recorded episodes")
 
 
 @one_thread_of_algebra()
@@ -70,10 +58,10 @@ def run(args: argparse.Namespace) -> int:
     """Evaluate, print, write."""
     from saver_advisors.cli.policies import resolve
 
-    env_kwargs = checked_env_kwargs(args.env, args.env_kwargs)
+    env_kwargs = arguments.checked_env_kwargs(args.env, args.env_kwargs)
     figures = measure(args.policy, args.env, args.episodes, args.seed, env_kwargs)
     show(figures)
-    write_json(args.json, figures)
+    arguments.write_json(args.json, figures)
     if args.video is not None:
         from saver_advisors.reporting.video import record, write_mp4
 

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_folder, add_seconds, add_threads
+from saver_advisors.cli.arguments import add, add_count, add_folder, add_seconds, add_threads
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
@@ -46,22 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for action in (resume, status):
         action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
     for action in (run_action, resume, status):
-        action.add_argument(
-            "--only",
-            nargs="+",
-            action="extend",
-            default=[],
-            metavar="WORD",
-            help="only runs whose names contain any of these words",
-        )
+        text = "only runs whose names contain any of these words"
+        add(action, "--only", text, [], nargs="+", action="extend", metavar="WORD")
     for action in (run_action, resume):
         add_count(action, "--processes", 1, "parallel runs on this machine")
         add_threads(action)
-        action.add_argument(
-            "--ray",
-            metavar="ADDRESS",
-            help="run on a Ray cluster: auto, or ray://host:10001",
-        )
+        add(action, "--ray", "run on a Ray cluster: auto, or ray://host:10001", metavar="ADDRESS")
         text = "stop after this time; active runs write their checkpoints"
         add_seconds(action, "--time-limit", text)
 
@@ -123,13 +113,13 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
     :return: exit status: 0 where all are done or the time is over, 1 after a failure, 130 after
         Ctrl-C
     """
-    from saver_advisors.experiments.progress import ProgressTable
+    from saver_advisors.experiments.progress import shown_progress
     from saver_advisors.experiments.scheduler import work_off
     from saver_advisors.training.stopping import Stop
 
     stop = Stop(time_limit)
-    with stop.on_signals(), ProgressTable(grid, places) as shown:
-        progress = work_off(grid, places, backend, stop, shown.look)
+    with stop.on_signals(), shown_progress(grid, places) as look:
+        progress = work_off(grid, places, backend, stop, look)
     if progress.failed:
         for name, words in progress.failed.items():
             log = places.folder(grid.named(name)) / LOG_FILE

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_file, add_json, at_least, write_json
-from saver_advisors.cli.runs import read_run
+from saver_advisors.cli.arguments import add, add_count, add_file, add_json, add_path, write_json
+from saver_advisors.cli.curves import read_run
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -30,16 +30,14 @@ EPISODES = 200
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     text = "a folder of `saver train`, or a weight file"
-    parser.add_argument("run_dir", type=Path, metavar="RUN_DIR", help=text)
+    add_path(parser, "run_dir", text, metavar="RUN_DIR")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument(
-        "--name",
-        help="add it to the shipped policies under this name; only in a clone of the repository",
-    )
+    text = "add it to the shipped policies under this name; only in a clone of the repository"
+    add(where, "--name", text)
     add_file(where, "--path", "write the weights to this file", ".safetensors")
     text = "episodes per evaluation (default: 200, or as on the card of a weight file)"
-    parser.add_argument("--episodes", type=at_least(1), metavar="N", help=text)
-    parser.add_argument("--task", metavar="TEXT", help="description of the task, for the card")
+    add_count(parser, "--episodes", None, text)
+    add(parser, "--task", "description of the task, for the card", metavar="TEXT")
     add_json(parser)
 
 
@@ -48,38 +46,27 @@ def run(args: argparse.Namespace) -> int:
     """Choose the policy, measure it, and write weights and card."""
     from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
     from saver_advisors.reporting.tables import show_rows
-    from saver_advisors.training.release import release_run
+    from saver_advisors.training.release import release_run, remeasure
 
+    path = args.path or shipped_path(args.name)
+    figures: dict[str, Any] = {"kind": "export", "policy": path.stem}
     if args.run_dir.suffix == ".safetensors":
-        return _measure_again(args)
-    episodes = EPISODES if args.episodes is None else args.episodes
-    config = read_run(args.run_dir, "").config
-    env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
-    path = args.path or shipped_path(args.name)
-    print(f"evaluating {args.run_dir}: up to three times {episodes} episodes")
-    with user_mistakes("argument RUN_DIR"):
-        released = release_run(
-            args.run_dir, path, task=args.task or _task(env, env_kwargs), episodes=episodes
-        )
-    figures = {"policy": path.stem, "env_kwargs": env_kwargs, **released["summary"]}
-    show_rows([figures], EVALUATION_COLUMNS)
-    print(f"took the {released['chosen']} policy; wrote {path} and {path.with_suffix('.md')}")
-    write_json(args.json, {"kind": "export", **released, **figures})
-    return 0
-
-
-def _measure_again(args: argparse.Namespace) -> int:
-    """Measure the policy of a weight file, and write it with a new card."""
-    from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS
-    from saver_advisors.reporting.tables import show_rows
-    from saver_advisors.training.release import remeasure
-
-    path = args.path or shipped_path(args.name)
-    with user_mistakes("argument RUN_DIR"):
-        summary = remeasure(args.run_dir, path, args.episodes)
-    show_rows([{"policy": path.stem, **summary}], EVALUATION_COLUMNS)
-    print(f"wrote {path} and {path.with_suffix('.md')}")
-    write_json(args.json, {"kind": "export", "policy": path.stem, "summary": summary})
+        with user_mistakes("argument RUN_DIR"):
+            figures["summary"] = remeasure(args.run_dir, path, args.episodes)
+        shown, chosen = {**figures, **figures["summary"]}, ""
+    else:
+        episodes = EPISODES if args.episodes is None else args.episodes
+        config = read_run(args.run_dir, "").config
+        env, env_kwargs = config["env_id"], config.get("env_kwargs", {})
+        print(f"evaluating {args.run_dir}: up to three times {episodes} episodes")
+        task = args.task or _task(env, env_kwargs)
+        with user_mistakes("argument RUN_DIR"):
+            released = release_run(args.run_dir, path, task=task, episodes=episodes)
+        figures |= {"env_kwargs": env_kwargs, **released, **released["summary"]}
+        shown, chosen = figures, f"took the {released['chosen']} policy; "
+    show_rows([shown], EVALUATION_COLUMNS)
+    print(f"{chosen}wrote {path} and {path.with_suffix('.md')}")
+    write_json(args.json, figures)
     return 0
 
 

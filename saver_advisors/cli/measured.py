@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from saver_advisors.cli.arguments import write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -80,12 +81,8 @@ def hand_over(
     :param json_file: path for the results, or None
     :param table: path for the page, or None
     """
-    from saver_advisors.reporting.provenance import write_json_atomic
-
     print(page)
-    if json_file is not None:
-        write_json_atomic(json_file, figures)
-        print(f"wrote {json_file}")
+    write_json(json_file, figures)
     if table is not None:
         table.write_text(page, encoding="utf-8")
         print(f"wrote {table}")

@@ -9,22 +9,18 @@ import argparse
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.arguments import (
-    add_count,
-    add_figure,
-    add_file,
-    add_json,
-    add_settings,
-    arm,
-    settings,
-    write_json,
-)
-from saver_advisors.cli.model_data import prepare_data
+from saver_advisors.cli import arguments
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
+from saver_advisors.reporting.templates import rendered
 from saver_advisors.training.threads import one_thread_of_algebra
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from saver_envs.modelling.datasets import DataSet, Recording
 
 EXAMPLES = """\
 examples:
@@ -33,64 +29,58 @@ examples:
   saver model train --robot mico --task id --model cgan --set sigma=0.2 --output id.safetensors
   saver model search --robot mico --trials 50 --json search.json    the paper's Table 7.3"""
 
+_QUANTITIES: Final = (
+    ("position", "position (rad)"),
+    ("velocity", "velocity (rad/s)"),
+    ("acceleration", "acceleration (rad/s²)"),
+    ("torque", "torque (N m)"),
+)
+_SHOWN: Final = 1200
+"""Number of plotted samples; more would hide the curves' shapes."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     steps = parser.add_subparsers(dest="step", metavar="WHAT", required=True)
     data = steps.add_parser("data", help="record an arm's data set, and plot the first samples")
-    add_count(data, "--seed", 0, "", least=0)
-    add_figure(data, "--figure", "plot the samples in this file")
+    arguments.add_count(data, "--seed", 0, "", least=0)
+    arguments.add_figure(data, "--figure", "plot the samples in this file")
     data.set_defaults(work=_data)
 
     train = steps.add_parser("train", help="train an inverse model and write its weights")
     _add_model_arguments(train)
-    train.add_argument(
-        "--data",
-        default="twin",
-        metavar="WHERE",
-        help="twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
-        "inverse kinematics only), or a data file (default: twin)",
-    )
-    add_count(train, "--data-seed", 0, "", least=0)
-    add_file(train, "--output", "file of the weights", ".safetensors", required=True)
+    text = "twin (data of chapter 7), workspace (tool targets in the environments' workspace, "
+    text += "inverse kinematics only), or a data file"
+    arguments.add(train, "--data", text, "twin", metavar="WHERE")
+    arguments.add_count(train, "--data-seed", 0, "", least=0)
+    arguments.add_file(train, "--output", "file of the weights", ".safetensors", required=True)
     train.set_defaults(work=_train)
 
     search = steps.add_parser(
         "search", help="search the architectures of Table 7.3, or the loop weight, with Optuna"
     )
     _add_model_arguments(search)
-    add_count(search, "--trials", 50, "")
-    search.add_argument(
-        "--loop-weights",
-        nargs="+",
-        type=float,
-        default=[],
-        metavar="W",
-        help="bigan and dualgan: compare these loop weights instead of architectures, each with "
-        "as many seeds as the trials allow",
-    )
-    add_json(search)
+    arguments.add_count(search, "--trials", 50, "")
+    text = "bigan and dualgan: compare these loop weights instead of architectures, each with "
+    text += "as many seeds as the trials allow"
+    arguments.add(search, "--loop-weights", text, [], nargs="+", type=float, metavar="W")
+    arguments.add_json(search)
     search.set_defaults(work=_search, data="twin", data_seed=0)
     for step in (data, train, search):
-        step.add_argument("--robot", type=arm, required=True, help="name of the arm")
+        arguments.add(step, "--robot", "name of the arm", type=arguments.arm, required=True)
 
 
 def _add_model_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the model and its training."""
-    parser.add_argument("--model", default="mlp", metavar="NAME", help="(default: mlp)")
-    add_count(parser, "--samples", 60_000, "", least=100)
-    parser.add_argument(
-        "--task",
-        choices=("ik", "id"),
-        default="ik",
-        help="inverse kinematics or inverse dynamics (default: ik)",
+    arguments.add(parser, "--model", "", "mlp", metavar="NAME")
+    arguments.add_count(parser, "--samples", 60_000, "", least=100)
+    text = "inverse kinematics or inverse dynamics"
+    arguments.add(parser, "--task", text, "ik", choices=("ik", "id"))
+    text = "settings of the training and the architecture: epochs, batch_size, learning_rate, "
+    text += (
+        "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak"
     )
-    add_settings(
-        parser,
-        "--set",
-        "settings of the training and the architecture: epochs, batch_size, learning_rate, "
-        "sigma, supervised_weight, loop_weight, precision, seed, layers, width, activation, leak",
-    )
+    arguments.add_settings(parser, "--set", text)
 
 
 @one_thread_of_algebra()
@@ -106,8 +96,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _data(args: argparse.Namespace) -> int:
-    from saver_advisors.cli.model_figure import draw_recording
-
     data = prepare_data(args.robot, args.seed)
     print(f"{args.robot}: {len(data.train):,} training samples, {len(data.test):,} test samples")
     if args.figure is not None:
@@ -116,12 +104,62 @@ def _data(args: argparse.Namespace) -> int:
     return 0
 
 
+def prepare_data(robot: str, seed: int = 0) -> DataSet:
+    """Return an arm's data set; record it with a progress bar if it is missing.
+
+    :param robot: the arm's name
+    :param seed: seed of the data set
+    :raises UsageError: for an arm without a twin
+    """
+    from tqdm import tqdm
+
+    from saver_envs.modelling.datasets import simulated_steps, twin_data_set
+
+    with user_mistakes("argument --robot"):
+        total = simulated_steps(robot)
+    with tqdm(total=total, desc=f"{robot}: data", unit="step", delay=2.0, leave=False) as bar:
+        return twin_data_set(robot, seed, progress=bar.update)
+
+
+def draw_recording(recording: Recording, robot: str) -> Figure:
+    """Plot the first samples of a recording, one column per joint.
+
+    :param recording: the samples
+    :param robot: the arm's name
+    :return: the figure
+    """
+    from matplotlib.figure import Figure
+
+    from saver_envs.modelling.arms import arm_named
+
+    slides = arm_named(robot).chain.prismatic
+    joints = len(slides)
+    figure = Figure(figsize=(2.6 * joints, 8.0), layout="constrained")
+    axes = figure.subplots(len(_QUANTITIES), joints, sharex=True, squeeze=False)
+    for row, (name, label) in enumerate(_QUANTITIES):
+        values = getattr(recording, name)[:_SHOWN]
+        for joint in range(joints):
+            axis = axes[row, joint]
+            axis.plot(values[:, joint], linewidth=0.7, color=f"C{row}")
+            axis.tick_params(labelsize=7)
+            axis.grid(alpha=0.3)
+            if row == 0:
+                hinges = joint + 1 - sum(slides[: joint + 1])
+                title = "lift (m, N)" if slides[joint] else f"joint {hinges}"
+                axis.set_title(title, fontsize=9)
+            if joint == 0:
+                axis.set_ylabel(label, fontsize=9)
+            if row == len(_QUANTITIES) - 1:
+                axis.set_xlabel("sample", fontsize=8)
+    return figure
+
+
 def _options(args: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the settings of the training and of the architecture."""
     from saver_envs.modelling.models import Training
     from saver_envs.modelling.networks import MLPArchitecture
 
-    values = settings(args.set, "--set")
+    values = arguments.settings(args.set, "--set")
     names = [[field.name for field in fields(kind)] for kind in (Training, MLPArchitecture)]
     valid = sorted({*names[0], *names[1]})
     for name in values:
@@ -203,31 +241,12 @@ def _train(args: argparse.Namespace) -> int:
         errors = model.predict(inputs) - torques
         card["unseen_trajectory_rmse"] = float(np.sqrt(np.square(errors).mean()))
     model.save(args.output, card)
-    _write_card(args.output, card)
+    # The card, as Markdown next to the weights.
+    text = rendered("saver_advisors.cli", "model_card.md.j2", stem=args.output.stem, card=card)
+    args.output.with_suffix(".md").write_text(text, encoding="utf-8")
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")
     return 0
-
-
-def _write_card(path: Path, card: dict[str, Any]) -> None:
-    """Write a weight file's card, as Markdown next to it."""
-    names = ("robot", "task", "model", "data", "samples", "data_seed", "cpu_seconds")
-    rows = [[name.replace("_", " "), str(card[name])] for name in names]
-    rows += [["validation RMSE", f"{card['validation_rmse']:.4g}"]]
-    if "unseen_trajectory_rmse" in card:
-        rows += [["RMSE on the unseen trajectory", f"{card['unseen_trajectory_rmse']:.4g} N m"]]
-    rows += [["architecture", str(card["architecture"])]]
-    rows += [[name.replace("_", " "), str(value)] for name, value in card["training"].items()]
-    rows += [["commit", f"`{card['provenance']['commit']}`"]]
-    for kind, error in card.get("unseen_targets_mm", {}).items():
-        told = f"{error['median']:.3g} mm median, {error['p99']:.3g} mm 99th percentile"
-        rows += [[f"unseen targets, {kind.replace('_', ' ')}", told]]
-    text = (
-        f"# {path.stem}\n\nGenerated from the weight file's header; do not edit.\n\n"
-        f"{tables.markdown(['', ''], rows)}\nTrained by:\n\n"
-        f"```\n{card['provenance']['command']}\n```\n"
-    )
-    path.with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 def _search(args: argparse.Namespace) -> int:
@@ -249,7 +268,7 @@ def _search(args: argparse.Namespace) -> int:
     }
     best = sorted(trials, key=lambda one: one["validation_rmse"])[:10]
     tables.show_rows(best, columns, f"best of {len(trials)}")
-    write_json(
+    arguments.write_json(
         args.json,
         {
             "kind": "modelling-search",

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any, Final
 
-from saver_advisors.cli.arguments import add_file, add_path, new_file, write_json
+from saver_advisors.cli.arguments import add, add_file, add_path, new_file, write_json
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -28,16 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "output with skeletons: a picture, or .mp4 for a video (default: next to the input, "
     add_file(parser, "--out", f"{text}NAME-poses.png or .mp4)", *PICTURES, ".mp4")
     add_weights(parser)
-    parser.add_argument(
-        "--limbs", nargs="+", metavar="NAME", help="limbs to detect (default: all 13)"
-    )
-    parser.add_argument(
-        "--turn",
-        type=int,
-        default=0,
-        choices=range(4),
-        help="quarter turns, anticlockwise, that bring heads to the top (default: 0)",
-    )
+    add(parser, "--limbs", "limbs to detect (default: all 13)", nargs="+", metavar="NAME")
+    text = "quarter turns, anticlockwise, that bring heads to the top"
+    add(parser, "--turn", text, 0, type=int, choices=range(4))
     text = "write joints (pixels) and confidences of every frame to this file"
     add_file(parser, "--json", text, ".json")
 
@@ -46,14 +39,6 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
     """Declare ``--weights``, the file of a pose network."""
     text = "weights of a network, .safetensors (default: the shipped weights)"
     add_path(parser, "--weights", text)
-
-
-def add_cache(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--cache``, the folder of rendered pictures."""
-    from saver_envs.files import cache_folder
-
-    text = "folder of rendered pictures (default: %(default)s)"
-    add_path(parser, "--cache", text, metavar="DIR", default=cache_folder("pose"))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -126,6 +111,7 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
     import numpy as np
     from tqdm import tqdm
 
+    from saver_advisors.reporting.video import mp4_writer
     from saver_envs.perception.drawing import draw_poses
 
     reader = imageio_ffmpeg.read_frames(str(args.input), pix_fmt="rgb24")
@@ -135,15 +121,7 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
         text = " ".join(str(error).split())[-200:]
         raise UsageError(f"argument FILE: {args.input} is no readable video: {text}") from error
     width, height = about["size"]
-    writer = imageio_ffmpeg.write_frames(
-        str(args.out),
-        (width, height),
-        fps=about["fps"],
-        codec="libx264",
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-    )
-    writer.send(None)
+    writer = mp4_writer(args.out, width, height, about["fps"])
     found = []
     total = round(about["fps"] * about["duration"]) or None
     for raw in tqdm(reader, total=total, unit="frame", dynamic_ncols=True):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add_count, add_file, add_folder, add_json, write_json
+from saver_advisors.cli import arguments
 from saver_advisors.integration import POLICY
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -35,21 +35,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    parser.add_argument("task", choices=TASKS, help="the task")
-    add_count(parser, "--trials", 1, "number of trials")
-    add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
+    arguments.add(parser, "task", "the task", choices=TASKS)
+    arguments.add_count(parser, "--trials", 1, "number of trials")
+    arguments.add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
-    parser.add_argument("--true-state", action="store_true", help="use the true state, no camera")
-    parser.add_argument("--exact-ik", action="store_true", help="use damped least squares")
+    arguments.add_flag(parser, "--true-state", "use the true state, no camera")
+    arguments.add_flag(parser, "--exact-ik", "use damped least squares")
     shown = parser.add_mutually_exclusive_group()
     text = "record all trials in this file"
-    add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
-    shown.add_argument("--view", action="store_true", help="show the scene in a window")
-    add_folder(shown, "--report", "write a page about the trials in this folder")
-    parser.add_argument(
-        "--apart", action="store_true", help="run the stages in three processes, in real time"
-    )
-    add_json(parser)
+    arguments.add_file(shown, "--video", text, ".mp4", metavar="FILE.mp4")
+    arguments.add_flag(shown, "--view", "show the scene in a window")
+    arguments.add_folder(shown, "--report", "write a page about the trials in this folder")
+    arguments.add_flag(parser, "--apart", "run the stages in three processes, in real time")
+    arguments.add_json(parser)
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,23 +55,12 @@ def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    parser.add_argument(
-        "--policy",
-        default=POLICY,
-        metavar="POLICY",
-        help=f"a shipped policy, a weight file, or expert (default: {POLICY})",
-    )
-    parser.add_argument(
-        "--max-speed",
-        type=float,
-        metavar="M/S",
-        help="of the tools (default: 0.2, Table 5.3)",
-    )
-    parser.add_argument(
-        "--measured-latency",
-        action="store_true",
-        help="use the duration of each call on this machine as its latency",
-    )
+    text = "a shipped policy, a weight file, or expert"
+    arguments.add(parser, "--policy", text, POLICY, metavar="POLICY")
+    text = "of the tools (default: 0.2, Table 5.3)"
+    arguments.add(parser, "--max-speed", text, type=float, metavar="M/S")
+    text = "use the duration of each call on this machine as its latency"
+    arguments.add_flag(parser, "--measured-latency", text)
 
 
 def settings_of(args: argparse.Namespace) -> LoopSettings:
@@ -103,18 +90,19 @@ def run(args: argparse.Namespace) -> int:
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )
-    if args.apart:
-        if args.video or args.view or args.report:
-            raise UsageError("argument --apart: not with --video, --view or --report")
-        records = _play_apart(args, settings)
-    else:
-        records = _play(args, settings)
-    write_json(args.json, {"kind": "run", "trials": [one.summary() for one in records]})
+    if args.apart and (args.video or args.view or args.report):
+        raise UsageError("argument --apart: not with --video, --view or --report")
+    records = _play(args, settings)
+    trials = [one.summary() for one in records]
+    arguments.write_json(args.json, {"kind": "run", "trials": trials})
     return 0
 
 
 def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
+    from tqdm import tqdm
+
     from saver_advisors.integration.assembly import build_loop
+    from saver_advisors.integration.casualty import TASK
     from saver_advisors.integration.recording import VideoRecorder
     from saver_advisors.integration.run_page import write_report
     from saver_advisors.integration.trial import run_trial
@@ -123,45 +111,39 @@ def _play(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]
     records = []
     with ExitStack() as stack:
         bench = stack.enter_context(closing(WristBench()))
-        loop = build_loop(settings, bench)
-        recorder = None
+        processes = recorder = None
+        if args.apart:
+            from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
+
+            settings = replace(settings, silent_periods=SILENT_PERIODS)
+            processes = stack.enter_context(ProcessLoop(settings, bench))
+        loop = processes.loop if processes else build_loop(settings, bench)
         if args.video is not None:
             stack.callback(print, f"wrote {args.video}")
             recorder = stack.enter_context(closing(VideoRecorder(args.video, loop)))
         look = recorder or (_window(bench) if args.view else None)
-        counted = stack.enter_context(_progress(args, look))
-        for seed in range(args.seed, args.seed + args.trials):
-            records.append(run_trial(loop, seed, look=counted))
-            _tell(records[-1])
-            if recorder is not None:
-                recorder.end(records[-1])
-        if args.report is not None:
-            print(f"wrote {write_report(args.report, loop, records)}")
-        elif look is None:
-            print(f"to watch it: saver run {args.task} --video trial.mp4")
-    return records
-
-
-@contextmanager
-def _progress(args: argparse.Namespace, look: Look | None = None) -> Iterator[Look]:
-    """Show a progress bar over the actions of all trials.
-
-    :param args: the command line
-    :param look: called after every action
-    :return: a context with a function to call after every action
-    """
-    from tqdm import tqdm
-
-    from saver_advisors.integration.casualty import TASK
-
-    with tqdm(total=args.trials * (TASK.horizon + 1), unit="action", dynamic_ncols=True) as bar:
+        actions = args.trials * (TASK.horizon + 1)
+        bar = stack.enter_context(tqdm(total=actions, unit="action", dynamic_ncols=True))
 
         def counted(now: float) -> None:
             bar.update()
             if look is not None:
                 look(now)
 
-        yield counted
+        advance = processes.run_until if processes else None
+        for seed in range(args.seed, args.seed + args.trials):
+            records.append(run_trial(loop, seed, look=counted, advance=advance))
+            _tell(records[-1])
+            if recorder is not None:
+                recorder.end(records[-1])
+        if processes:
+            for name, (calls, mean) in processes.timings.items():
+                print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
+        elif args.report is not None:
+            print(f"wrote {write_report(args.report, loop, records)}")
+        elif look is None:
+            print(f"to watch it: saver run {args.task} --video trial.mp4")
+    return records
 
 
 def _window(bench: WristBench) -> Look:
@@ -171,27 +153,6 @@ def _window(bench: WristBench) -> Look:
 
     pictures = Pictures(bench.episodes, "human", *DEFAULT_SIZE, "front")
     return lambda now: pictures.draw()
-
-
-def _play_apart(args: argparse.Namespace, settings: LoopSettings) -> list[TrialRecord]:
-    from saver_advisors.integration.supervisor import SILENT_PERIODS, ProcessLoop
-    from saver_advisors.integration.trial import run_trial
-    from saver_advisors.integration.wrist_bench import WristBench
-
-    records = []
-    settings = replace(settings, silent_periods=SILENT_PERIODS)
-    with (
-        closing(WristBench()) as bench,
-        ProcessLoop(settings, bench) as processes,
-        _progress(args) as look,
-    ):
-        for seed in range(args.seed, args.seed + args.trials):
-            advance = processes.run_until
-            records.append(run_trial(processes.loop, seed, look=look, advance=advance))
-            _tell(records[-1])
-        for name, (calls, mean) in processes.timings.items():
-            print(f"  {name:14} {calls:6.0f} calls, {1000 * mean:7.2f} ms")
-    return records
 
 
 def _tell(record: TrialRecord) -> None:

@@ -9,28 +9,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
-import math
 import shlex
-import signal
-import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import (
-    add_env_kwargs,
-    add_folder,
-    add_json,
-    add_path,
-    add_seconds,
-    add_settings,
-    add_threads,
-    at_least,
-    env_id,
-    teacher,
-    write_json,
-)
+from saver_advisors.cli import arguments
 from saver_advisors.cli.train_settings import configuration
 from saver_advisors.cli.train_zoo import run_zoo
 from saver_advisors.reporting.errors import UsageError, user_mistakes
@@ -52,60 +36,38 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--env", type=env_id, metavar="ID", help="see `saver envs`")
-    add_folder(parser, "--output", "the run's folder")
-    parser.add_argument("--resume", action="store_true", help="continue from its checkpoint")
-    parser.add_argument("--steps", type=at_least(1), metavar="N", help="total environment steps")
-    parser.add_argument("--seed", type=at_least(0), metavar="S", help="seed of all random numbers")
-    parser.add_argument("--algorithm", metavar="NAME", help="ddpg, td3, sac or tqc")
+    arguments.add_env(parser)
+    arguments.add_folder(parser, "--output", "the run's folder")
+    arguments.add_flag(parser, "--resume", "continue from its checkpoint")
+    arguments.add_count(parser, "--steps", None, "total environment steps")
+    arguments.add_count(parser, "--seed", None, "seed of all random numbers", least=0, metavar="S")
+    arguments.add(parser, "--algorithm", "ddpg, td3, sac or tqc", metavar="NAME")
     text = "settings in YAML or JSON that replace the environment's defaults"
-    add_path(parser, "--config", text)
+    arguments.add_path(parser, "--config", text)
     text = "any setting, such as batch_size=512 or net_arch=[64,64]; see --print-config"
-    add_settings(parser, "--set", text)
-    add_env_kwargs(parser)
-    add_seconds(parser, "--time-limit", "stop with a checkpoint after this time")
-    add_threads(parser)
-    parser.add_argument(
-        "--print-config", action="store_true", help="show the settings as YAML and stop"
-    )
+    arguments.add_settings(parser, "--set", text)
+    arguments.add_env_kwargs(parser)
+    arguments.add_seconds(parser, "--time-limit", "stop with a checkpoint after this time")
+    arguments.add_threads(parser)
+    arguments.add_flag(parser, "--print-config", "show the settings as YAML and stop")
     advice = parser.add_argument_group("advice")
-    advice.add_argument(
-        "--advice",
-        metavar="STRATEGY",
-        help="early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher",
-    )
-    advice.add_argument(
-        "--teacher",
-        type=teacher,
-        metavar="NAME",
-        help="a shipped policy, weight file, run's folder, SB3 zip or MODULE:FUNCTION",
-    )
-    advice.add_argument(
-        "--budget", type=at_least(0), metavar="N", help="environment steps that may be advised"
-    )
-    advice.add_argument("--threshold", type=float, metavar="T", help="for correcting strategies")
+    text = "early, mc-q, MODULE:CLASS or none; replaces the settings' use of the teacher"
+    arguments.add(advice, "--advice", text, metavar="STRATEGY")
+    text = "a shipped policy, weight file, run's folder, SB3 zip or MODULE:FUNCTION"
+    arguments.add(advice, "--teacher", text, type=arguments.teacher, metavar="NAME")
+    arguments.add_count(advice, "--budget", None, "environment steps that may be advised", least=0)
+    arguments.add(advice, "--threshold", "for correcting strategies", type=float, metavar="T")
     zoo = parser.add_argument_group("RL Zoo")
-    zoo.add_argument(
-        "--zoo",
-        metavar="ALGO",
-        help="run under RL Zoo: ddpg, td3, sac, tqc, a goal learner such as goal_td3, or cpo, "
-        "trpolag, ppolag",
+    text = "run under RL Zoo: ddpg, td3, sac, tqc, a goal learner such as goal_td3, or cpo, "
+    arguments.add(zoo, "--zoo", f"{text}trpolag, ppolag", metavar="ALGO")
+    arguments.add(
+        zoo, "zoo_arguments", "RL Zoo's own arguments, after --", nargs="*", metavar="ARG"
     )
-    zoo.add_argument(
-        "zoo_arguments", nargs="*", metavar="ARG", help="RL Zoo's own arguments, after --"
-    )
-    add_json(parser)
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="write the curve to DIR/tensorboard as well"
-    )
-    parser.add_argument(
-        "--wandb",
-        nargs="?",
-        const="saver",
-        metavar="PROJECT",
-        help="send the curve to Weights & Biases (default project: saver)",
-    )
-    parser.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    arguments.add_json(parser)
+    arguments.add_flag(parser, "--tensorboard", "write the curve to DIR/tensorboard as well")
+    text = "send the curve to Weights & Biases (default project: saver)"
+    arguments.add(parser, "--wandb", text, nargs="?", const="saver", metavar="PROJECT")
+    arguments.add_flag(parser, "--no-progress", "show no progress bar")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -128,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     result = _train(args, config)
     _report(args, config, result)
     figures = {**asdict(result), "output_dir": str(result.output_dir)}
-    write_json(args.json, {"kind": "training", "config": config.to_mapping(), **figures})
+    arguments.write_json(args.json, {"kind": "training", "config": config.to_mapping(), **figures})
     # A requested time limit is a normal end, Ctrl-C is not.
     return 0 if result.finished or args.time_limit is not None else 130
 
@@ -148,7 +110,7 @@ def _check_output(args: argparse.Namespace, config: Any) -> None:
         # Before the settings are built: those of a file may name code, which is then imported.
         find_own_checkpoint(args.output, config, args.resume)
     try:
-        env_id(config.env_id)
+        arguments.env_id(config.env_id)
     except argparse.ArgumentTypeError as error:
         raise UsageError(f"argument --config: {error}") from error
 
@@ -162,11 +124,21 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
         stack.callback(logs.close)
         with user_mistakes():
             run = stack.enter_context(open_run(config, args.output, args.threads))
-        callback = _watch(args.time_limit, lambda: logs.update(run.curve))
+
+        def update(*_: object) -> bool:
+            """Send new points, after every step."""
+            logs.update(run.curve)
+            return True
+
         try:
             # The settings fit. What fails now is the folder, such as a damaged checkpoint.
             with user_mistakes("argument --output"):
-                result = run.train(args.resume, not args.no_progress, callback=callback)
+                result = run.train(
+                    args.resume,
+                    not args.no_progress,
+                    callback=update,
+                    time_limit=args.time_limit,
+                )
         except KeyboardInterrupt:
             print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
             raise
@@ -186,33 +158,6 @@ def _destinations(args: argparse.Namespace, config: Any) -> list[Any]:
         importlib.import_module("wandb")
         destinations.append(wandb_log(args.output, args.wandb, config.to_mapping()))
     return destinations
-
-
-def _watch(time_limit: float | None, update: Callable[[], None]) -> Any:
-    """Return a callback that stops the run as Ctrl-C does when the time is over.
-
-    :param time_limit: seconds, or None
-    :param update: called before every block
-    """
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
-
-    class Watch(BaseCallback):
-        """Checks the clock at every step."""
-
-        asked = False
-
-        def _on_training_start(self) -> None:
-            update()
-
-        def _on_step(self) -> bool:
-            if not self.asked and time.monotonic() > deadline:
-                self.asked = True
-                signal.raise_signal(signal.SIGTERM)
-            return True
-
-    return Watch()
 
 
 def _report(args: argparse.Namespace, config: Any, result: Any) -> None:

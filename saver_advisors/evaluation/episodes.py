@@ -362,10 +362,16 @@ class _EpisodeRecord:
             self.final_distances = np.asarray(task.distances(*ends), np.float64)
 
 
-def forces_of(summary: Mapping[str, Any]) -> dict[str, float]:
-    """Return the entries of a summary about the force of collisions; none if it lacks them."""
-    names = ("collision_force_mean", "collision_force_max")
-    return {name: summary[name] for name in names if name in summary}
+def curve_point(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the figures of an evaluation that a learning curve keeps.
+
+    :param summary: of the outcomes
+    :return: rates, forces of collisions and costs, without those that the environment lacks
+    """
+    rates = ("success_rate", "safe_success_rate", "success_rate_2cm", *CONSTRAINT_RATES)
+    names = (*rates, "collision_force_mean", "collision_force_max")
+    figures = {name: summary[name] for name in names if name in summary}
+    return {**figures, **dict(sorted(summary["cost_means"].items()))}
 
 
 def joined(parts: Sequence[Any], join: Callable[[Sequence[Any]], Any] = np.array) -> Any:

@@ -76,57 +76,51 @@ def success_interval(successes: int, episodes: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def estimate(values: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
+def estimate(values: ArrayLike) -> Estimate:
     """Compute the interquartile mean over seeds with its bootstrap interval.
 
     A quarter of the seeds, rounded down, is left out at each end: none of three or fewer.
 
     :param values: (seeds,)
-    :param resamples: of the bootstrap
     :return: the estimate
     :raises ValueError: for no seed, or values that are not finite
     """
-    return _estimate(_iqm, resamples, values=values)
+    return _estimate(_iqm, values=values)
 
 
-def difference(x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
+def difference(x: ArrayLike, y: ArrayLike) -> Estimate:
     """Compute the difference between two groups.
 
     :param x: seeds of one group
     :param y: those of the other group, for the same task
-    :param resamples: of the bootstrap
     :return: IQM(x) - IQM(y), without an interval if a group has a single seed
     :raises ValueError: as ``estimate``
     """
-    return _estimate(lambda a, b: _iqm(a) - _iqm(b), resamples, x=x, y=y)
+    return _estimate(lambda a, b: _iqm(a) - _iqm(b), x=x, y=y)
 
 
-def ratio(x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES) -> Estimate:
+def ratio(x: ArrayLike, y: ArrayLike) -> Estimate:
     """Compute the ratio of two groups.
 
     :param x: seeds of one group, as for ``difference``
     :param y: those of the other group, above 0
-    :param resamples: of the bootstrap
     :return: IQM(x) / IQM(y)
     :raises ValueError: as ``difference``, or for a value of y that is not above 0
     """
     if (np.asarray(y) <= 0).any():
         raise ValueError(f"y={y!r} must be above 0: x is divided by it")
-    return _estimate(lambda a, b: _iqm(a) / _iqm(b), resamples, x=x, y=y)
+    return _estimate(lambda a, b: _iqm(a) / _iqm(b), x=x, y=y)
 
 
-def probability_of_improvement(
-    x: ArrayLike, y: ArrayLike, *, resamples: int = RESAMPLES
-) -> Estimate:
+def probability_of_improvement(x: ArrayLike, y: ArrayLike) -> Estimate:
     """Compute the probability that a run of x is better than a run of y; ties count half.
 
     :param x: seeds of one group, as for ``difference``
     :param y: those of the other group
-    :param resamples: of the bootstrap
     :return: P(x > y) + P(x = y) / 2
     :raises ValueError: as ``difference``
     """
-    return _estimate(_improvement, resamples, x=x, y=y)
+    return _estimate(_improvement, x=x, y=y)
 
 
 def _improvement(x: Floats, y: Floats) -> Floats:
@@ -138,19 +132,19 @@ def _iqm(values: Floats) -> Floats:
     return np.asarray(trim_mean(values, QUARTER, axis=-1))
 
 
-def _estimate(statistic: Callable[..., Floats], resamples: int, **groups: ArrayLike) -> Estimate:
+def _estimate(statistic: Callable[..., Floats], **groups: ArrayLike) -> Estimate:
     """Estimate a statistic of groups (..., seeds), with the percentile interval of a bootstrap
     within each; a single seed cannot be resampled.
     """
     samples = [_checked(name, values) for name, values in groups.items()]
     value, n = float(statistic(*samples)), min(map(len, samples))
-    if n == 1 or resamples == 0:
+    if n == 1:
         return Estimate(value, None, n)
     found = bootstrap(
         samples,
         lambda *drawn, axis: statistic(*drawn),
         vectorized=True,
-        n_resamples=resamples,
+        n_resamples=RESAMPLES,
         confidence_level=CONFIDENCE,
         method="percentile",
         rng=np.random.default_rng(BOOTSTRAP_SEED),

@@ -27,13 +27,10 @@ USUAL_LEGEND: Final = 5
 """Lines of a legend that fit below a panel of the usual height."""
 
 LABELS: Final = {
-    "success_rate": "success rate",
-    "safe_success_rate": "safe success rate",
     "success_rate_2cm": "success rate within 2 cm",
-    "goal_success_rate": "goal success rate",
-    "constraint_met_rate": "constraint met rate",
     "mean_q": "mean Q of the student",
 }
+"""Labels of columns whose names do not say it."""
 
 Floats = NDArray[np.float64]
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any, Final
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
 
 from saver_advisors.experiments.grid import Grid
-from saver_advisors.experiments.results import RunState, state_of
-from saver_advisors.experiments.scheduler import RUNNING, Places, Progress
+from saver_advisors.experiments.results import state_of
+from saver_advisors.experiments.scheduler import RUNNING, Look, Places, Progress
 
 PROGRESS_COLUMNS: Final = ("run", "state", "steps", "of", "success", "best", "minutes")
 #: Seconds between two updates, since every update reads the curves.
@@ -25,70 +27,55 @@ def rows(grid: Grid, places: Places, progress: Progress | None = None) -> list[l
     table = []
     for run in grid.runs:
         state = state_of(run, places.folder(run), places.result(run))
-        total = f"{run.config.total_steps:,}"
-        table.append([run.name, _word(run.name, state, progress), *_figures(state, total)])
+        figures = ["-", "-", "-"]
+        if state.curve:
+            rates = [point["success_rate"] for point in state.curve]
+            minutes = state.curve[-1]["wall_clock_s"] / 60
+            figures = [f"{rates[-1]:.2f}", f"{max(rates):.2f}", f"{minutes:.1f}"]
+        word = _word("" if progress is None else progress.words.get(run.name, ""), state.state)
+        steps = [f"{state.steps:,}", f"{run.config.total_steps:,}"]
+        table.append([run.name, word, *steps, *figures])
     return table
 
 
-def _word(name: str, state: RunState, progress: Progress | None) -> str:
-    word = "" if progress is None else progress.words.get(name, "")
+def _word(word: str, state: str) -> str:
+    """Combine how the execution goes and what the files show."""
     if word == RUNNING:
-        return RUNNING if state.state in ("waiting", "started") else f"{RUNNING} {state.state}"
-    return word if word.startswith(("failed", "left")) else state.state
+        return RUNNING if state in ("waiting", "started") else f"{RUNNING} {state}"
+    return word if word.startswith(("failed", "left")) else state
 
 
-def _figures(state: RunState, total: str) -> list[str]:
-    steps = f"{state.steps:,}"
-    if not state.curve:
-        return [steps, total, "-", "-", "-"]
-    rates = [point["success_rate"] for point in state.curve]
-    minutes = state.curve[-1]["wall_clock_s"] / 60
-    return [steps, total, f"{rates[-1]:.2f}", f"{max(rates):.2f}", f"{minutes:.1f}"]
-
-
-class ProgressTable:
+@contextmanager
+def shown_progress(grid: Grid, places: Places) -> Iterator[Look]:
     """Update a table in place on a terminal; elsewhere, print a line for each change of state.
 
     :param grid: the runs
     :param places: their folders
+    :return: a context with a function that shows the present state
     """
+    if not sys.stdout.isatty():
+        known: dict[str, str] = {}
+        yield lambda progress: _tell_changes(known, progress)
+        return
+    from rich.live import Live
 
-    def __init__(self, grid: Grid, places: Places) -> None:
-        self.grid = grid
-        self.places = places
-        self._words: dict[str, str] = {}
-        self._drawn_at = 0.0
-        self._live: Any = None
+    from saver_advisors.reporting.tables import table
 
-    def __enter__(self) -> ProgressTable:
-        if sys.stdout.isatty():
-            from rich.live import Live
+    drawn_at = 0.0
 
-            self._live = Live(refresh_per_second=1)
-            self._live.start()
-        return self
+    def draw(progress: Progress) -> None:
+        nonlocal drawn_at
+        if time.monotonic() - drawn_at >= DRAW_EVERY:
+            live.update(table(PROGRESS_COLUMNS, rows(grid, places, progress)))
+            drawn_at = time.monotonic()
 
-    def __exit__(self, *error: object) -> None:
-        if self._live is not None:
-            self._live.stop()
+    with Live(refresh_per_second=1) as live:
+        yield draw
 
-    def look(self, progress: Progress) -> None:
-        """Show the present state.
 
-        :param progress: of the execution
-        """
-        now = time.monotonic()
-        if self._live is None:
-            self._tell_changes(progress)
-        elif now - self._drawn_at >= DRAW_EVERY:
-            from saver_advisors.reporting.tables import table
-
-            self._live.update(table(PROGRESS_COLUMNS, rows(self.grid, self.places, progress)))
-            self._drawn_at = now
-
-    def _tell_changes(self, progress: Progress) -> None:
-        for run in self.grid.runs:
-            word = progress.words.get(run.name, "waiting")
-            if word != self._words.get(run.name, "waiting"):
-                print(f"{time.strftime('%H:%M:%S')}  {run.name}  {word}", flush=True)
-        self._words = dict(progress.words)
+def _tell_changes(known: dict[str, str], progress: Progress) -> None:
+    """Print the states that are not known yet, and remember them."""
+    for name, word in progress.words.items():
+        if word != known.get(name):
+            print(f"{time.strftime('%H:%M:%S')}  {name}  {word}", flush=True)
+    known.update(progress.words)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.episodes import CONSTRAINT_RATES, evaluate_policy, forces_of
+from saver_advisors.evaluation.episodes import curve_point, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED, off_protocol
 from saver_advisors.experiments.training_runs import KIND
 from saver_advisors.reporting.provenance import load_averages, provenance, write_json_atomic
@@ -172,13 +172,8 @@ class Recorder:
         line = {
             "steps": self.steps,
             "wall_clock_s": round(self._seconds, 3),
-            "success_rate": summary["success_rate"],
             "mean_q": None,
-            "safe_success_rate": summary["safe_success_rate"],
-            "success_rate_2cm": summary["success_rate_2cm"],
-            **dict(sorted(summary["cost_means"].items())),
-            **forces_of(summary),
-            **{name: summary[name] for name in CONSTRAINT_RATES if name in summary},
+            **curve_point(summary),
             "advice_spent": 0,
             # Above the number of cores, other processes slowed down the training.
             "load_average": None if (averages := load_averages()) is None else averages[0],

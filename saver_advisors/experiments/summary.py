@@ -6,7 +6,6 @@ which an unfinished run may not have reached.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,8 +17,6 @@ from saver_advisors.evaluation.statistics import Estimate, estimate
 from saver_advisors.experiments.training_runs import TrainingRun
 
 MINUTE: Final = 60.0
-Z95: Final = 1.959964
-"""Half-width of the central 95% of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -222,14 +219,3 @@ def summarize(
         )
         for name in names
     ]
-
-
-def success_resolution(success: float, episodes: int) -> float:
-    """Compute the smallest difference between success rates that one evaluation resolves.
-
-    :param success: the rate
-    :param episodes: of the evaluation
-    :return: half of its 95% interval, for a rate at least half an episode away from 0 and 1
-    """
-    rate = min(max(success, 0.5 / episodes), 1 - 0.5 / episodes)
-    return Z95 * math.sqrt(rate * (1 - rate) / episodes)

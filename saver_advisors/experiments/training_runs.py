@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,9 +21,6 @@ from saver_advisors.evaluation.protocol import environment_text
 KIND: Final = "training-run"
 RENDERED: Final = ("advising", "comparison", "constraints")
 """Kinds of files that are generated from runs, and may be in the same folder."""
-
-THREADS_OPTION: Final = re.compile(r"--threads[ =](\d+)")
-"""Finds the number of threads in the command of ``saver experiments run``."""
 
 DEFAULT_EPISODES: Final = 100
 """Episodes per evaluation, for files that do not state the number."""
@@ -100,12 +96,6 @@ class TrainingRun:
     def final_success(self) -> float | None:
         """The last policy's success rate on report seeds, None before that evaluation."""
         return self.final_rate("success_rate")
-
-    @property
-    def threads(self) -> int:
-        """Threads according to its command, which affect its training time; 1 by default."""
-        told = THREADS_OPTION.search(str(self.provenance.get("command") or ""))
-        return int(told[1]) if told else 1
 
     @property
     def advice_spent(self) -> int:
@@ -288,9 +278,9 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
     kind = content["kind"]
     try:
         if kind == KIND:
-            return [_training_run(content, stem)]
+            return [training_run(content, stem)]
         if kind == "curves":
-            return [_drawn_run(one, content) for one in content["runs"]]
+            return [drawn_run(one, content) for one in content["runs"]]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"has a missing or invalid entry: {error!r}") from error
     if kind in RENDERED:
@@ -302,8 +292,12 @@ def _runs_of(content: Mapping[str, Any], stem: str) -> list[TrainingRun]:
     raise ValueError(f"has kind {kind!r}: must be {KIND}, curves or evaluation")
 
 
-def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
-    """Read a run as the experiment runner and `saver benchmark run` write it."""
+def training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
+    """Read a run as the experiment runner and `saver benchmark run` write it.
+
+    :param content: of the file
+    :param stem: name of a run without a name
+    """
     config = content.get("config") or {}
     points = content["curve"]
     env_id = str(content.get("task") or config["env_id"])
@@ -333,8 +327,12 @@ def _training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
     )
 
 
-def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
-    """Read a run from the figures of `saver curves`."""
+def drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRun:
+    """Read a run from the figures of `saver curves`.
+
+    :param one: summary of the run
+    :param content: with the ``provenance``, if it is known
+    """
     advice = one.get("advice")
     config = {
         "env_id": one["env"],
@@ -342,7 +340,7 @@ def _drawn_run(one: Mapping[str, Any], content: Mapping[str, Any]) -> TrainingRu
         "algorithm": one.get("algorithm"),
         "advice": None if advice is None else {"strategy": advice},
     }
-    return _training_run(
+    return training_run(
         {
             "seed": one.get("seed") or 0,
             "curve": one["points"],

@@ -22,20 +22,16 @@ def write_report(folder: Path, loop: ControlLoop, records: list[TrialRecord]) ->
     :param records: of the trials.
     :return: path of the page.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     from saver_advisors.reporting.provenance import provenance
+    from saver_advisors.reporting.templates import rendered
 
     origin = provenance()  # before videos are added to the checkout
     folder.mkdir(parents=True, exist_ok=True)
     failed = [one for one in records if one.outcome != SUCCEEDED]
     videos = {one.seed: _film(folder, loop, one) for one in failed}
-    templates = Environment(
-        loader=PackageLoader("saver_advisors.integration"),
-        undefined=StrictUndefined,
-        autoescape=True,
-    )
-    page = templates.get_template("run.html.j2").render(
+    page = rendered(
+        "saver_advisors.integration",
+        "run.html.j2",
         records=records,
         videos=videos,
         counts=Counter(one.outcome for one in records).most_common(),

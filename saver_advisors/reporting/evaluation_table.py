@@ -6,17 +6,12 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from saver_advisors.evaluation.protocol import environment_text
-from saver_advisors.reporting.tables import Column
+from saver_advisors.reporting.tables import Column, optional
 
 
 def _collisions(evaluation: Mapping[str, Any]) -> str:
     collisions = (evaluation.get("cost_means") or {}).get("cost_collision")
     return "-" if collisions is None else f"{collisions:.2f}"
-
-
-def _rate(evaluation: Mapping[str, Any], name: str) -> str:
-    rate = evaluation.get(name)
-    return "-" if rate is None else f"{rate:.3f}"
 
 
 def collision_force(evaluation: Mapping[str, Any]) -> str:
@@ -31,8 +26,8 @@ EVALUATION_COLUMNS: Final[dict[str, Column]] = {
     "episodes": "{episodes}",
     "success": "{success_rate:.3f}",
     "95% interval": "{ci95[0]:.3f} to {ci95[1]:.3f}",
-    "safe": lambda one: _rate(one, "safe_success_rate"),
-    "within 2 cm": lambda one: _rate(one, "success_rate_2cm"),
+    "safe": optional("safe_success_rate", ".3f"),
+    "within 2 cm": optional("success_rate_2cm", ".3f"),
     "final distance (cm)": lambda one: ", ".join(
         f"{100 * distance:.1f}" for distance in one.get("final_distance_mean", ())
     ),

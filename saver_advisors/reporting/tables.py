@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -94,6 +95,16 @@ def rows_table(rows: Iterable[Any], columns: Mapping[str, Column]) -> str:
     return markdown(list(columns), row_cells(rows, columns.values()))
 
 
+def optional(name: str, form: str = ".2f", unit: float = 1.0) -> Column:
+    """Return a column of a figure that some rows lack, which show a dash.
+
+    :param name: key of the figure in a row
+    :param form: format of the figure
+    :param unit: by which it is divided
+    """
+    return lambda row: "-" if row.get(name) is None else format(row[name] / unit, form)
+
+
 def row_cells(rows: Iterable[Any], columns: Iterable[Column]) -> list[list[str]]:
     """Fill the cells of a table from rows.
 
@@ -117,26 +128,19 @@ def join_parts(parts: Iterable[str]) -> str:
     return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
+def link(figure: Path, folder: Path) -> str:
+    """Return the link from a page to a figure.
+
+    :param figure: the picture
+    :param folder: of the page
+    :return: the relative path, with slashes
+    """
+    return Path(os.path.relpath(figure.resolve(), folder.resolve())).as_posix()
+
+
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
 def _is_number(text: str) -> bool:
     return text.replace(",", "").replace(".", "", 1).lstrip("-").isdigit() or text in ("-", "")
-
-
-def between_markers(text: str, begin: str, end: str, content: str) -> str:
-    """Replace the text between two markers.
-
-    :param text: of a page
-    :param begin: the first marker
-    :param end: the second marker
-    :param content: the replacement
-    :return: the new text
-    :raises ValueError: if a marker is missing
-    """
-    before, opened, rest = text.partition(begin)
-    _, closed, after = rest.partition(end)
-    if not opened or not closed:
-        raise ValueError(f"{begin} or {end} is missing")
-    return f"{before}{begin}\n{content}{end}{after}"

@@ -6,6 +6,7 @@ import errno
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,13 +48,10 @@ def start_picture(env_id: str) -> Frame:
     :param env_id: a registered id
     :return: (height, width, 3), uint8
     """
-    import gymnasium
+    from saver_envs.envs.goal_env import SaverGoalEnv
 
     width, height = PICTURE_SIZE
-    env = gymnasium.make(
-        f"saver_envs:{env_id}", render_mode="rgb_array", width=width, height=height
-    )
-    with closing(env):
+    with closing(SaverGoalEnv(env_id, "rgb_array", width=width, height=height)) as env:
         env.reset(seed=0)
         return np.asarray(env.render(), dtype=np.uint8)
 
@@ -109,32 +107,28 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     :param title: start of the captions
     :raises OSError: if the file cannot be written, as on a full disk
     """
+    first = captioned(recordings[0].frames[0], title, GREY)
     try:
-        _write_frames(path, recordings, title)
+        writer = mp4_writer(path, first.shape[1], first.shape[0])
+        for number, recording in enumerate(recordings, start=1):
+            caption = f"{title}   episode {number} of {len(recordings)}"
+            outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
+            last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
+            shown = (captioned(frame, caption, GREY) for frame in recording.frames)
+            for frame in chain(shown, repeat(last, HOLD)):
+                writer.send(np.ascontiguousarray(frame))
+        writer.close()
     except OSError as error:  # what ffmpeg printed, without a number
         raise OSError(errno.EIO, f"{path} could not be written: is the disk full?") from error
 
 
-def _write_frames(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
-    first = captioned(recordings[0].frames[0], title, GREY)
-    writer = mp4_writer(path, first.shape[1], first.shape[0])
-    for number, recording in enumerate(recordings, start=1):
-        caption = f"{title}   episode {number} of {len(recordings)}"
-        for frame in recording.frames:
-            writer.send(np.ascontiguousarray(captioned(frame, caption, GREY)))
-        outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
-        last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
-        for _ in range(HOLD):
-            writer.send(np.ascontiguousarray(last))
-    writer.close()
-
-
-def mp4_writer(path: Path, width: int, height: int) -> Any:
-    """Open a writer of H.264 in real time: `send` it frames, then `close` it.
+def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
+    """Open a writer of H.264: `send` it frames, then `close` it.
 
     :param path: ending in ``.mp4``
     :param width: of a frame, pixels
     :param height: of a frame, pixels
+    :param fps: frames per second
     :return: a generator that is ready for the first frame
     """
     import imageio_ffmpeg
@@ -142,7 +136,7 @@ def mp4_writer(path: Path, width: int, height: int) -> Any:
     writer = imageio_ffmpeg.write_frames(
         str(path),
         (width, height),
-        fps=FPS,
+        fps=fps,
         codec="libx264",
         quality=None,
         macro_block_size=2,
@@ -152,29 +146,6 @@ def mp4_writer(path: Path, width: int, height: int) -> Any:
     )
     writer.send(None)
     return writer
-
-
-def write_clip(path: Path, frames: list[Frame], *, stride: int = 1, quality: int = 65) -> None:
-    """Write a short animated WebP, which Markdown pages show like a picture.
-
-    :param path: ending in ``.webp``
-    :param frames: of every ``stride``-th step
-    :param stride: steps between frames, so that the clip plays in real time
-    :param quality: 0 to 100
-    """
-    from PIL import Image
-
-    shown = [Image.fromarray(frame) for frame in frames]
-    shown += shown[-1:] * (HOLD // stride)
-    shown[0].save(
-        path,
-        save_all=True,
-        append_images=shown[1:],
-        duration=round(1000 * stride / FPS),
-        loop=0,
-        quality=quality,
-        method=4,
-    )
 
 
 def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:

@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from saver_advisors.advising import Advisor, names_code
-from saver_advisors.evaluation.episodes import Observation, evaluate_policy, forces_of
+from saver_advisors.evaluation.episodes import Observation, curve_point, evaluate_policy
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.imitation import clone
@@ -47,8 +47,6 @@ from saver_envs.registration import varied_in
 
 #: Settings that may change on resuming: the length, and the intervals of evaluations and saving.
 MAY_CHANGE = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
-#: Entries of an evaluation that only tasks with a constraint have.
-RATES = ("goal_success_rate", "constraint_met_rate")
 
 
 @dataclass(frozen=True)
@@ -116,6 +114,7 @@ class Run:
         progress: bool = True,
         stop_after_steps: int | None = None,
         callback: MaybeCallback = None,
+        time_limit: float | None = None,
     ) -> RunResult:
         """Train in blocks until the steps are done or the process is asked to stop.
 
@@ -123,6 +122,7 @@ class Run:
         :param progress: show a progress bar.
         :param stop_after_steps: stop with a checkpoint after this many steps of the whole run.
         :param callback: SB3 callbacks.
+        :param time_limit: seconds after which no further block begins.
         :return: the state of the run.
         :raises FileExistsError: if the folder holds a run and ``resume`` is false.
         :raises FileNotFoundError: if the run in the folder has no checkpoint to resume from, or
@@ -133,7 +133,7 @@ class Run:
         """
         total = self.config.total_steps
         limit = total if stop_after_steps is None else min(total, stop_after_steps)
-        stop = Stop()
+        stop = Stop(time_limit)
         # Blocks are never interrupted.
         words = "stopping after this block; Ctrl-C again to stop at once"
         with locked(self.output_dir), stop.on_signals(words):
@@ -265,13 +265,9 @@ class Run:
             "steps": self.steps,
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
-            "success_rate": success_rate,
-            "safe_success_rate": result.safe_success_rate,
-            "success_rate_2cm": result.success_rate_2cm,
+            **curve_point(result.summary()),
             # Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8.
             "mean_q": _mean(values),
-            **{name: float(np.mean(cost)) for name, cost in sorted(result.cost_sums.items())},
-            **forces_of(result.summary()),
             "training_cost": self.model.training_cost,
             # Above the number of cores, the wall-clock time includes waiting for other processes.
             "load_average": None if averages is None else averages[0],
@@ -279,9 +275,6 @@ class Run:
             "actor_loss": _number(logged.get("train/actor_loss")),
             "critic_loss": _number(logged.get("train/critic_loss")),
         }
-        if result.constraint_met_rate is not None:
-            rates = {name: getattr(result, name) for name in RATES}
-            point |= {name: rate for name, rate in rates.items() if rate is not None}
         for name in ("episode_cost", "cost_multiplier"):
             if f"train/{name}" in logged:
                 point[name] = _number(logged[f"train/{name}"])

@@ -19,19 +19,12 @@ SHARED: Final = {"goal_ddpg": "goal", "goal_sac": "goal", "goal_tqc": "goal"}
 EVALUATION: Final = ("--eval-episodes", "50", "--n-eval-envs", "10")
 """RL Zoo's defaults (5 episodes in one environment) are too few to select a model."""
 OURS: Final = {
-    "--algo": "--zoo",
-    "--env": "--env",
-    "-f": "--output",
-    "--log-folder": "--output",
-    "-n": "--steps",
-    "--n-timesteps": "--steps",
-    "--seed": "--seed",
-    "-conf": "--config",
-    "--conf-file": "--config",
-    "-params": "--set",
-    "--hyperparams": "--set",
-    "--env-kwargs": "--env-kwargs",
-    "--eval-env-kwargs": "--env-kwargs",
+    **{name: name for name in ("--env", "--seed", "--env-kwargs")},
+    **{"--algo": "--zoo", "--eval-env-kwargs": "--env-kwargs"},
+    **dict.fromkeys(("-f", "--log-folder"), "--output"),
+    **dict.fromkeys(("-n", "--n-timesteps"), "--steps"),
+    **dict.fromkeys(("-conf", "--conf-file"), "--config"),
+    **dict.fromkeys(("-params", "--hyperparams"), "--set"),
 }
 """RL Zoo's arguments that `saver train` sets itself; a second value would override it silently."""
 

@@ -10,7 +10,7 @@ import pytest
 
 from reproduction.modelling.model_arguments import cards_of, origin, trained_before
 from saver_advisors.cli import main
-from saver_advisors.cli.model_figure import draw_recording
+from saver_advisors.cli.model import draw_recording
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.modelling.arms import Task, arm_named
 from saver_envs.modelling.datasets import Recording, save_recordings

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -12,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 from saver_advisors.benchmark.peers.process import PeerProcess, run_quietly
-from saver_envs.files import cache_folder
 
 WORKER: Final = Path(__file__).with_name("worker.py")
 #: File in a virtual environment that marks a complete installation.
@@ -49,20 +47,6 @@ TWO_ARM_LIFT: Final = Peer("TwoArmLift", "robosuite", 1, ("robosuite==1.5.2", "m
 #: The same environment in C++, with its own MuJoCo.
 ENVPOOL_PUSH: Final = Peer("FetchPush-v4", "envpool", 64, ("envpool==1.2.5",))
 PEERS: Final = (FETCH_PUSH, ENVPOOL_PUSH, TWO_ARM_LIFT)
-
-#: Stable-Baselines3 in JAX, whose gradient steps are timed; it has no environment.
-SBX: Final = Peer("", "sbx", 1, ("sbx-rl==0.28.0", "jax==0.10.2", "torch==2.13.0"))
-
-
-def add_peer_cache(parser: argparse.ArgumentParser) -> None:
-    """Declare ``--peer-cache``."""
-    parser.add_argument(
-        "--peer-cache",
-        type=Path,
-        default=cache_folder("peers"),
-        metavar="DIR",
-        help="folder of the peers' virtual environments (default: %(default)s)",
-    )
 
 
 def install(peer: Peer, cache: Path) -> Path:

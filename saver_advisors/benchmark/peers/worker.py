@@ -38,11 +38,6 @@ def gymnasium_robotics(env_id: str, n: int) -> Work:
     random = np.random.default_rng(0)
     actions = random.uniform(-1, 1, (horizon, *vector.action_space.shape)).astype("float32")
 
-    def as_vector() -> None:
-        for action in actions:
-            vector.step(action)
-        vector.step(actions[0])  # this step resets all environments
-
     def as_loop() -> None:
         for env in vector.envs:
             env.reset()
@@ -50,7 +45,7 @@ def gymnasium_robotics(env_id: str, n: int) -> Work:
             for index, env in enumerate(vector.envs):
                 env.step(action[index])
 
-    return {"vector": as_vector, "loop": as_loop}, n * horizon
+    return {"vector": lambda: _episode(vector, actions), "loop": as_loop}, n * horizon
 
 
 def envpool(env_id: str, n: int) -> Work:
@@ -66,12 +61,13 @@ def envpool(env_id: str, n: int) -> Work:
     random = np.random.default_rng(0)
     actions = random.uniform(-1, 1, (horizon, n, *env.action_space.shape)).astype("float32")
 
-    def vector() -> None:
-        for action in actions:
-            env.step(action)
-        env.step(actions[0])  # this step resets all environments
+    return {"vector": lambda: _episode(env, actions)}, n * horizon
 
-    return {"vector": vector}, n * horizon
+
+def _episode(env: Any, actions: Any) -> None:
+    for action in actions:
+        env.step(action)
+    env.step(actions[0])  # this step resets all environments
 
 
 def robosuite(env_id: str, n: int) -> Work:

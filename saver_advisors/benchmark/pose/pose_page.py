@@ -55,7 +55,7 @@ def pose_page(figures: dict[str, Any]) -> str:
     """
     parts = [
         "# Seeing a person: figures",
-        "Generated from `results/pose.json` by `python -m reproduction pages`.",
+        "Generated from the JSON file of `saver benchmark pose`.",
     ]
     if "models" in figures:
         parts += ["## Accuracy", _accuracy(figures["models"]), "## PCK@0.2 by joint"]

@@ -51,12 +51,10 @@ def replay_row(rounds: int) -> dict[str, Any]:
 
     infos: list[dict[str, Any]] = [{} for _ in range(n_envs)]
     while not buffer.full:
-        goal: dict[str, NDArray[Any]] = {
-            "desired_goal": random.normal(size=(n_envs, episodes.goal_size))
-        }
-        before = {**seen(), **goal}
+        goal = random.normal(size=(n_envs, episodes.goal_size))
+        before = {**seen(), "desired_goal": goal}
         for step in range(horizon):
-            after = {**seen(), **goal}
+            after = {**seen(), "desired_goal": goal}
             action = random.uniform(-1, 1, (n_envs, episodes.action_size))
             done = np.full(n_envs, step == horizon - 1)
             buffer.add(before, after, action, np.zeros(n_envs), done, infos)

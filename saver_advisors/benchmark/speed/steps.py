@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
-#: The simulator alone, the core, and the two vector environments of users.
-WAYS: Final = ("raw", "core", "gymnasium", "sb3")
+#: The simulator alone, the core, and the two vector environments of users -> prefix of its figures.
+WAYS: Final = {"raw": "raw_", "core": "core_", "gymnasium": "", "sb3": "sb3_"}
 #: Numbers of episodes that are reset together.
 RESET_N_ENVS: Final = (1, 64)
 #: Timing ends this many actions before the end of an episode, so that it includes no reset.
@@ -147,27 +147,13 @@ def _step_row(
     env_id: str, n_envs: int, threads: int, times: dict[int, dict[str, list[float]]]
 ) -> dict[str, Any]:
     own = times[threads]
-
-    def rate(way: str) -> float:
-        return n_envs / median(own[way])
-
-    def ratio(way: str) -> float:
-        return median_ratio(own["raw"], own[way])
-
-    fewest = min(times)
-    return {
-        "env": env_id,
-        "n_envs": n_envs,
-        "threads": threads,
-        "steps_per_second": rate("gymnasium"),
-        "raw_steps_per_second": rate("raw"),
-        "ratio_to_raw": ratio("gymnasium"),
-        "core_steps_per_second": rate("core"),
-        "core_ratio_to_raw": ratio("core"),
-        "sb3_steps_per_second": rate("sb3"),
-        "sb3_ratio_to_raw": ratio("sb3"),
-        "speed_up_of_threads": median_ratio(times[fewest]["gymnasium"], own["gymnasium"]),
-    }
+    row: dict[str, Any] = {"env": env_id, "n_envs": n_envs, "threads": threads}
+    for way, prefix in WAYS.items():
+        row[f"{prefix}steps_per_second"] = n_envs / median(own[way])
+        if way != "raw":
+            row[f"{prefix}ratio_to_raw"] = median_ratio(own["raw"], own[way])
+    fewest = times[min(times)]
+    return {**row, "speed_up_of_threads": median_ratio(fewest["gymnasium"], own["gymnasium"])}
 
 
 def reset_row(env_id: str, rounds: int) -> dict[str, Any]:

@@ -12,24 +12,16 @@ from typing import Any, Final
 import numpy as np
 
 from saver_advisors.benchmark.machine import cores, median_ratio, progress
-from saver_advisors.benchmark.peers.suites import (
-    ENVPOOL_PUSH,
-    FETCH_PUSH,
-    PEERS,
-    TWO_ARM_LIFT,
-    Peer,
-    RunningPeer,
-    install,
-)
+from saver_advisors.benchmark.peers import suites
 from saver_envs.registration import ONE_ARM_ID, TWO_ARM_ID
 
 #: Our id, the peer, and how many times as fast ours must be and should be, if that was set.
-COMPARISONS: Final[Sequence[tuple[str, Peer, float | None, float | None]]] = (
-    (ONE_ARM_ID, FETCH_PUSH, 3.0, 5.0),
-    (TWO_ARM_ID, FETCH_PUSH, 1.5, 2.5),
-    (ONE_ARM_ID, ENVPOOL_PUSH, None, None),
-    (TWO_ARM_ID, ENVPOOL_PUSH, None, None),
-    (TWO_ARM_ID, TWO_ARM_LIFT, 20.0, 40.0),
+COMPARISONS: Final[Sequence[tuple[str, suites.Peer, float | None, float | None]]] = (
+    (ONE_ARM_ID, suites.FETCH_PUSH, 3.0, 5.0),
+    (TWO_ARM_ID, suites.FETCH_PUSH, 1.5, 2.5),
+    (ONE_ARM_ID, suites.ENVPOOL_PUSH, None, None),
+    (TWO_ARM_ID, suites.ENVPOOL_PUSH, None, None),
+    (TWO_ARM_ID, suites.TWO_ARM_LIFT, 20.0, 40.0),
 )
 N_ENVS: Final = 64
 
@@ -43,10 +35,12 @@ def peer_rows(cache: Path, rounds: int, seconds: float) -> dict[str, Any]:
     :return: ``peers``, ``ours`` and ``ratios``
     :raises PeerError: if a peer cannot be installed or run
     """
-    pythons = {peer: install(peer, cache) for peer in PEERS}
+    pythons = {peer: suites.install(peer, cache) for peer in suites.PEERS}
     with ExitStack() as stack:
         stack.enter_context(cores(1))
-        running = [stack.enter_context(RunningPeer(peer, pythons[peer])) for peer in PEERS]
+        running = [
+            stack.enter_context(suites.RunningPeer(peer, pythons[peer])) for peer in suites.PEERS
+        ]
         ours = {env_id: _whole_episodes(env_id) for env_id, *_ in COMPARISONS}
         peer_times: dict[str, dict[str, list[float]]] = {
             one.peer.name: {mode: [] for mode in one.modes} for one in running
