@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from saver_advisors.cli.arguments import add_json, add_table, at_least
+from saver_advisors.cli.arguments import add_folder, add_json, add_several, add_table
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.figures import Drawn, link
 
@@ -15,23 +18,6 @@ if TYPE_CHECKING:
     from saver_advisors.experiments.plots import Panel
     from saver_advisors.experiments.summary import MethodRow
     from saver_advisors.experiments.training_runs import Results
-
-
-def add_seeds(parser: argparse.ArgumentParser, default: Sequence[int], purpose: str) -> None:
-    """Declare ``--seeds``.
-
-    :param parser: the command's parser.
-    :param default: the seeds without the argument.
-    :param purpose: what the seeds are for, for the help.
-    """
-    parser.add_argument(
-        "--seeds",
-        nargs="+",
-        type=at_least(0),
-        default=list(default),
-        metavar="N",
-        help=f"{purpose} (default: {' '.join(map(str, default))})",
-    )
 
 
 def add_choices(
@@ -70,20 +56,38 @@ def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None
     :param parser: the command's parser
     :param results: default folder of results
     """
-    parser.add_argument(
-        "--results",
-        nargs="+",
-        type=Path,
-        default=[results],
-        metavar="PATH",
-        help="result files or folders of them: training runs, results of `saver curves`, and "
-        f"evaluations of reference policies (default: {results})",
+    text = (
+        "result files or folders of them: training runs, results of `saver curves`, and "
+        "evaluations of reference policies"
     )
+    add_several(parser, "--results", Path, [results], text, "PATH")
     add_table(parser)
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="write the figures to this folder"
-    )
+    add_folder(parser, "--figures", "write the figures to this folder")
     add_json(parser)
+
+
+Share = Callable[[str, Callable[[Any], Any], Sequence[Any]], list[Any]]
+"""Receives a title, a function and the jobs that it is called with, and returns its results."""
+
+
+@contextmanager
+def shares(processes: int) -> Iterator[Share]:
+    """Provide a function that runs jobs, in this process or in several.
+
+    :param processes: number of processes.
+    :return: a context manager.
+    """
+    from tqdm import tqdm
+
+    # Spawn, since graphics contexts, threads and torch's generators do not survive a fork.
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(processes, spawn) if processes > 1 else nullcontext() as pool:
+
+        def share(title: str, work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
+            results = map(work, jobs) if pool is None else pool.map(work, jobs)
+            return list(tqdm(results, title, total=len(jobs), unit="job", dynamic_ncols=True))
+
+        yield share
 
 
 def measure_and_render(

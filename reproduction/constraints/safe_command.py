@@ -10,14 +10,12 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_seeds
-from saver_advisors.cli.arguments import add_count, add_page, at_least
+from reproduction.command_parts import add_choices, shares
+from saver_advisors.cli.arguments import add_count, add_page, add_several, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, between_markers, join_parts, rows_table
@@ -85,7 +83,7 @@ BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_choices(parser, "--algorithms", NAMES, "algorithms")
-    add_seeds(parser, SEEDS, "seeds, one run each")
+    add_several(parser, "--seeds", at_least(0), SEEDS, "seeds, one run each")
     parser.add_argument(
         "--steps",
         type=at_least(1),
@@ -120,17 +118,13 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one per run.
     """
-    from tqdm import tqdm
-
     from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, best_return
 
     runs = [
         (name, seed, args.steps or STEPS[name]) for name in args.algorithms for seed in args.seeds
     ]
-    # Spawn, since a forked process would share torch's threads and generators with this one.
-    with ProcessPoolExecutor(args.processes, get_context("spawn")) as pool:
-        results = pool.map(one_run, *zip(*runs, strict=True))
-        rows = list(tqdm(results, desc="safe", total=len(runs), unit="run", dynamic_ncols=True))
+    with shares(args.processes) as share:
+        rows = share("safe", one_run, runs)
     return {
         "title": "Safe baselines on a problem with a known optimum",
         "kind": "safe",
@@ -145,17 +139,16 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 @one_thread_of_algebra()
-def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
+def one_run(job: tuple[str, int, int]) -> dict[str, Any]:
     """Train a policy once, and evaluate it.
 
-    :param name: name of the algorithm.
-    :param seed: seed of everything random.
-    :param steps: number of environment steps.
+    :param job: name of the algorithm, seed of everything random, and number of environment steps.
     :return: JSON-able figures.
     """
     from reproduction.constraints.effort_cart import COST_LIMIT, EffortCartVecEnv, best_return
     from saver_advisors.safe_baselines import ALGORITHMS
 
+    name, seed, steps = job
     began = time.process_time()
     settings = {**COMMON, **SETTINGS[name], "cost_limit": (1 - MARGIN) * COST_LIMIT}
     env = EffortCartVecEnv(N_ENVS, seed=seed)

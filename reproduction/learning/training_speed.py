@@ -27,7 +27,7 @@ from reproduction.learning.training_loops import (
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import SBX, add_peer_cache, install
-from saver_advisors.cli.arguments import add_count, add_page, env_id
+from saver_advisors.cli.arguments import add_count, add_page, add_several, env_id
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages, measured_at
 from saver_advisors.reporting.tables import join_parts, markdown, rows_table
@@ -49,14 +49,7 @@ WARM_UP: Final = 2
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     names = [variant.name for variant in VARIANTS if variant.name != AS_CONFIGURED]
-    parser.add_argument(
-        "--envs",
-        nargs="+",
-        type=env_id,
-        default=list(ENVS),
-        metavar="ID",
-        help=f"environments, trained with TD3 (default: {' '.join(ENVS)})",
-    )
+    add_several(parser, "--envs", env_id, ENVS, "environments, trained with TD3", "ID")
     add_choices(parser, "--variants", names, "single changes to measure", nargs="*")
     add_choices(parser, "--stock", STOCK, "SB3's algorithms, with its hindsight replay", nargs="*")
     add_count(parser, "--rounds", 7, "measured blocks of each loop")

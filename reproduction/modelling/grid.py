@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from reproduction.command_parts import shares
 from saver_advisors.benchmark.machine import timed
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -265,26 +265,18 @@ def as_known(cell: GridCell, folder: Path) -> GridCell:
     return next((one for one in (cell, *others) if read_result(folder, one) is not None), cell)
 
 
-def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:
-    """Train the cells that have no result yet, and yield each result once it is written.
+def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> list[dict[str, Any]]:
+    """Train the cells that have no result yet, and write each result once it is known.
 
     :param cells: the cells.
     :param folder: folder of the results, one JSON file per cell.
     :param processes: number of cells that are trained at once, one core each.
+    :return: the new results.
     """
     folder.mkdir(parents=True, exist_ok=True)
     left = [cell for cell in cells if read_result(folder, cell) is None]
-    if processes == 1 or len(left) < 2:
-        yield from (_run(cell, folder) for cell in left)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(left)), mp_context=context) as pool:
-        tasks = [pool.submit(_run, cell, folder) for cell in left]
-        try:
-            for task in as_completed(tasks):
-                yield task.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with shares(processes) as share:
+        return share("cells", partial(_run, folder=folder), left)
 
 
 @one_thread_of_algebra()

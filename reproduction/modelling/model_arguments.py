@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import DEVICES, PAPER_EPOCHS, PRECISIONS
-from saver_advisors.cli.arguments import add_count
+from saver_advisors.cli.arguments import add_count, add_path
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 if TYPE_CHECKING:
@@ -32,14 +32,8 @@ def add_arms_and_models(
     add_choices(parser, "--robots", arms, "arms")
     add_choices(parser, "--models", models, purpose, (), "*")
     add_training(parser)
-    parser.add_argument(
-        "--weights",
-        nargs="*",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="weight files of models to measure, each with its own arm, shown by file name",
-    )
+    text = "weight files of models to measure, each with its own arm, shown by file name"
+    add_path(parser, "--weights", text, nargs="*", default=[])
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Final
 from reproduction.command_parts import measure_and_render
 from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
-from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.arguments import add_count, add_folder, add_page
 from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.reporting.errors import UsageError, unknown
@@ -58,12 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--conditions", nargs="+", metavar="NAME", help="conditions (default: all)")
     add_count(parser, "--trials", 50, "trials of each policy under each condition")
     add_count(parser, "--seed", 0, "seed of trial 0", least=0)
-    parser.add_argument(
-        "--video-dir",
-        type=Path,
-        metavar="DIR",
-        help="folder for videos of a success and of each cause of failure, as MP4 and as WebP",
-    )
+    text = "folder for videos of a success and of each cause of failure, as MP4 and as WebP"
+    add_folder(parser, "--video-dir", text)
     add_page(parser)
 
 

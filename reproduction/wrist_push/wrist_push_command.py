@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices
-from saver_advisors.cli.arguments import add_count, add_json, add_table
+from reproduction.command_parts import add_choices, shares
+from saver_advisors.cli.arguments import add_count, add_json, add_path, add_table
 from saver_advisors.cli.measured import hand_over, measured_or_read, read_measurement
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import machine_in_words
@@ -50,14 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_count(parser, "--processes", 1, "processes that share the trials")
     add_loop_arguments(parser)
     add_table(parser)
-    parser.add_argument(
-        "--from",
-        dest="from_json",
-        nargs="+",
-        type=Path,
-        metavar="FILE",
-        help="show the JSON files of earlier measurements instead of measuring, in one table",
-    )
+    text = "show the JSON files of earlier measurements instead of measuring, in one table"
+    add_path(parser, "--from", text, dest="from_json", nargs="+")
     add_json(parser)
 
 
@@ -83,7 +77,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: ``rows``, ``faults``, and the settings.
     """
-    from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
+    from reproduction.wrist_push.loop_trials import fault_row, play_row
     from saver_advisors.cli.run import settings_of
     from saver_advisors.integration.faults import FAULTS
 
