@@ -118,24 +118,29 @@ def write_comparison(
     args: argparse.Namespace,
     figures: dict[str, Any],
     draw: Callable[[Path], list[Drawn]],
-    page: Callable[[Sequence[Drawn], Path], str],
+    page: Callable[[list[dict[str, str]]], str],
 ) -> int:
     """Write the requested files of a comparison of training runs: JSON, pictures and page.
 
     :param args: with the arguments of
         :func:`add_result_arguments`.
     :param figures: everything that was computed.
-    :param draw: draws the figures into a folder.
-    :param page: renders the page, from the drawn figures and the page's folder.
+    :param draw: draws the figures into a folder, which exists.
+    :param page: renders the page, from the ``link`` and the ``caption`` of each drawn figure.
     :return: exit status.
     """
     from saver_advisors.cli.arguments import write_json
 
     # First, since the provenance says whether the checkout has changed.
     write_json(args.json, figures)
-    drawn = [] if args.figures is None else draw(args.figures)
+    drawn: list[Drawn] = []
+    if args.figures is not None:
+        args.figures.mkdir(parents=True, exist_ok=True)
+        drawn = draw(args.figures)
     if args.table is not None:
-        args.table.write_text(page(drawn, args.table.parent), encoding="utf-8")
+        folder = args.table.parent
+        pictures = [{"link": link(one.path, folder), "caption": one.caption} for one in drawn]
+        args.table.write_text(page(pictures), encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
 
@@ -147,14 +152,14 @@ def comparison_figures(
 
     :param rows: of the table.
     :param flat: the rows as a flat table.
-    :param findings: the dissertation's findings, evaluated on these runs.
+    :param findings: the dissertation's findings, evaluated on these runs, as plain values.
     :param results: what was read.
     :return: ``rows``, ``detail`` with intervals, ``findings`` and ``skipped`` files.
     """
     return {
         "rows": list(flat),
         "detail": [row.to_mapping() for row in rows],
-        "findings": [finding.to_mapping() for finding in findings],
+        "findings": list(findings),
         "skipped": [{"file": one.file, "reason": one.reason} for one in results.skipped],
     }
 
@@ -184,13 +189,3 @@ def print_skipped(results: Results) -> None:
     """
     for one in results.skipped:
         print(f"left out {one.file}: {one.reason}")
-
-
-def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
-    """Show figures with their captions.
-
-    :param drawn: figures on disk.
-    :param folder: the page's folder, which the links start from.
-    :return: one part of the page per figure.
-    """
-    return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]

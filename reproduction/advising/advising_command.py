@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.advising.advising_page import draw_all, page, show
+from reproduction.advising.advising_page import comparison_page, draw_all, show_all
 from reproduction.advising.paper import table_5_2
 from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
 from reproduction.findings import Finding, claims, evaluate_claim, table_of
@@ -46,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
     results = read_training(args.results)
     tasks = tables(results)
     findings = evaluate_findings(tasks)
-    show(tasks, findings, results)
+    show_all(tasks, findings, results)
     return write_comparison(
         args,
         figures(tasks, findings, results),
         lambda folder: draw_all(results, folder),
-        lambda drawn, folder: page(tasks, findings, results, drawn, folder),
+        lambda pictures: comparison_page(tasks, findings, results, pictures),
     )
 
 
@@ -93,10 +93,11 @@ def figures(
     :return: ``rows`` is a flat table, ``detail`` has intervals.
     """
     rows = [row for rows in tasks.values() for row in rows]
+    told = [finding.to_mapping() for finding in findings]
     return {
         "title": "Advising",
         "kind": "advising",
         "epoch_steps": EPOCH_STEPS,
         "solved_at": SOLVED,
-        **comparison_figures(rows, [flat(row) for row in rows], findings, results),
+        **comparison_figures(rows, [flat(row) for row in rows], told, results),
     }

@@ -40,7 +40,13 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if there is no run on the distance task.
     """
-    from reproduction.constraints.constraints_page import draw_all, evaluated, flat_row, page, show
+    from reproduction.constraints.constraints_page import (
+        comparison_page,
+        draw_all,
+        evaluated,
+        flat_row,
+        show_all,
+    )
     from saver_advisors.reporting.errors import UsageError
 
     results = read_training(args.results)
@@ -49,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         others = ", ".join(sorted({one.task for one in results.runs}))
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
     findings = evaluated(rows)
-    show(rows, findings, results)
+    show_all(rows, findings, results)
     figures: dict[str, Any] = {
         "title": "Learning under a constraint",
         "kind": "constraints",
@@ -60,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         args,
         figures,
         lambda folder: draw_all(rows, folder),
-        lambda drawn, folder: page(rows, findings, results, drawn, folder),
+        lambda pictures: comparison_page(rows, findings, results, pictures),
     )
 
 

@@ -15,10 +15,11 @@ from statistics import mean
 from typing import Any, Final
 
 from reproduction.command_parts import add_choices, shares
+from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page, add_several, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, between_markers, join_parts, rows_table
+from saver_advisors.reporting.tables import Column, between_markers
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -104,10 +105,10 @@ def run(args: argparse.Namespace) -> int:
     :raises UsageError: if ``--from`` names a file without such figures.
     """
     figures = measured_or_read(args, "safe", lambda: measure(args))
-    page = render(figures)
-    hand_over(page, figures, args.json, None)
+    text = render(figures)
+    hand_over(text, figures, args.json, None)
     if args.table is not None:
-        args.table.write_text(page_with(args.table, page), encoding="utf-8")
+        args.table.write_text(page_with(args.table, text), encoding="utf-8")
         print(f"wrote {args.table}")
     return 0 if all(one["limit_met"] and one["near_optimum"] for one in figures["rows"]) else 1
 
@@ -212,13 +213,7 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    text = (
-        f"The limit is a mean cost of {figures['cost_limit']:g} per episode; the optimal mean "
-        f"return under it is {figures['best_return']:.3f}. The algorithms were trained with a "
-        f"limit of {(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost are those "
-        f"of the mean action, over {figures['episodes']:,} fresh episodes.\n"
-    )
-    return join_parts([text, rows_table(figures["rows"], COLUMNS), measured_at(figures)])
+    return page("safe", columns=COLUMNS, origin=measured_at(figures), **figures)
 
 
 def page_with(path: Path, text: str) -> str:

@@ -13,8 +13,9 @@ from reproduction.modelling.model_arguments import (
     measure_models,
     origin,
 )
+from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_page
-from saver_advisors.reporting.tables import rows_table
+from saver_advisors.reporting.tables import Column
 
 if TYPE_CHECKING:
     from saver_envs.modelling.models import InverseModel
@@ -125,27 +126,21 @@ def render(figures: dict[str, Any]) -> str:
     base = {
         (one["robot"], one["gain"]): one["rms"] for one in rows if one["feed_forward"] == "analytic"
     }
-    table = rows_table(
-        sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
-        {
-            "arm": "{robot}",
-            "gain": "{gain:g}",
-            "feed-forward": "{feed_forward}",
-            "RMS (mrad)": lambda one: f"{one['rms'] * 1e3:.2f}",
-            "analytic's error over it": lambda one: (
-                f"{base[one['robot'], one['gain']] / one['rms']:.2f}x"
-            ),
-            "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
-        },
-    )
+    columns: dict[str, Column] = {
+        "arm": "{robot}",
+        "gain": "{gain:g}",
+        "feed-forward": "{feed_forward}",
+        "RMS (mrad)": lambda one: f"{one['rms'] * 1e3:.2f}",
+        "analytic's error over it": lambda one: (
+            f"{base[one['robot'], one['gain']] / one['rms']:.2f}x"
+        ),
+        "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
+    }
     before = {card["name"] for card in figures.get("weights", [])}
-    trained = {one["feed_forward"] for one in rows} & set(MODELS) - before
-    others = f" The others were trained for {figures.get('epochs', 100)} epochs."
-    return (
-        f"# {figures['title']}\n\n"
-        "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
-        "trajectories. A gain of 1 is the twin's own feedback; a smaller gain is softer. *Shipped* "
-        "is the shipped network, *analytic* Newton-Euler with the inertia of Appendix A, and "
-        f"*feedback alone* has no feed-forward.{others if trained else ''}"
-        f"{origin(figures)}\n\n{table}"
-    )
+    content = {
+        **figures,
+        "rows": sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
+        "trained": {one["feed_forward"] for one in rows} & set(MODELS) - before,
+        "origin": origin(figures),
+    }
+    return page("tracking", columns=columns, **content)

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, Final
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
+from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.reporting.provenance import load_averages
-from saver_advisors.reporting.tables import Column, rows_table
+from saver_advisors.reporting.tables import Column
 
 if TYPE_CHECKING:
     from saver_envs.modelling.arms import Task
@@ -146,12 +147,4 @@ def render(figures: dict[str, Any]) -> str:
         "load": lambda one: "-" if one["load_average"] is None else f"{one['load_average']:.1f}",
     }
     columns |= {name: f"{{shares[{name}]:.0%}}" for name in figures["rows"][0]["shares"]}
-    machine = figures["provenance"]["machine"]
-    return (
-        f"# {figures['title']}\n\n"
-        f"Training runs of the paper's length on one core ({machine['cpu']}), {figures['robot']}, "
-        f"hidden products in {figures['precision']}. *Load* is the system's load average at the "
-        "end of the run; minutes are unreliable if it exceeds the number of cores. The last "
-        "columns are shares of the training time; *Python* is the time outside torch's operators, "
-        f"including the profiler's own.\n\n{rows_table(figures['rows'], columns)}"
-    )
+    return page("modelling-time", columns=columns, **figures)

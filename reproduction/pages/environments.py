@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from reproduction.joint_speeds import in_words
-from reproduction.pages.page_templates import template
+from reproduction.page_templates import page
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
@@ -36,11 +36,12 @@ def environments_page(entries: list[Entry]) -> str:
     :param entries: the rows of its table.
     :return: Markdown.
     """
-    lines = ["# Environments", "", environments_table(entries, "")]
-    twin = dense_twin(entries[0].env_id)
-    lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", ""]
-    lines += [f"{sentence}\n" for sentence in pixel_ids()]
-    return "\n".join([*lines, ""])
+    return page(
+        "environments",
+        table=environments_table(entries, ""),
+        twin=dense_twin(entries[0].env_id),
+        pixels=pixel_ids(),
+    )
 
 
 def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
@@ -52,21 +53,19 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
     """
     episodes = make_episodes(one.env_id)
     task = episodes.task
-    page = task.page(episodes.scene)
-    return template("environment.md.j2").render(
+    told = task.page(episodes.scene)
+    return page(
+        "environment",
+        told=told,
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one.env_id),
-        facts=[*_facts(one, episodes), *_speeds(one.env_id, results)],
+        facts=[*_facts(one, episodes), *told.facts, *_speeds(one.env_id, results)],
         spaces=_spaces(one),
         observation=_layout_table(task.observation_layout, _unit),
         action=_action(episodes),
-        goal=_layout_table(task.goal_layout, lambda part: part.unit, page.goal),
-        start=page.start,
-        reward=page.reward,
-        dense=page.dense,
-        costs=_costs(one, page.costs),
-        readings=page.readings,
+        goal=_layout_table(task.goal_layout, lambda part: part.unit, told.goal),
+        costs=_costs(one, told.costs),
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one.env_id, task),
         results=results_of(one.env_id, results),
@@ -79,7 +78,6 @@ def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
         ("an action lasts", f"{ACTION_DURATION:g} s"),
         ("horizon", f"{one.horizon} actions, {one.horizon * ACTION_DURATION:g} s"),
         ("top speed of a hand", f"{episodes.settings.max_speed:g} m/s"),
-        *episodes.task.page(episodes.scene).facts,
     ]
 
 

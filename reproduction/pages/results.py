@@ -28,6 +28,11 @@ PAGES: Final = {
 }
 """Pages of results, by the kind of the result file."""
 
+RENDERED: Final = (
+    "Rendered from the files in `docs/results`. Generated from the code by "
+    "`python -m reproduction pages`."
+)
+
 PAGES_OF_FILES: Final = {
     "fetch-id": "modelling-fetch-id.md",
     "fetch-ik": "modelling-fetch-ik.md",
@@ -129,7 +134,7 @@ def results_page(results: list[dict[str, Any]]) -> str:
         elif isinstance(one.get("rows"), list):
             lines.append(_plain_table(one["rows"]))
         lines += [_origin(one), ""]
-    return "\n".join([*lines, "Rendered from the files in `docs/results`."])
+    return "\n".join([*lines, f"{RENDERED}\n"])
 
 
 def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:
