@@ -93,16 +93,16 @@ def settings_of(env_id: str, variant: Variant) -> Any:
             config.advice, strategy="early", budget=config.total_steps, warm_start=False
         )
         config = replace(config, advice=advised)
-    changes: dict[str, Any] = {}
-    for name, value in variant.settings.items():
-        old = getattr(config, name)
-        if isinstance(value, float) and isinstance(old, tuple):
-            changes[name] = tuple(round(value * width) for width in old)
-        elif isinstance(value, float):
-            changes[name] = round(value * old)
-        else:
-            changes[name] = value
+    changes = {
+        name: _changed(getattr(config, name), value) for name, value in variant.settings.items()
+    }
     return replace(config, **changes)
+
+
+def _changed(old: Any, value: Any) -> Any:
+    if isinstance(value, float) and isinstance(old, tuple):
+        return tuple(round(value * width) for width in old)
+    return round(value * old) if isinstance(value, float) else value
 
 
 class Stopwatch:
@@ -183,13 +183,6 @@ class TimedLoop:
         return {**parts, REST: total - sum(parts.values()), "total": total}
 
 
-def _training_env(env_id: str, config: Any) -> Any:
-    from saver_envs.envs.sb3_vec_env import SaverVecEnv
-
-    options = {**config.env_kwargs, **config.train_env_kwargs}
-    return SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
-
-
 def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     """Build our learner in an environment, as `saver train` builds it.
 
@@ -199,10 +192,10 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     :return: the loop.
     """
     from saver_advisors.learner.algorithms import episode_horizon
-    from saver_advisors.training.building import build_model
+    from saver_advisors.training.building import build_env, build_model
 
     config = settings_of(env_id, variant)
-    env = _training_env(env_id, config)
+    env = build_env(config)
     model: Any = build_model(config, env)
     if variant.prepare is not None:
         variant.prepare(model)
@@ -228,9 +221,10 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
     from stable_baselines3.common.logger import Logger
 
     from saver_advisors.learner.algorithms import episode_horizon
+    from saver_advisors.training.building import build_env
 
     config = settings_of(env_id, VARIANTS[0])
-    env = _training_env(env_id, config)
+    env = build_env(config)
     horizon = episode_horizon(env)
     model: Any = getattr(stable_baselines3, algorithm)(
         "MultiInputPolicy",
@@ -262,13 +256,9 @@ def evaluation_seconds(env_id: str) -> tuple[float, int]:
 
     config = settings_of(env_id, VARIANTS[0])
     model = our_loop(env_id, VARIANTS[0], by_part=False).model
-
-    def act(observation: dict[str, Any]) -> Any:
-        return model.predict(observation, deterministic=True)[0]
-
     began = time.process_time()
     evaluate_policy(
-        act,
+        lambda observation: model.predict(observation, deterministic=True)[0],
         env_id,
         episodes=config.eval_episodes,
         seed=config.eval_seed,

@@ -110,14 +110,8 @@ def run_cell(cell: GridCell) -> dict[str, Any]:
     inputs, outputs = samples_of(data.train.first(cell.size * SAMPLES_A_SIZE), cell.task)
     test_inputs, test_outputs = samples_of(data.test, cell.task)
     model = new_model(cell.model, cell.robot, cell.task)
-    training = Training(
-        epochs=cell.epochs,
-        sigma=cell.sigma,
-        supervised_weight=cell.supervised_weight,
-        precision=cell.precision,
-        device=cell.device,
-        seed=cell.seed,
-    )
+    names = ("epochs", "sigma", "supervised_weight", "precision", "device", "seed")
+    training = Training(**{name: getattr(cell, name) for name in names})
     wall, cpu = time.perf_counter(), time.process_time()
     history = model.fit(inputs, outputs, training)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu

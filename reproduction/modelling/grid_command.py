@@ -24,7 +24,7 @@ from reproduction.modelling.grid import (
 from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
 from reproduction.modelling.paper_claims import claims, little_data
-from saver_advisors.cli.arguments import add_count, add_folder, add_page, add_several, at_least
+from saver_advisors.cli.arguments import add_count, add_page, add_path, add_several, at_least
 from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "number of cells trained at once, one core each; with --device cuda they share the GPU",
     )
     text = f"folder of the cells' files (default: {RESULTS})"
-    add_folder(parser, "--results", text, default=RESULTS)
+    add_path(parser, "--results", text, metavar="DIR", default=RESULTS)
     parser.add_argument(
         "--any-hardware",
         action="store_true",

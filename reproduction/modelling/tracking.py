@@ -102,14 +102,13 @@ def _models(
 ) -> dict[str, InverseModel | None]:
     """Return the analytic model, the shipped one, as None, and the trained ones."""
     from saver_advisors.cli.model_data import prepare_data
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.datasets import samples_of
     from saver_envs.modelling.models import Training, new_model
 
     _, analytic, shipped = UNTRAINED
     found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
     if names:
-        prepare_data(robot)
-        samples = samples_of(twin_data_set(robot).train, "id")
+        samples = samples_of(prepare_data(robot).train, "id")
         for name in names:
             found[name] = new_model(name, robot, "id")
             found[name].fit(*samples, Training(**training))

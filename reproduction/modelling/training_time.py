@@ -70,11 +70,10 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :return: JSON-able; ``rows`` has one row per task and model.
     """
     from saver_advisors.cli.model_data import prepare_data
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
+    from saver_envs.modelling.datasets import samples_of
     from saver_envs.modelling.models import Training, new_model
 
-    prepare_data(args.robot)
-    recording = twin_data_set(args.robot).train
+    recording = prepare_data(args.robot).train
     training = Training(epochs=args.epochs, precision=args.precision)
     rows = []
     for task, name in product(args.tasks, args.models):

@@ -60,41 +60,16 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one.env_id),
-        facts=[*_facts(one, episodes), *told.facts, *_speeds(one.env_id, results)],
-        spaces=_spaces(one),
+        duration=ACTION_DURATION,
+        max_speed=episodes.settings.max_speed,
+        joint_speeds=in_words(one.env_id, results),
         observation=_layout_table(task.observation_layout, _unit),
         action=_action(episodes),
         goal=_layout_table(task.goal_layout, lambda part: part.unit, told.goal),
-        costs=_costs(one, told.costs),
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one.env_id, task),
         results=results_of(one.env_id, results),
     )
-
-
-def _facts(one: Entry, episodes: Episodes) -> list[tuple[str, str]]:
-    return [
-        ("robot", f"{one.arms} x {one.robot}" if one.arms > 1 else one.robot),
-        ("an action lasts", f"{ACTION_DURATION:g} s"),
-        ("horizon", f"{one.horizon} actions, {one.horizon * ACTION_DURATION:g} s"),
-        ("top speed of a hand", f"{episodes.settings.max_speed:g} m/s"),
-    ]
-
-
-def _speeds(env_id: str, results: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    told = in_words(env_id, results)
-    return [("speed of the joints", told)] if told else []
-
-
-def _spaces(one: Entry) -> str:
-    goal = ["achieved_goal", f"Box(-inf, inf, ({one.goal_size},), float32)"]
-    rows = [
-        ["observation", f"Box(-inf, inf, ({one.observation_size},), float32)"],
-        goal,
-        ["desired_goal", goal[1]],
-        ["action", f"Box(-1, 1, ({one.action_size},), float32)"],
-    ]
-    return markdown(("entry", "space"), [[f"`{name}`", space] for name, space in rows])
 
 
 def _layout_table(
@@ -135,14 +110,6 @@ def _indices(first: int, size: int, block: int, arms: int) -> str:
     ends = [first] if size == 1 else [first, first + size - 1]
     offset = f"{block}k + " if arms > 1 else ""
     return " to ".join(f"{offset}{end}" for end in ends)
-
-
-def _costs(one: Entry, meanings: Mapping[str, str]) -> str:
-    rows = [
-        [f"`cost_{name}`", meanings.get(name, name), "yes" if name in one.summed_costs else "no"]
-        for name in one.costs
-    ]
-    return markdown(("cost", "what", 'part of `info["cost"]`'), rows)
 
 
 def _keywords(env_id: str, task: Task) -> str:

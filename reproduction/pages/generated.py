@@ -5,7 +5,6 @@ Nothing here draws or simulates, so that a test can quickly compare the pages wi
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from reproduction.page_templates import page
@@ -19,6 +18,7 @@ from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
 from saver_advisors.reporting.tables import Column, between_markers
+from saver_envs.files import read_json
 
 
 def all_pages(output: Path) -> dict[str, str]:
@@ -36,7 +36,7 @@ def all_pages(output: Path) -> dict[str, str]:
     pages["results.md"] = results_page(results)
     pose = output / "results" / "pose.json"
     if pose.is_file():
-        pages["perception-results.md"] = pose_page(json.loads(pose.read_text(encoding="utf-8")))
+        pages["perception-results.md"] = pose_page(read_json(pose))
     return pages
 
 

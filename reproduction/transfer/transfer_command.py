@@ -8,7 +8,6 @@ trajectory.
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -26,6 +25,7 @@ from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, markdown, rows_table
+from saver_envs.files import read_json
 from saver_envs.sensor_errors import SENSORS
 
 EXAMPLES: Final = """\
@@ -249,7 +249,7 @@ def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
 
     :return: its rows by task and policy.
     """
-    content = json.loads(PAPER.read_text(encoding="utf-8"))
+    content = read_json(PAPER)
     return {
         (one["task"], one["policy"]): {**one, "trials": content["trials"]}
         for one in content["rows"]

@@ -95,11 +95,9 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     from saver_envs.tasks.wrist_push import WristPush
 
     seeds = range(seed, seed + trials)
-    name = f"{'network' if settings.seeing else 'true state'}, "
-    name += "learned kinematics" if settings.learned_kinematics else "exact kinematics"
     chunks = [seeds[first : first + _CHUNK] for first in range(0, trials, _CHUNK)]
     began = time.perf_counter()
-    results = share(name, work, [(settings.to_mapping(), chunk, None) for chunk in chunks])
+    results = share("trials", work, [(settings.to_mapping(), chunk, None) for chunk in chunks])
     elapsed = time.perf_counter() - began
     played = [one for result in results for one in result["trials"]]
     simulated = sum(one["seconds"] for one in played)

@@ -8,7 +8,6 @@ everything is learned.
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,6 +22,7 @@ from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import machine_in_words
 from saver_advisors.reporting.tables import Column
 from saver_advisors.training.threads import one_thread_of_algebra
+from saver_envs.files import read_json
 
 EXAMPLES = """\
 examples:
@@ -200,7 +200,7 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    paper = {"row": "paper", "harmed": "-", **json.loads(PAPER.read_text(encoding="utf-8"))}
+    paper = {"row": "paper", "harmed": "-", **read_json(PAPER)}
     latencies = figures["settings"]["latencies"]
     none: dict[str, Any] = {"stages": {}}
     fullest = max(figures["rows"], key=lambda row: len(row["stages"]), default=none)
