@@ -158,13 +158,14 @@ class TimedLoop:
     """A learner that trains block by block: one episode in each environment, then updates.
 
     :param model: an SB3 algorithm with a ``train_freq`` of one episode.
-    :param horizon: number of steps of an episode.
     :param config: the run's configuration.
     """
 
-    def __init__(self, model: Any, horizon: int, config: Any) -> None:
+    def __init__(self, model: Any, config: Any) -> None:
+        from saver_advisors.learner.algorithms import episode_horizon
+
         self.model = model
-        self.steps = config.n_envs * horizon
+        self.steps = config.n_envs * episode_horizon(model.get_env())
         self.updates = config.gradient_steps
         self.watch = Stopwatch()
         self._blocks = 0
@@ -191,15 +192,13 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     :param by_part: whether to time every part instead of the update as a whole.
     :return: the loop.
     """
-    from saver_advisors.learner.algorithms import episode_horizon
     from saver_advisors.training.building import build_env, build_model
 
     config = settings_of(env_id, variant)
-    env = build_env(config)
-    model: Any = build_model(config, env)
+    model: Any = build_model(config, build_env(config))
     if variant.prepare is not None:
         variant.prepare(model)
-    loop = TimedLoop(model, episode_horizon(env), config)
+    loop = TimedLoop(model, config)
     if not by_part:
         loop.watch.watch(model, "train", UPDATE)
         return loop
@@ -241,7 +240,7 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
         device="cpu",
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    loop = TimedLoop(model, horizon, config)
+    loop = TimedLoop(model, config)
     loop.watch.watch(model, "train", UPDATE)
     return loop
 

@@ -12,7 +12,6 @@ from reproduction.page_templates import page
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, Entry, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
-from saver_envs.episodes import Episodes
 from saver_envs.registration import ControlOptions, default_options, make_episodes
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
@@ -64,7 +63,9 @@ def environment_page(one: Entry, results: list[dict[str, Any]]) -> str:
         max_speed=episodes.settings.max_speed,
         joint_speeds=in_words(one.env_id, results),
         observation=_layout_table(task.observation_layout, _unit),
-        action=_action(episodes),
+        indices=_indices,
+        action_size=episodes.action_size_per_arm,
+        held_height=task.held_height,
         goal=_layout_table(task.goal_layout, lambda part: part.unit, told.goal),
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one.env_id, task),
@@ -90,19 +91,6 @@ def _layout_table(
 
 def _unit(part: Part) -> str:
     return part.unit if part.scale == 1 else f"{part.unit} x {part.scale}"
-
-
-def _action(episodes: Episodes) -> str:
-    step = f"{1000 * episodes.settings.max_speed * ACTION_DURATION:g} mm"
-    size, arms = episodes.action_size_per_arm, episodes.task.n_arms
-    held = episodes.task.held_height
-    motion = f"displacement of the hand's set-point along x, y, z; 1 is {step}, the longest in all"
-    if held is not None:
-        motion += f"; z is held at {100 * held:g} cm above the table"
-    rows = [[_indices(0, 3, size, arms), motion]]
-    if size > 3:
-        rows.append([_indices(3, 1, size, arms), "gripper: 1 is open, -1 is closed"])
-    return markdown(("index", "what"), rows)
 
 
 def _indices(first: int, size: int, block: int, arms: int) -> str:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from reproduction.transfer.failures import Failure
-from reproduction.transfer.trajectories import FrameCallback, Predict, TrialTrajectory, run_trials
+from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
+from saver_advisors.evaluation.episodes import Predict
 from saver_envs.robots import ROBOTS
 
 ENVIRONMENTS: Final = {

@@ -83,25 +83,26 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     from saver_advisors.integration.faults import FAULTS
 
     base = settings_of(args)
-    figures: dict[str, Any] = {
+    with shares(args.processes) as share:
+        rows = []
+        for name in args.rows:
+            seeing, learned = ROWS[name]
+            settings = replace(base, seeing=seeing, learned_kinematics=learned)
+            rows.append({"row": name, **play_row(share, settings, args.trials, args.seed)})
+        faults = [
+            fault_row(share, base, fault, args.injections, args.seed)
+            for fault in (FAULTS if args.injections else ())
+        ]
+    return {
         "title": "Wrist push",
         "kind": "wrist-push",
         "trials": args.trials,
         "seed": args.seed,
         "processes": args.processes,
         "settings": base.to_mapping(),
-        "rows": [],
-        "faults": [],
+        "rows": rows,
+        "faults": faults,
     }
-    with shares(args.processes) as share:
-        for name in args.rows:
-            seeing, learned = ROWS[name]
-            settings = replace(base, seeing=seeing, learned_kinematics=learned)
-            row = play_row(share, settings, args.trials, args.seed)
-            figures["rows"].append({"row": name, **row})
-        for fault in FAULTS if args.injections else ():
-            figures["faults"].append(fault_row(share, base, fault, args.injections, args.seed))
-    return figures
 
 
 def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
