@@ -15,11 +15,13 @@ from statistics import mean
 from typing import Any, Final
 
 from reproduction.command_parts import add_choices, shares
+from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, EffortCartVecEnv, best_return
 from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page, add_several, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import Column, between_markers
+from saver_advisors.safe_baselines import ALGORITHMS
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -119,8 +121,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one per run.
     """
-    from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, best_return
-
     runs = [
         (name, seed, args.steps or STEPS[name]) for name in args.algorithms for seed in args.seeds
     ]
@@ -146,9 +146,6 @@ def one_run(job: tuple[str, int, int]) -> dict[str, Any]:
     :param job: name of the algorithm, seed of everything random, and number of environment steps.
     :return: JSON-able figures.
     """
-    from reproduction.constraints.effort_cart import COST_LIMIT, EffortCartVecEnv, best_return
-    from saver_advisors.safe_baselines import ALGORITHMS
-
     name, seed, steps = job
     began = time.process_time()
     settings = {**COMMON, **SETTINGS[name], "cost_limit": (1 - MARGIN) * COST_LIMIT}
@@ -181,8 +178,6 @@ def evaluate(model: Any, deterministic: bool) -> tuple[float, float]:
     :param deterministic: whether to take the mean action instead of sampling.
     :return: mean return and mean cost.
     """
-    from reproduction.constraints.effort_cart import EffortCartVecEnv
-
     env = EffortCartVecEnv(EPISODES, seed=EVALUATION_SEED)
     observation: Any = env.reset()
     returned = cost = 0.0

@@ -8,6 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from saver_advisors.learner.algorithms import episode_horizon
+from saver_advisors.training.building import build_env, build_model
+
 AS_CONFIGURED: Final = "as configured"
 UPDATE: Final = "update"
 REST: Final = "the rest"
@@ -162,7 +165,6 @@ class TimedLoop:
     """
 
     def __init__(self, model: Any, config: Any) -> None:
-        from saver_advisors.learner.algorithms import episode_horizon
 
         self.model = model
         self.steps = config.n_envs * episode_horizon(model.get_env())
@@ -192,8 +194,6 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     :param by_part: whether to time every part instead of the update as a whole.
     :return: the loop.
     """
-    from saver_advisors.training.building import build_env, build_model
-
     config = settings_of(env_id, variant)
     model: Any = build_model(config, build_env(config))
     if variant.prepare is not None:
@@ -218,9 +218,6 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
     """
     import stable_baselines3
     from stable_baselines3.common.logger import Logger
-
-    from saver_advisors.learner.algorithms import episode_horizon
-    from saver_advisors.training.building import build_env
 
     config = settings_of(env_id, VARIANTS[0])
     env = build_env(config)

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,16 +18,13 @@ from reproduction.command_parts import shares
 from saver_advisors.benchmark.machine import timed
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.training.threads import one_thread_of_algebra
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
-    from saver_envs.modelling.chain import FloatArray
-    from saver_envs.modelling.models import InverseModel
-    from saver_envs.modelling.networks import Device, Precision
-
-# As in `saver_envs.modelling.networks`, which imports torch.
-PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
-DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
+from saver_envs.modelling.accuracy import distances
+from saver_envs.modelling.arms import Task, arm_named
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.datasets import samples_of, twin_data_set
+from saver_envs.modelling.models import ADVERSARIAL, InverseModel, Training, new_model
+from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
+from saver_envs.modelling.solvers import newton
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k stands for the first k x 10,000 consecutive samples."""
@@ -102,10 +99,6 @@ def run_cell(cell: GridCell) -> dict[str, Any]:
         joints, and over those that move the hand), ``per_joint``, ``task_space_mm``,
         ``latency_ms``, ``batch_us`` and ``training_s``.
     """
-    from saver_envs.modelling.arms import arm_named
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.models import Training, new_model
-
     data = twin_data_set(cell.robot, cell.data_seed)
     inputs, outputs = samples_of(data.train.first(cell.size * SAMPLES_A_SIZE), cell.task)
     test_inputs, test_outputs = samples_of(data.test, cell.task)
@@ -144,9 +137,6 @@ def rms(values: list[float]) -> float:
 
 def _task_space(arm: Any, targets: FloatArray, joints: FloatArray) -> dict[str, dict[str, float]]:
     """Measure the distance from hand to target (mm), before and after Newton steps."""
-    from saver_envs.modelling.accuracy import distances
-    from saver_envs.modelling.solvers import newton
-
     few = slice(0, len(targets), max(1, len(targets) // _TASK_SPACE_ROWS))
     targets, joints = targets[few], joints[few]
     refined = newton(arm, targets, joints, REFINED, arm.chain)
@@ -207,8 +197,6 @@ def cells_of(
     :param device: device that trains the networks.
     :return: the cells.
     """
-    from saver_envs.modelling.models import ADVERSARIAL
-
     cells = []
     for size, model in product(sizes, models):
         options: dict[str, Any] = {"epochs": epochs}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import (
@@ -27,9 +27,8 @@ from reproduction.modelling.paper_claims import claims, little_data
 from saver_advisors.cli.arguments import add_count, add_page, add_path, add_several, at_least
 from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
+from saver_envs.modelling.arms import TASK_NAMES, Task
+from saver_envs.modelling.models import Training
 
 MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
@@ -90,9 +89,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _measure(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_envs.modelling.arms import TASK_NAMES
-    from saver_envs.modelling.models import Training
-
     grid = args.robot, args.task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
     weighted = [cells_of(*grid, weight, *how) for weight in args.supervised_weight]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
+
+import numpy as np
 
 from reproduction.modelling.model_arguments import (
     ROBOTS,
@@ -15,10 +17,13 @@ from reproduction.modelling.model_arguments import (
 )
 from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_page
+from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting.tables import Column
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.models import InverseModel
+from saver_envs.modelling.datasets import campaign_of, samples_of
+from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
+from saver_envs.modelling.models import InverseModel, Training, new_model
+from saver_envs.modelling.trajectories import random_trajectory
+from saver_envs.modelling.twin import Twin
 
 EXAMPLES: Final = """\
 examples:
@@ -65,13 +70,6 @@ def measure(
     :param before: models of weight files, by arm and name.
     :return: JSON-able; ``rows`` has one row per arm, feed-forward and gain.
     """
-    import numpy as np
-
-    from saver_envs.modelling.datasets import campaign_of
-    from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
-    from saver_envs.modelling.trajectories import random_trajectory
-    from saver_envs.modelling.twin import Twin
-
     rows = []
     for robot in args.robots:
         generator = np.random.default_rng(_UNSEEN)
@@ -101,10 +99,6 @@ def _models(
     robot: str, names: Sequence[str], training: Mapping[str, Any]
 ) -> dict[str, InverseModel | None]:
     """Return the analytic model, the shipped one, as None, and the trained ones."""
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_envs.modelling.datasets import samples_of
-    from saver_envs.modelling.models import Training, new_model
-
     _, analytic, shipped = UNTRAINED
     found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
     if names:

@@ -12,20 +12,20 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
 from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.model_data import prepare_data
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.reporting.tables import Column
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
-    from saver_envs.modelling.chain import FloatArray
-    from saver_envs.modelling.models import InverseModel, Training
+from saver_envs.modelling.arms import TASK_NAMES, Task
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.datasets import samples_of
+from saver_envs.modelling.models import InverseModel, Training, new_model
 
 EXAMPLES: Final = """\
 examples:
@@ -69,10 +69,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able; ``rows`` has one row per task and model.
     """
-    from saver_advisors.cli.model_data import prepare_data
-    from saver_envs.modelling.datasets import samples_of
-    from saver_envs.modelling.models import Training, new_model
-
     recording = prepare_data(args.robot).train
     training = Training(epochs=args.epochs, precision=args.precision)
     rows = []
@@ -134,8 +130,6 @@ def render(figures: dict[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    from saver_envs.modelling.arms import TASK_NAMES
-
     columns: dict[str, Column] = {
         "task": lambda one: TASK_NAMES[one["task"]],
         "model": "{model}",

@@ -21,6 +21,7 @@ from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find
 from saver_advisors.cli.arguments import add_count, add_folder, add_page
 from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.pretrained import load_policy, shipped_policies
 from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.figures import link
 from saver_advisors.reporting.provenance import measured_at
@@ -87,8 +88,6 @@ def entrants(task: str, words: Sequence[str] | None) -> dict[str, str]:
     :return: policies by label.
     :raises UsageError: for two policies with the same label.
     """
-    from saver_advisors.pretrained import shipped_policies
-
     if words is None:
         student = STUDENTS[task]
         return {
@@ -169,8 +168,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 def _weights(policies: Sequence[str]) -> list[dict[str, Any]]:
     """List the weight files of policies with what their cards say about their training."""
-    from saver_advisors.pretrained import load_policy, shipped_policies
-
     names = [one.removeprefix(f"{SIDE_BY_SIDE}:") for one in dict.fromkeys(policies)]
     files = [one for one in names if one in shipped_policies() or Path(one).is_file()]
     cards = {Path(one).stem: load_policy(one).card for one in files}

@@ -5,16 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from reproduction.command_parts import Share
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.integration.assembly import ControlLoop, LoopSettings, build_loop
+from saver_advisors.integration.faults import FAULTS
+from saver_advisors.integration.injections import ALLOWED, inject
+from saver_advisors.integration.messages import Message, Person
+from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED, run_trial
+from saver_advisors.integration.wrist_bench import WristBench
 from saver_advisors.training.threads import one_thread_of_algebra
-
-if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import ControlLoop
+from saver_envs.tasks.wrist_push import WristPush
 
 #: Trials of a job.
 _CHUNK: Final = 5
@@ -28,8 +32,6 @@ Job = tuple[Mapping[str, Any], Sequence[int], str | None]
 @cache
 def _own_bench() -> Any:
     """Compile this process's bench once."""
-    from saver_advisors.integration.wrist_bench import WristBench
-
     return WristBench()
 
 
@@ -40,9 +42,6 @@ def work(job: Job) -> dict[str, Any]:
     :param job: see `Job`.
     :return: JSON-able outcomes, and the durations of stages.
     """
-    from saver_advisors.integration.assembly import LoopSettings, build_loop
-    from saver_advisors.integration.injections import inject
-
     mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if fault is None:
@@ -51,9 +50,6 @@ def work(job: Job) -> dict[str, Any]:
 
 
 def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
-    from saver_advisors.integration.messages import Message, Person
-    from saver_advisors.integration.trial import run_trial
-
     ages: list[float] = []
 
     def look(topic: str, message: Message, now: float) -> None:
@@ -91,9 +87,6 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     :param seed: seed of the first trial.
     :return: JSON-able figures; of each stage its rate in simulated time, and a call's wall clock.
     """
-    from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
-    from saver_envs.tasks.wrist_push import WristPush
-
     seeds = range(seed, seed + trials)
     chunks = [seeds[first : first + _CHUNK] for first in range(0, trials, _CHUNK)]
     began = time.perf_counter()
@@ -148,9 +141,6 @@ def fault_row(
     :param seed: seed of the first trial.
     :return: JSON-able figures.
     """
-    from saver_advisors.integration.faults import FAULTS
-    from saver_advisors.integration.injections import ALLOWED
-
     jobs = [(settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)]
     found = [one for result in share(fault, work, jobs) for one in result["injections"]]
 

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from run_files import curve, run_content, write_run
 
-from reproduction.constraints.constraints_command import TASK, table
-from reproduction.constraints.constraints_page import evaluated
+from reproduction.constraints.constraints_command import TASK, evaluated, table
 from reproduction.program import main as reproduce
 from saver_advisors.experiments.training_runs import read_training_runs
 
