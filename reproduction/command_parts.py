@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from saver_advisors.cli.arguments import add_json, add_table, at_least
+from saver_advisors.cli.arguments import add_folder, add_json, add_several, add_table
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.tables import link
 from saver_advisors.reporting.video import FPS, HOLD, Frame
@@ -29,23 +32,6 @@ class Drawn:
 
     path: Path
     caption: str
-
-
-def add_seeds(parser: argparse.ArgumentParser, default: Sequence[int], purpose: str) -> None:
-    """Declare ``--seeds``.
-
-    :param parser: the command's parser.
-    :param default: the seeds without the argument.
-    :param purpose: what the seeds are for, for the help.
-    """
-    parser.add_argument(
-        "--seeds",
-        nargs="+",
-        type=at_least(0),
-        default=list(default),
-        metavar="N",
-        help=f"{purpose} (default: {' '.join(map(str, default))})",
-    )
 
 
 def add_choices(
@@ -84,20 +70,38 @@ def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None
     :param parser: the command's parser
     :param results: default folder of results
     """
-    parser.add_argument(
-        "--results",
-        nargs="+",
-        type=Path,
-        default=[results],
-        metavar="PATH",
-        help="result files or folders of them: training runs, results of `saver curves`, and "
-        f"evaluations of reference policies (default: {results})",
+    text = (
+        "result files or folders of them: training runs, results of `saver curves`, and "
+        "evaluations of reference policies"
     )
+    add_several(parser, "--results", Path, [results], text, "PATH")
     add_table(parser)
-    parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="write the figures to this folder"
-    )
+    add_folder(parser, "--figures", "write the figures to this folder")
     add_json(parser)
+
+
+Share = Callable[[str, Callable[[Any], Any], Sequence[Any]], list[Any]]
+"""Receives a title, a function and the jobs that it is called with, and returns its results."""
+
+
+@contextmanager
+def shares(processes: int) -> Iterator[Share]:
+    """Provide a function that runs jobs, in this process or in several.
+
+    :param processes: number of processes.
+    :return: a context manager.
+    """
+    from tqdm import tqdm
+
+    # Spawn, since graphics contexts, threads and torch's generators do not survive a fork.
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(processes, spawn) if processes > 1 else nullcontext() as pool:
+
+        def share(title: str, work: Callable[[Any], Any], jobs: Sequence[Any]) -> list[Any]:
+            results = map(work, jobs) if pool is None else pool.map(work, jobs)
+            return list(tqdm(results, title, total=len(jobs), unit="job", dynamic_ncols=True))
+
+        yield share
 
 
 def measure_and_render(
@@ -128,24 +132,29 @@ def write_comparison(
     args: argparse.Namespace,
     figures: dict[str, Any],
     draw: Callable[[Path], list[Drawn]],
-    page: Callable[[Sequence[Drawn], Path], str],
+    page: Callable[[list[dict[str, str]]], str],
 ) -> int:
     """Write the requested files of a comparison of training runs: JSON, pictures and page.
 
     :param args: with the arguments of
         :func:`add_result_arguments`.
     :param figures: everything that was computed.
-    :param draw: draws the figures into a folder.
-    :param page: renders the page, from the drawn figures and the page's folder.
+    :param draw: draws the figures into a folder, which exists.
+    :param page: renders the page, from the ``link`` and the ``caption`` of each drawn figure.
     :return: exit status.
     """
     from saver_advisors.cli.arguments import write_json
 
     # First, since the provenance says whether the checkout has changed.
     write_json(args.json, figures)
-    drawn = [] if args.figures is None else draw(args.figures)
+    drawn: list[Drawn] = []
+    if args.figures is not None:
+        args.figures.mkdir(parents=True, exist_ok=True)
+        drawn = draw(args.figures)
     if args.table is not None:
-        args.table.write_text(page(drawn, args.table.parent), encoding="utf-8")
+        folder = args.table.parent
+        pictures = [{"link": link(one.path, folder), "caption": one.caption} for one in drawn]
+        args.table.write_text(page(pictures), encoding="utf-8")
         print(f"wrote {args.table}")
     return 0
 
@@ -157,14 +166,14 @@ def comparison_figures(
 
     :param rows: of the table.
     :param flat: the rows as a flat table.
-    :param findings: the dissertation's findings, evaluated on these runs.
+    :param findings: the dissertation's findings, evaluated on these runs, as plain values.
     :param results: what was read.
     :return: ``rows``, ``detail`` with intervals, ``findings`` and ``skipped`` files.
     """
     return {
         "rows": list(flat),
         "detail": [row.to_mapping() for row in rows],
-        "findings": [finding.to_mapping() for finding in findings],
+        "findings": list(findings),
         "skipped": [{"file": one.file, "reason": one.reason} for one in results.skipped],
     }
 
@@ -194,16 +203,6 @@ def print_skipped(results: Results) -> None:
     """
     for one in results.skipped:
         print(f"left out {one.file}: {one.reason}")
-
-
-def pictures(drawn: Sequence[Drawn], folder: Path) -> list[str]:
-    """Show figures with their captions.
-
-    :param drawn: figures on disk.
-    :param folder: the page's folder, which the links start from.
-    :return: one part of the page per figure.
-    """
-    return [f"![{one.caption}]({link(one.path, folder)})\n\n{one.caption}\n" for one in drawn]
 
 
 def under_way_list(rows: Sequence[MethodRow]) -> str:

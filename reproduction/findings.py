@@ -153,7 +153,7 @@ class Finding:
     @property
     def verdict(self) -> Verdict:
         """What these runs show."""
-        parts = [one.holds for one in self._known]
+        parts = [one.holds for _, one in self._known]
         if False in parts:
             return "cannot be told" if self.open else "does not hold"
         if not parts or None in parts:
@@ -171,34 +171,32 @@ class Finding:
         enough = all if wanted else any
         if enough(one.sure for one in deciding):
             return "yes"
-        counted = (one.advantage is not None and one.advantage.n >= MIN_SEEDS for one in deciding)
-        return "no" if enough(counted) else "too few seeds"
+        seeds = (known.n for known, one in self._known if one.holds is wanted)
+        return "no" if enough(n >= MIN_SEEDS for n in seeds) else "too few seeds"
 
     @property
     def n(self) -> int:
         """Seeds of the comparison that has the fewest; 0 if no comparison is possible."""
-        return min((one.advantage.n for one in self._known if one.advantage), default=0)
+        return min((known.n for known, _ in self._known), default=0)
 
     @property
-    def _known(self) -> list[Comparison]:
-        """The possible comparisons."""
-        return [one for one in self.comparisons if one.advantage is not None]
+    def _known(self) -> list[tuple[Estimate, Comparison]]:
+        """The possible comparisons with their advantages."""
+        return [(one.advantage, one) for one in self.comparisons if one.advantage is not None]
 
     def text(self) -> str:
         """Describe the comparison that is least in favour of the claim, with its figures."""
-        one = min(
-            self._known, key=lambda one: one.advantage.value if one.advantage else 0, default=None
-        )
-        if one is None or one.advantage is None:
+        if not self._known:
             return "no two of its rows can be compared"
+        advantage, one = min(self._known, key=lambda known: known[0].value)
         metric = self.claim.metric
         parts = [
             f"{name}: {number(self.figures[name].value, metric)}"
             for name in (one.better, one.worse)
         ]
-        gap = number(one.advantage.value, metric, signed=True)
-        if one.advantage.interval is not None:
-            low, high = (number(end, metric, signed=True) for end in one.advantage.interval)
+        gap = number(advantage.value, metric, signed=True)
+        if advantage.interval is not None:
+            low, high = (number(end, metric, signed=True) for end in advantage.interval)
             gap += f" [{low}, {high}]"
         told = f"{ABBREVIATIONS[metric]} of {parts[0]}, of {parts[1]}; advantage {gap}"
         resolvable = number(one.resolution, metric)

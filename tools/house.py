@@ -58,7 +58,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "cli",
     ),
     "reproduction": (
-        "program findings command_parts",
+        "program findings command_parts page_templates",
         "advising constraints ecosystem joint_speeds learning modelling transfer wrist_push",
         "pages",
     ),

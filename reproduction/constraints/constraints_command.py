@@ -1,21 +1,48 @@
 """Compare variants, ablations and safe algorithms for learning under a constraint (chapter 6).
 
 The command reads the JSON files of training runs on the distance task, those of the grid and those
-of `saver benchmark run`, and evaluates the dissertation's findings on them.
+of `saver benchmark run`, and evaluates the dissertation's findings on them. Chapter 6 shows curves
+(Figures 6.1 and 6.2) and no table. Here its findings are thresholds: "succeeds" is a success rate
+of at least half of the 0.70 that it shows at best, and "never succeeds" one of at most 0.05.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import add_result_arguments, comparison_figures, write_comparison
+import numpy as np
+
+from reproduction.command_parts import (
+    Drawn,
+    add_result_arguments,
+    comparison_figures,
+    print_skipped,
+    save_panels,
+    under_way_list,
+    write_comparison,
+)
+from reproduction.findings import success_resolution, verdict_of
+from reproduction.page_templates import page
+from saver_advisors.benchmark.run_tables import (
+    NOTHING,
+    origin,
+    outcome_cell,
+    skipped_list,
+)
 from saver_advisors.cli.measured import read_training
+from saver_advisors.evaluation.statistics import Estimate, estimate
+from saver_advisors.experiments.plots import Panel
+from saver_advisors.experiments.summary import MINUTE, MethodRow, summarize
+from saver_advisors.experiments.training_runs import Results, TrainingRun
+from saver_advisors.reporting.errors import UsageError
+from saver_advisors.reporting.tables import Column, markdown, records_table, show, show_rows
 
-if TYPE_CHECKING:
-    from saver_advisors.experiments.summary import MethodRow
-    from saver_advisors.experiments.training_runs import Results
+#: Finds the number of threads in the command of `saver experiments run`.
+THREADS: Final = re.compile(r"--threads[ =](\d+)")
 
 EXAMPLES: Final = """\
 examples:
@@ -26,6 +53,45 @@ examples:
 
 TASK: Final = "DualJacoDistance-v0"
 RESULTS: Final = Path("docs/results/constraints")
+
+PAPER_BEST: Final = 0.70
+"""Highest SR of the three stages in Figure 6.2."""
+SUCCEEDS: Final = PAPER_BEST / 2
+NEVER: Final = 0.05
+
+METHOD: Final = "min"
+NO_EXPLORING: Final = "advising without the third stage"
+#: Rows of the table, by the class names of `saver benchmark run` and one name of the grid -> names
+#: on the page.
+BASELINES: Final[Mapping[str, str]] = {
+    "CPO": "CPO",
+    "TRPOLagrangian": "TRPO-Lagrangian",
+    "PPOLagrangian": "PPO-Lagrangian",
+    "hindsight alone": "HER that is conditioned on the constraint",
+}
+RATES: Final = {"SR": "success_rate", "GSR": "goal_success_rate", "CMR": "constraint_met_rate"}
+CAPTIONS: Final = {
+    "SR": "SR: both at their targets, the distance kept at every step.",
+    "GSR": "GSR: both at their targets.",
+    "CMR": "CMR: the distance kept at every step.",
+}
+MILLIMETRES: Final = 1000.0
+
+
+def _rate(name: str) -> Column:
+    return lambda one: NOTHING if one.get(name) is None else f"{one[name]:.3f}"
+
+
+REFERENCE_COLUMNS: Final[Mapping[str, Column]] = {
+    "policy": "{policy}",
+    "episodes": "{episodes}",
+    **{label: _rate(name) for label, name in RATES.items()},
+}
+FINDING_COLUMNS: Final = {
+    "finding": "{text}",
+    "in these runs": "{verdict}",
+    "evidence": "{evidence}",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,16 +106,13 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: if there is no run on the distance task.
     """
-    from reproduction.constraints.constraints_page import draw_all, evaluated, flat_row, page, show
-    from saver_advisors.reporting.errors import UsageError
-
     results = read_training(args.results)
     rows = table(results)
     if not rows:
         others = ", ".join(sorted({one.task for one in results.runs}))
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
     findings = evaluated(rows)
-    show(rows, findings, results)
+    show_all(rows, findings, results)
     figures: dict[str, Any] = {
         "title": "Learning under a constraint",
         "kind": "constraints",
@@ -60,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
         args,
         figures,
         lambda folder: draw_all(rows, folder),
-        lambda drawn, folder: page(rows, findings, results, drawn, folder),
+        lambda pictures: comparison_page(rows, findings, results, pictures),
     )
 
 
@@ -70,9 +133,227 @@ def table(results: Results) -> list[MethodRow]:
     :param results: what was read.
     :return: the rows, those with the highest success first and those without a finished run last.
     """
-    from saver_advisors.experiments.summary import summarize
 
     def success(row: MethodRow) -> float:
         return -1.0 if row.final_success is None else row.final_success.value
 
     return sorted(summarize(TASK, results.of_task(TASK)), key=success, reverse=True)
+
+
+Rule = Callable[[MethodRow], tuple[bool | None, str]]
+"""Whether a finding holds for a row (None: cannot be told), and the figures that decide it."""
+
+
+def evaluated(rows: Sequence[MethodRow]) -> list[dict[str, str]]:
+    """Evaluate every finding.
+
+    :param rows: rows of the distance task.
+    :return: the ``text``, the ``verdict`` in these runs and the ``evidence`` of each finding; those
+        about missing rows cannot be told.
+    """
+    named = {row.name: row for row in rows if row.n}
+
+    def evaluate(text: str, name: str, rule: Rule) -> dict[str, str]:
+        if name not in named:
+            return {"text": text, "verdict": verdict_of(None), "evidence": "no finished run"}
+        holds, figures = rule(named[name])
+        evidence = f"{figures} (n = {named[name].n})"
+        return {"text": text, "verdict": verdict_of(holds), "evidence": evidence}
+
+    succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
+    decays = "Advising without the third stage rises a little and decays"
+    return [
+        evaluate(succeed, METHOD, _succeeds),
+        *(evaluate(f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
+        evaluate(decays, NO_EXPLORING, _decays),
+    ]
+
+
+def _bests(row: MethodRow) -> list[float]:
+    """Return the highest success rate of each run."""
+    return [float(run.curve.success.max()) for run in row.runs]
+
+
+def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
+    best = max(_bests(row))
+    near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
+    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
+
+
+def _never(row: MethodRow) -> tuple[bool | None, str]:
+    best = max(_bests(row))
+    return best <= NEVER, f"SR {best:.2f} at best"
+
+
+def _decays(row: MethodRow) -> tuple[bool | None, str]:
+    """Compare the highest success with the success at the end."""
+    best = float(np.mean(_bests(row)))
+    last = float(np.mean([_last(run) for run in row.runs]))
+    resolved = best - last > success_resolution(best, row.runs[0].episodes)
+    holds = False if max(_bests(row)) <= NEVER else resolved or None
+    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter"
+
+
+def _last(run: TrainingRun) -> float:
+    """Compute the mean success of the last quarter of a curve."""
+    success = np.asarray(run.curve.success)
+    return float(success[-max(1, len(success) // 4) :].mean())
+
+
+def final_rate(row: MethodRow, name: str) -> Estimate | None:
+    """Summarise an entry of the final evaluations on the report seeds.
+
+    :param row: row of the table.
+    :param name: key of the entry, such as one of ``RATES``.
+    :return: the estimate over the seeds that have the entry; None if none has.
+    """
+    return _estimate([run.final.get(name) for run in row.runs if run.final])
+
+
+def flat_row(row: MethodRow) -> dict[str, Any]:
+    """Return a row of the flat table in the JSON file.
+
+    :param row: row of the table.
+    :return: its name, number of seeds and rates.
+    """
+    rates = {name: final_rate(row, name) for name in RATES.values()}
+    return {
+        "row": row.name,
+        "n": row.n,
+        **{name: None if rate is None else rate.to_mapping() for name, rate in rates.items()},
+    }
+
+
+def comparison_page(
+    rows: Sequence[MethodRow],
+    findings: Sequence[Mapping[str, str]],
+    results: Results,
+    pictures: Sequence[Mapping[str, str]],
+) -> str:
+    """Render the page.
+
+    :param rows: rows of the distance task.
+    :param findings: findings of chapter 6.
+    :param results: what was read.
+    :param pictures: ``link`` and ``caption`` of the figures to show.
+    :return: Markdown.
+    """
+    finished = [row for row in rows if row.n]
+    return page(
+        "constraints",
+        best=PAPER_BEST,
+        methods=records_table(map(_method_cells, finished)) if finished else "",
+        under_way=under_way_list(rows),
+        references=results.references,
+        of_references=REFERENCE_COLUMNS,
+        findings=findings,
+        of_findings=FINDING_COLUMNS,
+        equal_time=equal_time_table(finished) if len(finished) > 1 else None,
+        pictures=pictures,
+        skipped=skipped_list(results.skipped),
+        origin=origin(results.runs),
+    )
+
+
+def _method_cells(row: MethodRow) -> dict[str, str]:
+    """Return the rates and violations of a row with finished runs, by their headings."""
+    costs = [run.final.get("cost_means", {}).get("cost_distance") for run in row.runs if run.final]
+    training = [run.points[-1].get("training_cost") for run in row.runs]
+    steps = sorted({run.curve.steps[-1] for run in row.runs})
+    return {
+        "row": row.name,
+        "n": str(row.n),
+        "steps": " or ".join(f"{one:,.0f}" for one in steps),
+        **{label: _told(final_rate(row, name), 3) for label, name in RATES.items()},
+        "deviation, mean mm": _told(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
+        "deviation, worst mm": _told(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
+        "cost per episode": _told(_estimate(costs), 2),
+        "cost in training": _told(_estimate(training), 0),
+        "chosen checkpoint": "; ".join(outcome_cell(run.chosen) for run in row.runs),
+        "minutes": _told(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
+    }
+
+
+def on_threads(row: MethodRow) -> str:
+    """Return the number of threads of a row's runs in words; empty for a single thread."""
+    commands = (str(run.provenance.get("command") or "") for run in row.runs)
+    told = sorted({int(found[1]) if (found := THREADS.search(one)) else 1 for one in commands})
+    return "" if told == [1] else f" on {' or '.join(map(str, told))} threads"
+
+
+def equal_time_table(rows: Sequence[MethodRow]) -> str:
+    """Render the mean and the highest success of each row up to the same training time.
+
+    :param rows: rows with finished runs.
+    :return: Markdown; empty if no row has times.
+    """
+    timed = [row for row in rows if all(run.points[-1].get("wall_clock_s") for run in row.runs)]
+    if not timed:
+        return ""
+    limit = min(run.points[-1]["wall_clock_s"] for row in timed for run in row.runs)
+    cells = []
+    for row in timed:
+        until = [[p for p in run.points if p["wall_clock_s"] <= limit] for run in row.runs]
+        success = [[p["success_rate"] for p in points] for points in until if points]
+        steps = [points[-1]["steps"] for points in until if points]
+        cells.append(
+            [
+                row.name,
+                f"{limit / MINUTE:.0f}{on_threads(row)}",
+                _told(_estimate(steps), 0),
+                _told(_estimate([sum(one) / len(one) for one in success]), 3),
+                _told(_estimate([max(one) for one in success]), 3),
+            ]
+        )
+    return markdown(("row", "minutes", "steps until then", "mean SR", "highest SR"), cells)
+
+
+def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
+    """Draw the curves of the three rates (Figures 6.1 and 6.2).
+
+    :param rows: rows of the distance task.
+    :param folder: folder of the pictures.
+    :return: the figures, in the order of the rates.
+    """
+    drawn: list[Drawn] = []
+    for label, name in RATES.items():
+        shown = {
+            row.name: runs
+            for row in rows
+            if (runs := [r for r in row.runs if any(p.get(name) is not None for p in r.points)])
+        }
+        panels = [Panel(TASK, shown)] if shown else []
+        path = folder / f"{name.replace('_', '-')}.png"
+        drawn += save_panels(panels, name, path, CAPTIONS[label])
+    return drawn
+
+
+def show_all(
+    rows: Sequence[MethodRow], findings: Sequence[Mapping[str, str]], results: Results
+) -> None:
+    """Print the rates, the findings, and the files that were left out.
+
+    :param rows: rows of the distance task.
+    :param findings: findings of chapter 6.
+    :param results: what was read.
+    """
+    cells = [
+        [row.name, str(row.n), *(_told(final_rate(row, name), 3) for name in RATES.values())]
+        for row in rows
+        if row.n
+    ]
+    if cells:
+        show(("row", "n", *RATES), cells, title=TASK)
+    if told := under_way_list(rows):
+        print(told)
+    show_rows(findings, FINDING_COLUMNS)
+    print_skipped(results)
+
+
+def _estimate(values: Sequence[float | None]) -> Estimate | None:
+    known = [value for value in values if value is not None]
+    return estimate(known) if known else None
+
+
+def _told(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
+    return NOTHING if figure is None else figure.text(digits, scale)

@@ -10,17 +10,18 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_seeds, between_markers
-from saver_advisors.cli.arguments import add_count, add_page, at_least
+from reproduction.command_parts import add_choices, between_markers, shares
+from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, EffortCartVecEnv, best_return
+from reproduction.page_templates import page
+from saver_advisors.cli.arguments import add_count, add_page, add_several, at_least
 from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, join_parts, rows_table
+from saver_advisors.reporting.tables import Column
+from saver_advisors.safe_baselines import ALGORITHMS
 from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
@@ -85,7 +86,7 @@ BEGIN, END = "<!-- measured:begin -->", "<!-- measured:end -->"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_choices(parser, "--algorithms", NAMES, "algorithms")
-    add_seeds(parser, SEEDS, "seeds, one run each")
+    add_several(parser, "--seeds", at_least(0), SEEDS, "seeds, one run each")
     parser.add_argument(
         "--steps",
         type=at_least(1),
@@ -106,10 +107,10 @@ def run(args: argparse.Namespace) -> int:
     :raises UsageError: if ``--from`` names a file without such figures.
     """
     figures = measured_or_read(args, "safe", lambda: measure(args))
-    page = render(figures)
-    hand_over(page, figures, args.json, None)
+    text = render(figures)
+    hand_over(text, figures, args.json, None)
     if args.table is not None:
-        args.table.write_text(page_with(args.table, page), encoding="utf-8")
+        args.table.write_text(page_with(args.table, text), encoding="utf-8")
         print(f"wrote {args.table}")
     return 0 if all(one["limit_met"] and one["near_optimum"] for one in figures["rows"]) else 1
 
@@ -120,17 +121,11 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able: the problem's ``cost_limit`` and ``best_return``, and ``rows``, one per run.
     """
-    from tqdm import tqdm
-
-    from reproduction.constraints.effort_cart import COST_LIMIT, HORIZON, best_return
-
     runs = [
         (name, seed, args.steps or STEPS[name]) for name in args.algorithms for seed in args.seeds
     ]
-    # Spawn, since a forked process would share torch's threads and generators with this one.
-    with ProcessPoolExecutor(args.processes, get_context("spawn")) as pool:
-        results = pool.map(one_run, *zip(*runs, strict=True))
-        rows = list(tqdm(results, desc="safe", total=len(runs), unit="run", dynamic_ncols=True))
+    with shares(args.processes) as share:
+        rows = share("safe", one_run, runs)
     return {
         "title": "Safe baselines on a problem with a known optimum",
         "kind": "safe",
@@ -145,17 +140,13 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 @one_thread_of_algebra()
-def one_run(name: str, seed: int, steps: int) -> dict[str, Any]:
+def one_run(job: tuple[str, int, int]) -> dict[str, Any]:
     """Train a policy once, and evaluate it.
 
-    :param name: name of the algorithm.
-    :param seed: seed of everything random.
-    :param steps: number of environment steps.
+    :param job: name of the algorithm, seed of everything random, and number of environment steps.
     :return: JSON-able figures.
     """
-    from reproduction.constraints.effort_cart import COST_LIMIT, EffortCartVecEnv, best_return
-    from saver_advisors.safe_baselines import ALGORITHMS
-
+    name, seed, steps = job
     began = time.process_time()
     settings = {**COMMON, **SETTINGS[name], "cost_limit": (1 - MARGIN) * COST_LIMIT}
     env = EffortCartVecEnv(N_ENVS, seed=seed)
@@ -187,8 +178,6 @@ def evaluate(model: Any, deterministic: bool) -> tuple[float, float]:
     :param deterministic: whether to take the mean action instead of sampling.
     :return: mean return and mean cost.
     """
-    from reproduction.constraints.effort_cart import EffortCartVecEnv
-
     env = EffortCartVecEnv(EPISODES, seed=EVALUATION_SEED)
     observation: Any = env.reset()
     returned = cost = 0.0
@@ -219,13 +208,7 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    text = (
-        f"The limit is a mean cost of {figures['cost_limit']:g} per episode; the optimal mean "
-        f"return under it is {figures['best_return']:.3f}. The algorithms were trained with a "
-        f"limit of {(1 - figures['margin']) * figures['cost_limit']:g}. Return and cost are those "
-        f"of the mean action, over {figures['episodes']:,} fresh episodes.\n"
-    )
-    return join_parts([text, rows_table(figures["rows"], COLUMNS), measured_at(figures)])
+    return page("safe", columns=COLUMNS, origin=measured_at(figures), **figures)
 
 
 def page_with(path: Path, text: str) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.page_templates import page
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import environment
 from saver_advisors.cli.arguments import add_page, add_peer_cache
@@ -235,20 +236,16 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    from saver_advisors.reporting.tables import markdown
-
-    rows = [
-        [one["library"], one["version"] or "-", f"`{run['program']}`", run["result"], one["pin"]]
-        for one in figures["rows"]
-        for run in one["programs"]
+    columns = {
+        "library": "{library}",
+        "version": "{version}",
+        "program": "`{program}`",
+        "result": "{result}",
+        "pin": "{pin}",
+    }
+    runs = [
+        {**row, **run, "version": row["version"] or "-"}
+        for row in figures["rows"]
+        for run in row["programs"]
     ]
-    return "\n".join(
-        [
-            f"# {figures['title']}\n",
-            "Each program ran as it is in this repository, with our environments. *Pin* is a "
-            "requirement of the library that excludes versions we need: such a library is "
-            "installed without its dependencies.\n",
-            markdown(["library", "version", "program", "result", "pin"], rows),
-            measured_at(figures) + "\n",
-        ]
-    )
+    return page("ecosystem", runs=runs, columns=columns, origin=measured_at(figures), **figures)

@@ -8,6 +8,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from saver_advisors.learner.algorithms import episode_horizon
+from saver_advisors.training.building import build_env, build_model
+
 AS_CONFIGURED: Final = "as configured"
 UPDATE: Final = "update"
 REST: Final = "the rest"
@@ -93,16 +96,16 @@ def settings_of(env_id: str, variant: Variant) -> Any:
             config.advice, strategy="early", budget=config.total_steps, warm_start=False
         )
         config = replace(config, advice=advised)
-    changes: dict[str, Any] = {}
-    for name, value in variant.settings.items():
-        old = getattr(config, name)
-        if isinstance(value, float) and isinstance(old, tuple):
-            changes[name] = tuple(round(value * width) for width in old)
-        elif isinstance(value, float):
-            changes[name] = round(value * old)
-        else:
-            changes[name] = value
+    changes = {
+        name: _changed(getattr(config, name), value) for name, value in variant.settings.items()
+    }
     return replace(config, **changes)
+
+
+def _changed(old: Any, value: Any) -> Any:
+    if isinstance(value, float) and isinstance(old, tuple):
+        return tuple(round(value * width) for width in old)
+    return round(value * old) if isinstance(value, float) else value
 
 
 class Stopwatch:
@@ -158,13 +161,13 @@ class TimedLoop:
     """A learner that trains block by block: one episode in each environment, then updates.
 
     :param model: an SB3 algorithm with a ``train_freq`` of one episode.
-    :param horizon: number of steps of an episode.
     :param config: the run's configuration.
     """
 
-    def __init__(self, model: Any, horizon: int, config: Any) -> None:
+    def __init__(self, model: Any, config: Any) -> None:
+
         self.model = model
-        self.steps = config.n_envs * horizon
+        self.steps = config.n_envs * episode_horizon(model.get_env())
         self.updates = config.gradient_steps
         self.watch = Stopwatch()
         self._blocks = 0
@@ -183,13 +186,6 @@ class TimedLoop:
         return {**parts, REST: total - sum(parts.values()), "total": total}
 
 
-def _training_env(env_id: str, config: Any) -> Any:
-    from saver_envs.envs.sb3_vec_env import SaverVecEnv
-
-    options = {**config.env_kwargs, **config.train_env_kwargs}
-    return SaverVecEnv(env_id, n_envs=config.n_envs, seed=0, **options)
-
-
 def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     """Build our learner in an environment, as `saver train` builds it.
 
@@ -198,15 +194,11 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     :param by_part: whether to time every part instead of the update as a whole.
     :return: the loop.
     """
-    from saver_advisors.learner.algorithms import episode_horizon
-    from saver_advisors.training.building import build_model
-
     config = settings_of(env_id, variant)
-    env = _training_env(env_id, config)
-    model: Any = build_model(config, env)
+    model: Any = build_model(config, build_env(config))
     if variant.prepare is not None:
         variant.prepare(model)
-    loop = TimedLoop(model, episode_horizon(env), config)
+    loop = TimedLoop(model, config)
     if not by_part:
         loop.watch.watch(model, "train", UPDATE)
         return loop
@@ -227,10 +219,8 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
     import stable_baselines3
     from stable_baselines3.common.logger import Logger
 
-    from saver_advisors.learner.algorithms import episode_horizon
-
     config = settings_of(env_id, VARIANTS[0])
-    env = _training_env(env_id, config)
+    env = build_env(config)
     horizon = episode_horizon(env)
     model: Any = getattr(stable_baselines3, algorithm)(
         "MultiInputPolicy",
@@ -247,7 +237,7 @@ def stock_loop(env_id: str, algorithm: str) -> TimedLoop:
         device="cpu",
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    loop = TimedLoop(model, horizon, config)
+    loop = TimedLoop(model, config)
     loop.watch.watch(model, "train", UPDATE)
     return loop
 
@@ -262,13 +252,9 @@ def evaluation_seconds(env_id: str) -> tuple[float, int]:
 
     config = settings_of(env_id, VARIANTS[0])
     model = our_loop(env_id, VARIANTS[0], by_part=False).model
-
-    def act(observation: dict[str, Any]) -> Any:
-        return model.predict(observation, deterministic=True)[0]
-
     began = time.process_time()
     evaluate_policy(
-        act,
+        lambda observation: model.predict(observation, deterministic=True)[0],
         env_id,
         episodes=config.eval_episodes,
         seed=config.eval_seed,

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
+from reproduction.command_parts import shares
 from saver_advisors.benchmark.machine import timed
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.training.threads import one_thread_of_algebra
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
-    from saver_envs.modelling.chain import FloatArray
-    from saver_envs.modelling.models import InverseModel
-    from saver_envs.modelling.networks import Device, Precision
-
-# As in `saver_envs.modelling.networks`, which imports torch.
-PRECISIONS: Final[tuple[Precision, ...]] = ("float32", "bfloat16")
-DEVICES: Final[tuple[Device, ...]] = ("cpu", "cuda")
+from saver_envs.modelling.accuracy import distances
+from saver_envs.modelling.arms import Task, arm_named
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.datasets import samples_of, twin_data_set
+from saver_envs.modelling.models import ADVERSARIAL, InverseModel, Training, new_model
+from saver_envs.modelling.networks import DEVICES, PRECISIONS, Device, Precision
+from saver_envs.modelling.solvers import newton
 
 SAMPLES_A_SIZE: Final = 10_000
 """Size k stands for the first k x 10,000 consecutive samples."""
@@ -102,22 +99,12 @@ def run_cell(cell: GridCell) -> dict[str, Any]:
         joints, and over those that move the hand), ``per_joint``, ``task_space_mm``,
         ``latency_ms``, ``batch_us`` and ``training_s``.
     """
-    from saver_envs.modelling.arms import arm_named
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.models import Training, new_model
-
     data = twin_data_set(cell.robot, cell.data_seed)
     inputs, outputs = samples_of(data.train.first(cell.size * SAMPLES_A_SIZE), cell.task)
     test_inputs, test_outputs = samples_of(data.test, cell.task)
     model = new_model(cell.model, cell.robot, cell.task)
-    training = Training(
-        epochs=cell.epochs,
-        sigma=cell.sigma,
-        supervised_weight=cell.supervised_weight,
-        precision=cell.precision,
-        device=cell.device,
-        seed=cell.seed,
-    )
+    names = ("epochs", "sigma", "supervised_weight", "precision", "device", "seed")
+    training = Training(**{name: getattr(cell, name) for name in names})
     wall, cpu = time.perf_counter(), time.process_time()
     history = model.fit(inputs, outputs, training)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -150,9 +137,6 @@ def rms(values: list[float]) -> float:
 
 def _task_space(arm: Any, targets: FloatArray, joints: FloatArray) -> dict[str, dict[str, float]]:
     """Measure the distance from hand to target (mm), before and after Newton steps."""
-    from saver_envs.modelling.accuracy import distances
-    from saver_envs.modelling.solvers import newton
-
     few = slice(0, len(targets), max(1, len(targets) // _TASK_SPACE_ROWS))
     targets, joints = targets[few], joints[few]
     refined = newton(arm, targets, joints, REFINED, arm.chain)
@@ -213,8 +197,6 @@ def cells_of(
     :param device: device that trains the networks.
     :return: the cells.
     """
-    from saver_envs.modelling.models import ADVERSARIAL
-
     cells = []
     for size, model in product(sizes, models):
         options: dict[str, Any] = {"epochs": epochs}
@@ -265,26 +247,18 @@ def as_known(cell: GridCell, folder: Path) -> GridCell:
     return next((one for one in (cell, *others) if read_result(folder, one) is not None), cell)
 
 
-def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> Iterator[dict[str, Any]]:
-    """Train the cells that have no result yet, and yield each result once it is written.
+def run_grid(cells: Sequence[GridCell], folder: Path, processes: int) -> list[dict[str, Any]]:
+    """Train the cells that have no result yet, and write each result once it is known.
 
     :param cells: the cells.
     :param folder: folder of the results, one JSON file per cell.
     :param processes: number of cells that are trained at once, one core each.
+    :return: the new results.
     """
     folder.mkdir(parents=True, exist_ok=True)
     left = [cell for cell in cells if read_result(folder, cell) is None]
-    if processes == 1 or len(left) < 2:
-        yield from (_run(cell, folder) for cell in left)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(processes, len(left)), mp_context=context) as pool:
-        tasks = [pool.submit(_run, cell, folder) for cell in left]
-        try:
-            for task in as_completed(tasks):
-                yield task.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with shares(processes) as share:
+        return share("cells", partial(_run, folder=folder), left)
 
 
 @one_thread_of_algebra()

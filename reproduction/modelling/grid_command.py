@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from reproduction.command_parts import add_choices, add_seeds, measure_and_render
+from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import (
     SAMPLES_A_SIZE,
     SIGMAS,
@@ -24,12 +24,11 @@ from reproduction.modelling.grid import (
 from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
 from reproduction.modelling.paper_claims import claims, little_data
-from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.arguments import add_count, add_page, add_path, add_several, at_least
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
+from saver_envs.modelling.arms import TASK_NAMES, Task
+from saver_envs.modelling.models import Training
 
 MODELS: Final[Mapping[Task, tuple[str, ...]]] = {
     "ik": ("mlp", "cgan", "lsgan", "bigan", "dualgan", "analytic", "conditional", "flow"),
@@ -53,16 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_choices(
         parser, "--sigmas", SIGMAS, "standard deviations of the fake inputs of adversarial models"
     )
-    add_seeds(parser, [0], "seeds of split, weights and noise")
-    parser.add_argument(
-        "--supervised-weight",
-        nargs="+",
-        type=float,
-        default=[0.0],
-        metavar="W",
-        help="weights of a squared error in the adversarial losses, which the paper's equations "
-        "do not have (default: 0)",
+    add_several(parser, "--seeds", at_least(0), [0], "seeds of split, weights and noise")
+    text = (
+        "weights of a squared error in the adversarial losses, which the paper's equations do not "
+        "have"
     )
+    add_several(parser, "--supervised-weight", float, [0.0], text, "W")
     add_training(parser)
     add_count(
         parser,
@@ -70,13 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         1,
         "number of cells trained at once, one core each; with --device cuda they share the GPU",
     )
-    parser.add_argument(
-        "--results",
-        type=Path,
-        default=RESULTS,
-        metavar="DIR",
-        help=f"folder of the cells' files (default: {RESULTS})",
-    )
+    text = f"folder of the cells' files (default: {RESULTS})"
+    add_path(parser, "--results", text, metavar="DIR", default=RESULTS)
     parser.add_argument(
         "--any-hardware",
         action="store_true",
@@ -99,11 +89,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _measure(args: argparse.Namespace) -> dict[str, Any]:
-    from tqdm import tqdm
-
-    from saver_envs.modelling.arms import TASK_NAMES
-    from saver_envs.modelling.models import Training
-
     grid = args.robot, args.task, args.models, args.sizes, args.sigmas, args.seeds, args.epochs
     how = args.precision, args.device
     weighted = [cells_of(*grid, weight, *how) for weight in args.supervised_weight]
@@ -116,11 +101,7 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
             for weight in args.supervised_weight:
                 Training(supervised_weight=weight)
         prepare_data(args.robot)
-        done = len(results_of(cells, args.results))
-        with tqdm(total=len(cells), initial=done, unit="cell", dynamic_ncols=True) as progress:
-            for result in run_grid(cells, args.results, args.processes):
-                progress.set_description(f"{result['model']}, size {result['size']}")
-                progress.update()
+        run_grid(cells, args.results, args.processes)
     results = results_of(cells, args.results)
     if not results:
         raise UsageError(f"argument --results: {args.results} has none of the cells asked for")

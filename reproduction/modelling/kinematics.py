@@ -18,9 +18,10 @@ import numpy as np
 
 from reproduction.modelling.grid import prediction_speed
 from reproduction.modelling.model_arguments import add_arms_and_models, measure_models, origin
+from reproduction.page_templates import page
 from saver_advisors.benchmark.machine import median_ratio, timed
 from saver_advisors.cli.arguments import add_count, add_page
-from saver_advisors.reporting.tables import Column, rows_table
+from saver_advisors.reporting.tables import Column
 from saver_envs.modelling.accuracy import accuracy, unseen_targets
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
 from saver_envs.modelling.models import InverseModel, Training, new_model
@@ -280,28 +281,12 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: the measurements, or the content of their JSON file.
     :return: Markdown.
     """
-    parts = [
-        f"# {figures['title']}\n",
-        "## Accuracy\n",
-        "Distance of the hand from unseen targets in the workspace, median / 99th percentile, mm. "
-        "*As used* adds a search for the nearest point if two Newton steps miss the target."
-        f"{origin(figures)}\n",
-        rows_table(figures["accuracy"], ACCURACY),
-        "## Prediction time\n",
-        "A model without refinement: for a single target, and per target in a batch of 4,096.\n",
-        rows_table(figures["prediction"], PREDICTION),
-    ]
-    if figures["cost"]:
-        parts += [
-            "One call for all environments: the shipped models with refinement, on states and "
-            "set-points of random actions, each call after a step, as in use. *Ratio* is the "
-            "median over the rounds.\n",
-            rows_table(figures["cost"], COST),
-        ]
-    if success := figures["success"]:
-        parts += [
-            "## In use\n",
-            f"Success over {success[0]['episodes']} episodes, 95% intervals.\n",
-            rows_table(sorted(success, key=lambda one: (one["env"], one["policy"])), SUCCESS),
-        ]
-    return "\n".join(parts)
+    return page(
+        "kinematics",
+        of_accuracy=ACCURACY,
+        of_prediction=PREDICTION,
+        of_cost=COST,
+        of_success=SUCCESS,
+        origin=origin(figures),
+        **figures,
+    )

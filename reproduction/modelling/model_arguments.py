@@ -5,16 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
-from reproduction.modelling.grid import DEVICES, PAPER_EPOCHS, PRECISIONS
-from saver_advisors.cli.arguments import add_count
+from reproduction.modelling.grid import PAPER_EPOCHS
+from saver_advisors.cli.arguments import add_count, add_path
 from saver_advisors.reporting.errors import UsageError, user_mistakes
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
-    from saver_envs.modelling.models import InverseModel
+from saver_envs.modelling.arms import Task
+from saver_envs.modelling.models import InverseModel, Training, load_model, read_card
+from saver_envs.modelling.networks import DEVICES, PRECISIONS
 
 ROBOTS: Final = ("mico", "fetch")
 
@@ -32,14 +31,8 @@ def add_arms_and_models(
     add_choices(parser, "--robots", arms, "arms")
     add_choices(parser, "--models", models, purpose, (), "*")
     add_training(parser)
-    parser.add_argument(
-        "--weights",
-        nargs="*",
-        type=Path,
-        default=[],
-        metavar="FILE",
-        help="weight files of models to measure, each with its own arm, shown by file name",
-    )
+    text = "weight files of models to measure, each with its own arm, shown by file name"
+    add_path(parser, "--weights", text, nargs="*", default=[])
 
 
 def add_training(parser: argparse.ArgumentParser) -> None:
@@ -80,8 +73,6 @@ def training_of(args: argparse.Namespace) -> dict[str, Any]:
     :return: keyword arguments of ``Training``.
     :raises UsageError: if ``--device`` names a GPU and there is none.
     """
-    from saver_envs.modelling.models import Training
-
     with user_mistakes("argument --device"):
         Training(device=args.device)
     return {"epochs": args.epochs, "precision": args.precision, "device": args.device}
@@ -134,8 +125,6 @@ def trained_before(
     :raises UsageError: for a file that is damaged or no weight file, of another task, of an arm
         that is not measured, or with a name that another model of its arm has.
     """
-    from saver_envs.modelling.models import load_model
-
     found: dict[str, dict[str, InverseModel]] = {robot: {} for robot in robots}
     for path in paths:
         with user_mistakes("argument --weights"):
@@ -160,8 +149,6 @@ def cards_of(paths: Sequence[Path]) -> dict[str, Any]:
     :param paths: the files.
     :return: ``weights``, with the card and the name of each file.
     """
-    from saver_envs.modelling.models import read_card
-
     return {"weights": [{"name": path.stem, **read_card(path)} for path in paths]}
 
 

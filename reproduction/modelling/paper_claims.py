@@ -6,27 +6,27 @@ A claim stays open if cells are missing.
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from importlib import resources
 from itertools import product
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.files import read_json
+
 ADVERSARIAL: Final = ("cgan", "lsgan", "bigan", "dualgan")
+ALL_DATA: Final = 6
+"""Size of all data."""
+
 _SIMILAR: Final = 0.25
 """Figures are similar if they differ by at most this fraction of the smaller one."""
 
 _MUCH: Final = 0.75
 """A figure is much lower than another if it is below this fraction of it."""
-
-
-class MissingCells(Exception):
-    """A claim needs cells that the table does not have."""
 
 
 @cache
@@ -35,8 +35,7 @@ def paper() -> dict[str, Any]:
 
     :return: the file's content.
     """
-    file = resources.files(__package__) / "chapter7.json"
-    return dict(json.loads(file.read_text(encoding="utf-8")))
+    return dict(read_json(Path(__file__).with_name("chapter7.json")))
 
 
 def paper_cells(robot: str, task: str) -> list[dict[str, Any]]:
@@ -61,26 +60,16 @@ class RmseTable:
     """
 
     def __init__(self, cells: Iterable[Mapping[str, Any]]) -> None:
-        found: dict[tuple[str, int, str], dict[float, list[float]]] = {}
+        found: dict[tuple[str, int, str], dict[float, list[float]]] = defaultdict(dict)
         for cell, column in product(cells, ("test", "validation")):
             if column in cell:
-                by_sigma = found.setdefault((cell["model"], cell["size"], column), {})
+                by_sigma = found[cell["model"], cell["size"], column]
                 by_sigma.setdefault(cell["sigma"], []).append(cell[column])
         self._means = {
             key: {sigma: float(np.mean(values)) for sigma, values in by_sigma.items()}
             for key, by_sigma in found.items()
         }
         self.sizes = sorted({size for _, size, _ in self._means})
-
-    @property
-    def largest(self) -> int:
-        """The size of all data, 6.
-
-        :raises MissingCells: if there are no cells of that size.
-        """
-        if not self.sizes or self.sizes[-1] != 6:
-            raise MissingCells
-        return self.sizes[-1]
 
     def at(self, model: str, size: int, column: str = "test") -> dict[float, float]:
         """Return a model's RMSE at a size, by sigma.
@@ -89,28 +78,27 @@ class RmseTable:
         :param size: number of samples, in tens of thousands.
         :param column: ``test`` or ``validation``.
         :return: the means over seeds.
-        :raises MissingCells: if there are none.
+        :raises KeyError: if there are none.
         """
-        if (model, size, column) not in self._means:
-            raise MissingCells
         return self._means[model, size, column]
 
     def best(self, model: str, size: int, column: str = "test") -> float:
         """Return a model's lowest RMSE at a size, over sigma; arguments as for :meth:`at`.
 
-        :raises MissingCells: if there are none.
+        :raises KeyError: if there are none.
         """
         return min(self.at(model, size, column).values())
 
     def both(self, size: int, column: str = "test") -> tuple[float, float]:
         """Return the lowest RMSE of the adversarial models and that of the MLP at a size.
 
-        :raises MissingCells: if there are none.
+        :raises KeyError: if there are none.
         """
-        found = [name for name in ADVERSARIAL if (name, size, column) in self._means]
-        if not found:
-            raise MissingCells
-        return min(self.best(name, size, column) for name in found), self.best("mlp", size, column)
+        known = [model for model in ADVERSARIAL if (model, size, column) in self._means]
+        if not known:
+            raise KeyError(ADVERSARIAL)
+        gan = min(self.best(model, size, column) for model in known)
+        return gan, self.best("mlp", size, column)
 
 
 Evaluated = tuple[bool, str]
@@ -123,36 +111,34 @@ def _little_data(table: RmseTable) -> Evaluated:
 
 
 def _advantage_shrinks(table: RmseTable) -> Evaluated:
-    first, last = (mlp - gan for gan, mlp in (table.both(1), table.both(table.largest)))
+    first, last = (mlp - gan for gan, mlp in (table.both(1), table.both(ALL_DATA)))
     return first > last, f"MLP less best GAN: {first:+.3g} at size 1, {last:+.3g} at the largest"
 
 
 def _similar_at_the_end(table: RmseTable) -> Evaluated:
-    gan, mlp = table.both(table.largest)
+    gan, mlp = table.both(ALL_DATA)
     return abs(gan - mlp) <= _SIMILAR * min(gan, mlp), f"best GAN {gan:.3g}, MLP {mlp:.3g}"
 
 
 def _base_overfits(table: RmseTable) -> Evaluated:
     found = [table.both(size, "validation") for size in table.sizes]
-    if not found:
-        raise MissingCells
     lower = sum(mlp < _MUCH * gan for gan, mlp in found)
     return lower == len(found), f"at {lower} of {len(found)} sizes below {_MUCH:.0%} of any GAN's"
 
 
 def _base_wins(table: RmseTable) -> Evaluated:
-    gan, mlp = table.both(table.largest)
+    gan, mlp = table.both(ALL_DATA)
     return mlp < gan, f"MLP {mlp:.3g}, best GAN {gan:.3g}"
 
 
 def _analytic_worst(table: RmseTable) -> Evaluated:
-    analytic = table.best("analytic", table.largest)
-    worst = max(table.best(model, table.largest) for model in (*ADVERSARIAL, "mlp"))
+    analytic = table.best("analytic", ALL_DATA)
+    worst = max(table.best(model, ALL_DATA) for model in (*ADVERSARIAL, "mlp"))
     return analytic > worst, f"analytic {analytic:.3g}, worst network at its best sigma {worst:.3g}"
 
 
 def _dualgan_best(table: RmseTable) -> Evaluated:
-    figures = {model: table.best(model, table.largest) for model in ADVERSARIAL}
+    figures = {model: table.best(model, ALL_DATA) for model in ADVERSARIAL}
     best = min(figures, key=lambda model: figures[model])
     return best == "dualgan", f"{best} {figures[best]:.3g}, dualgan {figures['dualgan']:.3g}"
 
@@ -163,7 +149,7 @@ def _most_gan_cells_beat_base(table: RmseTable) -> Evaluated:
         for size, model in product(table.sizes, ADVERSARIAL)
         for value in table.at(model, size).values()
     ]
-    return _mostly(better), f"{sum(better)} of {len(better)} cells"
+    return sum(better) > 0.5 * len(better), f"{sum(better)} of {len(better)} cells"
 
 
 def _middle_sigma_best(table: RmseTable) -> Evaluated:
@@ -171,36 +157,35 @@ def _middle_sigma_best(table: RmseTable) -> Evaluated:
     for size, model in product(table.sizes, ADVERSARIAL):
         figures = table.at(model, size)
         if len(figures) < 3:
-            raise MissingCells
+            raise KeyError(model)
         best = min(figures, key=lambda sigma: figures[sigma])
         middle.append(best not in (min(figures), max(figures)))
     told = f"{sum(middle)} of {len(middle)} (model, size)"
-    return _mostly(middle), f"a sigma between the ends is best in {told}"
+    return sum(middle) > 0.5 * len(middle), f"a sigma between the ends is best in {told}"
 
 
-def _mostly(cases: Sequence[bool]) -> bool:
-    if not cases:
-        raise MissingCells
-    return sum(cases) > 0.5 * len(cases)
-
-
-_LITTLE: Final = (
-    "With 10,000 samples the best GAN beats the MLP on the unseen trajectory",
-    _little_data,
-)
-_OVERFIT: Final = ("The MLP's validation error is much lower than any GAN's", _base_overfits)
-_SIMILAR_END: Final = ("With all data GANs and MLP are similar", _similar_at_the_end)
-_WORST: Final = ("The analytic model is the worst", _analytic_worst)
-_SHRINKS: Final = ("The GANs' advantage shrinks as data grow", _advantage_shrinks)
-_WINS: Final = ("With all data the MLP is better than every GAN", _base_wins)
-_DUALGAN: Final = ("DualGAN is the best of the GANs", _dualgan_best)
-_MOST: Final = ("Most GAN cells beat the MLP on the unseen trajectory", _most_gan_cells_beat_base)
-_MIDDLE: Final = ("A sigma between 0 and 0.6 is best", _middle_sigma_best)
-CLAIMS: Final[Mapping[tuple[str, str], tuple[tuple[str, Rule], ...]]] = {
-    ("mico", "ik"): (_LITTLE, _SHRINKS, _SIMILAR_END, _OVERFIT),
-    ("mico", "id"): (_WINS, _WORST, _OVERFIT),
-    ("fetch", "ik"): (_DUALGAN, _SIMILAR_END, _OVERFIT),
-    ("fetch", "id"): (_LITTLE, _MOST, _MIDDLE, _WORST, _OVERFIT),
+TEXTS: Final[Mapping[Rule, str]] = {
+    _little_data: "With 10,000 samples the best GAN beats the MLP on the unseen trajectory",
+    _base_overfits: "The MLP's validation error is much lower than any GAN's",
+    _similar_at_the_end: "With all data GANs and MLP are similar",
+    _analytic_worst: "The analytic model is the worst",
+    _advantage_shrinks: "The GANs' advantage shrinks as data grow",
+    _base_wins: "With all data the MLP is better than every GAN",
+    _dualgan_best: "DualGAN is the best of the GANs",
+    _most_gan_cells_beat_base: "Most GAN cells beat the MLP on the unseen trajectory",
+    _middle_sigma_best: "A sigma between 0 and 0.6 is best",
+}
+CLAIMS: Final[Mapping[tuple[str, str], tuple[Rule, ...]]] = {
+    ("mico", "ik"): (_little_data, _advantage_shrinks, _similar_at_the_end, _base_overfits),
+    ("mico", "id"): (_base_wins, _analytic_worst, _base_overfits),
+    ("fetch", "ik"): (_dualgan_best, _similar_at_the_end, _base_overfits),
+    ("fetch", "id"): (
+        _little_data,
+        _most_gan_cells_beat_base,
+        _middle_sigma_best,
+        _analytic_worst,
+        _base_overfits,
+    ),
 }
 
 
@@ -226,19 +211,17 @@ def claims(robot: str, task: str, results: Iterable[Mapping[str, Any]]) -> list[
         if not one.get("supervised_weight")
     )
     theirs = RmseTable(paper_cells(robot, task))
-    found: list[dict[str, Any]] = [
-        {"claim": claim, "paper": _evaluated(rule, theirs), "here": _evaluated(rule, ours)}
-        for claim, rule in CLAIMS[robot, task]
-    ]
     beyond_seeds = any(
         row["supervised_weight"] == 0 and row["interval"] is not None and row["interval"][1] < 0
         for row in little_data(task, results)
     )
-    for one in found:
-        here = one["here"]
-        if one["claim"] == _LITTLE[0] and here["holds"] and not beyond_seeds:
+    found = []
+    for rule in CLAIMS[robot, task]:
+        here = _evaluated(rule, ours)
+        if rule is _little_data and here["holds"] and not beyond_seeds:
             here["holds"] = None
             here["figures"] += "; no GAN's 95% interval leaves the MLP out"
+        found.append({"claim": TEXTS[rule], "paper": _evaluated(rule, theirs), "here": here})
     return found
 
 
@@ -252,31 +235,24 @@ def little_data(task: str, results: Iterable[Mapping[str, Any]]) -> list[dict[st
         ``interval`` of Student's t.
     """
     column = _column(task, "test")
-    base: dict[int, float] = {}
-    groups: dict[tuple[str, float, float], dict[int, float]] = defaultdict(dict)
-    for one in results:
-        if one["size"] != 1:
-            continue
-        if one["model"] == "mlp":
-            base[one["seed"]] = one[column]
-        elif one["model"] in ADVERSARIAL:
+    few = [one for one in results if one["size"] == 1]
+    base = {one["seed"]: one[column] for one in few if one["model"] == "mlp"}
+    groups: dict[tuple[str, float, float], list[float]] = defaultdict(list)
+    for one in few:
+        if one["model"] in ADVERSARIAL and one["seed"] in base:
             key = one["model"], one["sigma"], float(one.get("supervised_weight", 0.0))
-            groups[key][one["seed"]] = one[column]
-    found = []
-    for (model, sigma, weight), values in groups.items():
-        less = np.array([value - base[seed] for seed, value in values.items() if seed in base])
-        if less.size:
-            found.append(
-                {
-                    "model": model,
-                    "sigma": sigma,
-                    "supervised_weight": weight,
-                    "seeds": int(less.size),
-                    "difference": float(less.mean()),
-                    "interval": _interval(less),
-                }
-            )
-    return found
+            groups[key].append(one[column] - base[one["seed"]])
+    return [
+        {
+            "model": model,
+            "sigma": sigma,
+            "supervised_weight": weight,
+            "seeds": len(less),
+            "difference": float(np.mean(less)),
+            "interval": _interval(np.array(less)),
+        }
+        for (model, sigma, weight), less in groups.items()
+    ]
 
 
 def _interval(values: NDArray[np.float64]) -> list[float] | None:
@@ -294,8 +270,10 @@ def _column(task: str, kind: str) -> str:
 
 
 def _evaluated(rule: Rule, table: RmseTable) -> dict[str, Any]:
+    if not table.sizes:
+        return {"holds": None, "figures": "cells are missing"}
     try:
         holds, figures = rule(table)
-    except MissingCells:
+    except KeyError:
         return {"holds": None, "figures": "cells are missing"}
     return {"holds": bool(holds), "figures": figures}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
+
+import numpy as np
 
 from reproduction.modelling.model_arguments import (
     ROBOTS,
@@ -13,11 +15,15 @@ from reproduction.modelling.model_arguments import (
     measure_models,
     origin,
 )
+from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_page
-from saver_advisors.reporting.tables import rows_table
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.models import InverseModel
+from saver_advisors.cli.model import prepare_data
+from saver_advisors.reporting.tables import Column
+from saver_envs.modelling.datasets import campaign_of, samples_of
+from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
+from saver_envs.modelling.models import InverseModel, Training, new_model
+from saver_envs.modelling.trajectories import random_trajectory
+from saver_envs.modelling.twin import Twin
 
 EXAMPLES: Final = """\
 examples:
@@ -64,13 +70,6 @@ def measure(
     :param before: models of weight files, by arm and name.
     :return: JSON-able; ``rows`` has one row per arm, feed-forward and gain.
     """
-    import numpy as np
-
-    from saver_envs.modelling.datasets import campaign_of
-    from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
-    from saver_envs.modelling.trajectories import random_trajectory
-    from saver_envs.modelling.twin import Twin
-
     rows = []
     for robot in args.robots:
         generator = np.random.default_rng(_UNSEEN)
@@ -100,15 +99,10 @@ def _models(
     robot: str, names: Sequence[str], training: Mapping[str, Any]
 ) -> dict[str, InverseModel | None]:
     """Return the analytic model, the shipped one, as None, and the trained ones."""
-    from saver_advisors.cli.model import prepare_data
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.models import Training, new_model
-
     _, analytic, shipped = UNTRAINED
     found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
     if names:
-        prepare_data(robot)
-        samples = samples_of(twin_data_set(robot).train, "id")
+        samples = samples_of(prepare_data(robot).train, "id")
         for name in names:
             found[name] = new_model(name, robot, "id")
             found[name].fit(*samples, Training(**training))
@@ -125,27 +119,21 @@ def render(figures: dict[str, Any]) -> str:
     base = {
         (one["robot"], one["gain"]): one["rms"] for one in rows if one["feed_forward"] == "analytic"
     }
-    table = rows_table(
-        sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
-        {
-            "arm": "{robot}",
-            "gain": "{gain:g}",
-            "feed-forward": "{feed_forward}",
-            "RMS (mrad)": lambda one: f"{one['rms'] * 1e3:.2f}",
-            "analytic's error over it": lambda one: (
-                f"{base[one['robot'], one['gain']] / one['rms']:.2f}x"
-            ),
-            "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
-        },
-    )
+    columns: dict[str, Column] = {
+        "arm": "{robot}",
+        "gain": "{gain:g}",
+        "feed-forward": "{feed_forward}",
+        "RMS (mrad)": lambda one: f"{one['rms'] * 1e3:.2f}",
+        "analytic's error over it": lambda one: (
+            f"{base[one['robot'], one['gain']] / one['rms']:.2f}x"
+        ),
+        "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
+    }
     before = {card["name"] for card in figures.get("weights", [])}
-    trained = {one["feed_forward"] for one in rows} & set(MODELS) - before
-    others = f" The others were trained for {figures.get('epochs', 100)} epochs."
-    return (
-        f"# {figures['title']}\n\n"
-        "Root mean square error of the joints (mrad; mm for the Fetch's lift) on unseen "
-        "trajectories. A gain of 1 is the twin's own feedback; a smaller gain is softer. *Shipped* "
-        "is the shipped network, *analytic* Newton-Euler with the inertia of Appendix A, and "
-        f"*feedback alone* has no feed-forward.{others if trained else ''}"
-        f"{origin(figures)}\n\n{table}"
-    )
+    content = {
+        **figures,
+        "rows": sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
+        "trained": {one["feed_forward"] for one in rows} & set(MODELS) - before,
+        "origin": origin(figures),
+    }
+    return page("tracking", columns=columns, **content)

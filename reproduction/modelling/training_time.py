@@ -12,19 +12,20 @@ from collections import defaultdict
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from reproduction.command_parts import add_choices, measure_and_render
 from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
+from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.provenance import load_averages
-from saver_advisors.reporting.tables import Column, rows_table
-
-if TYPE_CHECKING:
-    from saver_envs.modelling.arms import Task
-    from saver_envs.modelling.chain import FloatArray
-    from saver_envs.modelling.models import InverseModel, Training
+from saver_advisors.reporting.tables import Column
+from saver_envs.modelling.arms import TASK_NAMES, Task
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.datasets import samples_of
+from saver_envs.modelling.models import InverseModel, Training, new_model
 
 EXAMPLES: Final = """\
 examples:
@@ -68,12 +69,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     :param args: see :func:`add_arguments`.
     :return: JSON-able; ``rows`` has one row per task and model.
     """
-    from saver_advisors.cli.model import prepare_data
-    from saver_envs.modelling.datasets import samples_of, twin_data_set
-    from saver_envs.modelling.models import Training, new_model
-
-    prepare_data(args.robot)
-    recording = twin_data_set(args.robot).train
+    recording = prepare_data(args.robot).train
     training = Training(epochs=args.epochs, precision=args.precision)
     rows = []
     for task, name in product(args.tasks, args.models):
@@ -134,8 +130,6 @@ def render(figures: dict[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    from saver_envs.modelling.arms import TASK_NAMES
-
     columns: dict[str, Column] = {
         "task": lambda one: TASK_NAMES[one["task"]],
         "model": "{model}",
@@ -146,12 +140,4 @@ def render(figures: dict[str, Any]) -> str:
         "load": lambda one: "-" if one["load_average"] is None else f"{one['load_average']:.1f}",
     }
     columns |= {name: f"{{shares[{name}]:.0%}}" for name in figures["rows"][0]["shares"]}
-    machine = figures["provenance"]["machine"]
-    return (
-        f"# {figures['title']}\n\n"
-        f"Training runs of the paper's length on one core ({machine['cpu']}), {figures['robot']}, "
-        f"hidden products in {figures['precision']}. *Load* is the system's load average at the "
-        "end of the run; minutes are unreliable if it exceeds the number of cores. The last "
-        "columns are shares of the training time; *Python* is the time outside torch's operators, "
-        f"including the profiler's own.\n\n{rows_table(figures['rows'], columns)}"
-    )
+    return page("modelling-time", columns=columns, **figures)

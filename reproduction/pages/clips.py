@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from reproduction.joint_speeds import policy_for
 from saver_advisors.cli.policies import resolve
-from saver_advisors.evaluation.episodes import Predict, evaluate_policy
-from saver_advisors.reporting.errors import UsageError
+from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_advisors.reporting.video import Frame, record
 
 CLIP_SIZE: Final = (400, 300)
@@ -22,11 +22,12 @@ def clip_frames(env_id: str) -> list[Frame]:
     :param env_id: a registered id
     :return: every second frame
     """
-    outcomes = evaluate_policy(best_policy(env_id), env_id, episodes=_SEARCHED)
+    policy = policy_for(env_id)
+    outcomes = evaluate_policy(resolve(policy, env_id, {}), env_id, episodes=_SEARCHED)
     seed = int(np.argmax(outcomes.success))
     width, height = CLIP_SIZE
     [recording] = record(
-        best_policy(env_id),
+        resolve(policy, env_id, {}),
         env_id,
         episodes=1,
         seed=seed,
@@ -35,16 +36,3 @@ def clip_frames(env_id: str) -> list[Frame]:
         every=CLIP_EVERY,
     )
     return recording.frames
-
-
-def best_policy(env_id: str) -> Predict:
-    """Return an environment's shipped policy, else its scripted expert, else random actions."""
-    from saver_advisors.pretrained import load_policy, shipped_policies
-
-    for name in shipped_policies():
-        if load_policy(name).card.env_id == env_id:
-            return resolve(name, env_id, {})
-    try:
-        return resolve("expert", env_id, {})
-    except UsageError:
-        return resolve("random", env_id, {})

@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from reproduction.joint_speeds import in_words
-from reproduction.pages.page_templates import template
+from reproduction.page_templates import page
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
-from saver_envs.episodes import Episodes
 from saver_envs.registration import ControlOptions, default_options, make_episodes
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
@@ -36,11 +35,12 @@ def environments_page(entries: list[dict[str, Any]]) -> str:
     :param entries: the rows of its table.
     :return: Markdown.
     """
-    lines = ["# Environments", "", environments_table(entries, "")]
-    twin = dense_twin(entries[0]["env_id"])
-    lines += [f"Each id has a twin with a dense reward, such as `{twin}`.", ""]
-    lines += [f"{sentence}\n" for sentence in pixel_ids()]
-    return "\n".join([*lines, ""])
+    return page(
+        "environments",
+        table=environments_table(entries, ""),
+        twin=dense_twin(entries[0]["env_id"]),
+        pixels=pixel_ids(),
+    )
 
 
 def environment_page(one: Mapping[str, Any], results: list[dict[str, Any]]) -> str:
@@ -52,51 +52,25 @@ def environment_page(one: Mapping[str, Any], results: list[dict[str, Any]]) -> s
     """
     episodes = make_episodes(one["env_id"])
     task = episodes.task
-    page = task.page(episodes.scene)
-    return template("environment.md.j2").render(
+    told = task.page(episodes.scene)
+    return page(
+        "environment",
+        told=told,
         entry=one,
         summary=_one_line(inspect.getdoc(inspect.getmodule(type(task))) or ""),
         twin=dense_twin(one["env_id"]),
-        facts=[*_facts(one, episodes), *_speeds(one["env_id"], results)],
-        spaces=_spaces(one),
+        duration=ACTION_DURATION,
+        max_speed=episodes.settings.max_speed,
+        joint_speeds=in_words(one["env_id"], results),
         observation=_layout_table(task.observation_layout, _unit),
-        action=_action(episodes),
-        goal=_layout_table(task.goal_layout, lambda part: part.unit, page.goal),
-        start=page.start,
-        reward=page.reward,
-        dense=page.dense,
-        costs=_costs(one, page.costs),
-        readings=page.readings,
+        indices=_indices,
+        action_size=episodes.action_size_per_arm,
+        held_height=task.held_height,
+        goal=_layout_table(task.goal_layout, lambda part: part.unit, told.goal),
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one["env_id"], task),
         results=results_of(one["env_id"], results),
     )
-
-
-def _facts(one: Mapping[str, Any], episodes: Episodes) -> list[tuple[str, str]]:
-    return [
-        ("robot", f"{one['arms']} x {one['robot']}" if one["arms"] > 1 else one["robot"]),
-        ("an action lasts", f"{ACTION_DURATION:g} s"),
-        ("horizon", f"{one['horizon']} actions, {one['horizon'] * ACTION_DURATION:g} s"),
-        ("top speed of a hand", f"{episodes.settings.max_speed:g} m/s"),
-        *episodes.task.page(episodes.scene).facts,
-    ]
-
-
-def _speeds(env_id: str, results: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    told = in_words(env_id, results)
-    return [("speed of the joints", told)] if told else []
-
-
-def _spaces(one: Mapping[str, Any]) -> str:
-    goal = ["achieved_goal", f"Box(-inf, inf, ({one['goal_size']},), float32)"]
-    rows = [
-        ["observation", f"Box(-inf, inf, ({one['observation_size']},), float32)"],
-        goal,
-        ["desired_goal", goal[1]],
-        ["action", f"Box(-1, 1, ({one['action_size']},), float32)"],
-    ]
-    return markdown(("entry", "space"), [[f"`{name}`", space] for name, space in rows])
 
 
 def _layout_table(
@@ -119,32 +93,11 @@ def _unit(part: Part) -> str:
     return part.unit if part.scale == 1 else f"{part.unit} x {part.scale}"
 
 
-def _action(episodes: Episodes) -> str:
-    step = f"{1000 * episodes.settings.max_speed * ACTION_DURATION:g} mm"
-    size, arms = episodes.action_size_per_arm, episodes.task.n_arms
-    held = episodes.task.held_height
-    motion = f"displacement of the hand's set-point along x, y, z; 1 is {step}, the longest in all"
-    if held is not None:
-        motion += f"; z is held at {100 * held:g} cm above the table"
-    rows = [[_indices(0, 3, size, arms), motion]]
-    if size > 3:
-        rows.append([_indices(3, 1, size, arms), "gripper: 1 is open, -1 is closed"])
-    return markdown(("index", "what"), rows)
-
-
 def _indices(first: int, size: int, block: int, arms: int) -> str:
     """Return ``3 to 5``, or ``28k + 3 to 28k + 5`` if each arm has its own block."""
     ends = [first] if size == 1 else [first, first + size - 1]
     offset = f"{block}k + " if arms > 1 else ""
     return " to ".join(f"{offset}{end}" for end in ends)
-
-
-def _costs(one: Mapping[str, Any], meanings: Mapping[str, str]) -> str:
-    rows = [
-        [f"`cost_{name}`", meanings.get(name, name), "yes" if name in one["summed_costs"] else "no"]
-        for name in one["costs"]
-    ]
-    return markdown(("cost", "what", 'part of `info["cost"]`'), rows)
 
 
 def _keywords(env_id: str, task: Task) -> str:

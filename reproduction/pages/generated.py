@@ -5,11 +5,10 @@ Nothing here draws or simulates, so that a test can quickly compare the pages wi
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Final
 
 from reproduction.command_parts import between_markers
+from reproduction.page_templates import page
 from reproduction.pages.environments import (
     environment_page,
     environments_page,
@@ -19,9 +18,8 @@ from reproduction.pages.results import read_result_files, results_page, success_
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
-from saver_advisors.reporting.tables import markdown
-
-GENERATED: Final = "Generated from the code by `python -m reproduction pages`.\n"
+from saver_advisors.reporting.tables import Column
+from saver_envs.files import read_json
 
 
 def all_pages(output: Path) -> dict[str, str]:
@@ -33,13 +31,13 @@ def all_pages(output: Path) -> dict[str, str]:
     results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
     pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
-    pages["environments/index.md"] = environments_page(entries) + GENERATED
-    pages["worlds.md"] = worlds_page(sparse_ids()) + GENERATED
-    pages["weights.md"] = weights_page() + GENERATED
-    pages["results.md"] = f"{results_page(results)} {GENERATED}"
+    pages["environments/index.md"] = environments_page(entries)
+    pages["worlds.md"] = worlds_page(sparse_ids())
+    pages["weights.md"] = weights_page()
+    pages["results.md"] = results_page(results)
     pose = output / "results" / "pose.json"
     if pose.is_file():
-        pages["perception-results.md"] = pose_page(json.loads(pose.read_text(encoding="utf-8")))
+        pages["perception-results.md"] = pose_page(read_json(pose))
     return pages
 
 
@@ -68,36 +66,18 @@ def weights_page() -> str:
     from saver_advisors.policies.cards import rate_text
     from saver_advisors.policies.files import read_networks
 
-    cards = {
-        name: read_networks(WEIGHTS_DIR / f"{name}.safetensors")[1] for name in shipped_policies()
-    }
     rows = [
-        [
-            f"`{name}`",
-            f"[`{card.environment}`](environments/{card.env_id}.md)",
-            card.algorithm,
-            f"{card.steps:,}",
-            f"{card.wall_clock_s / 60:.0f}",
-            f"{card.success:.3f} of {card.success_episodes}",
-            rate_text(card.safe_success),
-            rate_text(card.success_2cm),
-        ]
-        for name, card in cards.items()
+        {"name": name, "card": read_networks(WEIGHTS_DIR / f"{name}.safetensors")[1]}
+        for name in shipped_policies()
     ]
-    columns = (
-        *("name", "environment", "algorithm", "steps", "minutes", "success, episodes"),
-        *("safe", "within 2 cm"),
-    )
-    lines = ["# Weights", "", markdown(columns, rows)]
-    lines += [
-        "Each file has a card with its command, seed, commit and settings:",
-        '`saver_advisors.pretrained.load_policy("' + (next(iter(cards), "NAME")) + '").card`.',
-        "The success rate of a card is measured on seeds from 0, in episodes that were not used to",
-        "choose the checkpoint; so are the success without a collision and that within 2 cm.",
-        "",
-    ]
-    for name, card in cards.items():
-        lines += [f"## {name}", "", "```", card.command, "```", ""]
-        if training := card.notes.get("training"):
-            lines += [f"Training: {training}.", ""]
-    return "\n".join([*lines, ""])
+    columns: dict[str, Column] = {
+        "name": "`{name}`",
+        "environment": "[`{card.environment}`](environments/{card.env_id}.md)",
+        "algorithm": "{card.algorithm}",
+        "steps": "{card.steps:,}",
+        "minutes": lambda row: f"{row['card'].wall_clock_s / 60:.0f}",
+        "success, episodes": "{card.success:.3f} of {card.success_episodes}",
+        "safe": lambda row: rate_text(row["card"].safe_success),
+        "within 2 cm": lambda row: rate_text(row["card"].success_2cm),
+    }
+    return page("weights", rows=rows, columns=columns)

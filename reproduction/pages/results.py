@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
+from reproduction.page_templates import page
 from saver_advisors.cli.curves import CURVE_COLUMNS
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
 from saver_advisors.reporting.provenance import machine_in_words
 from saver_advisors.reporting.tables import markdown, rows_table
+from saver_envs.files import read_json
 
 PAGES: Final = {
     "advising": "advising-results.md",
@@ -28,6 +29,7 @@ PAGES: Final = {
 }
 """Pages of results, by the kind of the result file."""
 
+SUCCESS_COLUMNS: Final = {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN}
 PAGES_OF_FILES: Final = {
     "fetch-id": "modelling-fetch-id.md",
     "fetch-ik": "modelling-fetch-ik.md",
@@ -44,10 +46,7 @@ def read_result_files(folder: Path) -> list[dict[str, Any]]:
     :param folder: folder of the JSON files.
     :return: their contents with the name as ``file``, sorted by name.
     """
-    return [
-        {"file": path.name, **json.loads(path.read_text(encoding="utf-8"))}
-        for path in sorted(folder.glob("*.json"))
-    ]
+    return [{"file": path.name, **read_json(path)} for path in sorted(folder.glob("*.json"))]
 
 
 def _evaluations(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -62,11 +61,7 @@ def results_of(env_id: str, results: list[dict[str, Any]]) -> str:
     :return: a Markdown table; empty without evaluations.
     """
     found = [one for one in _evaluations(results) if one["env"] == env_id]
-    return _evaluation_table(found) if found else ""
-
-
-def _evaluation_table(found: list[dict[str, Any]]) -> str:
-    return rows_table(found, {**EVALUATION_COLUMNS, **COLLISIONS_COLUMN})
+    return rows_table(found, SUCCESS_COLUMNS) if found else ""
 
 
 def success_overview(results: list[dict[str, Any]], folder: str) -> str:
@@ -111,25 +106,25 @@ def results_page(results: list[dict[str, Any]]) -> str:
     :param results: see :func:`read_result_files`.
     :return: Markdown.
     """
-    lines = ["# Results", ""]
-    if evaluations := _evaluations(results):
-        lines += ["## Success", "", _evaluation_table(evaluations)]
-    for one in results:
-        if one in evaluations:
-            continue
-        stem = Path(one["file"]).stem
-        lines += [f"## {one.get('title', stem.replace('-', ' '))}", ""]
-        if one.get("kind") == "curves":
-            lines += [f"![learning curves](results/{stem}.png)", ""]
-            lines.append(rows_table(one["runs"], CURVE_COLUMNS))
-        elif page := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
-            lines += [f"See [the separate page]({page}).", ""]
-        elif one.get("kind") == "modelling-search":
-            lines.append(_plain_table(_trials(one["trials"])))
-        elif isinstance(one.get("rows"), list):
-            lines.append(_plain_table(one["rows"]))
-        lines += [_origin(one), ""]
-    return "\n".join([*lines, "Rendered from the files in `docs/results`."])
+    evaluations = _evaluations(results)
+    sections = [_section(one) for one in results if one not in evaluations]
+    return page("results", evaluations=evaluations, columns=SUCCESS_COLUMNS, sections=sections)
+
+
+def _section(one: dict[str, Any]) -> dict[str, str]:
+    stem = Path(one["file"]).stem
+    text = ""
+    if one.get("kind") == "curves":
+        picture = f"![learning curves](results/{stem}.png)\n\n"
+        text = picture + rows_table(one["runs"], CURVE_COLUMNS)
+    elif separate := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
+        text = f"See [the separate page]({separate})."
+    elif one.get("kind") == "modelling-search":
+        text = _plain_table(_trials(one["trials"]))
+    elif isinstance(one.get("rows"), list):
+        text = _plain_table(one["rows"])
+    heading = one.get("title", stem.replace("-", " "))
+    return {"heading": heading, "text": text, "origin": _origin(one)}
 
 
 def _trials(trials: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from reproduction.pages.page_templates import template
+from reproduction.page_templates import page
 from saver_advisors.reporting.tables import markdown
 from saver_envs.episodes import Episodes
 from saver_envs.randomization import Choice, LogUniform, Parameter
@@ -37,7 +37,8 @@ def worlds_page(sparse_ids: list[str]) -> str:
     :return: Markdown.
     """
     task, _ = task_and_settings(sparse_ids[0], {})
-    return template("worlds.md.j2").render(
+    return page(
+        "worlds",
         tasks=_tables_of_tasks(sparse_ids),
         common=_table(COMMON),
         sensors=_sensors(sparse_ids[0]),

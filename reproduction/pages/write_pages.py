@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from saver_advisors.cli.arguments import add_path
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 
 EXAMPLES = """\
@@ -21,19 +22,10 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("docs"),
-        metavar="DIR",
-        help="folder of the documentation (default: docs)",
-    )
-    parser.add_argument(
-        "--readme",
-        type=Path,
-        metavar="FILE",
-        help="README whose tables are updated (default: README.md next to the folder)",
-    )
+    text = "folder of the documentation (default: docs)"
+    add_path(parser, "--output", text, metavar="DIR", default=Path("docs"))
+    text = "README whose tables are updated (default: README.md next to the folder)"
+    add_path(parser, "--readme", text)
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
     parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
     parser.add_argument("--only", nargs="+", metavar="ID", help="draw only these environments")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from reproduction.transfer.failures import Failure
-from reproduction.transfer.trajectories import FrameCallback, Predict, TrialTrajectory, run_trials
+from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
 from saver_advisors.cli.policies import resolve
+from saver_advisors.evaluation.episodes import Predict
 from saver_envs.robots import ROBOTS
 
 ENVIRONMENTS: Final = {
@@ -56,12 +57,14 @@ class Condition:
     expert: bool = False
 
 
-_FRICTION: Final = {"object_friction": FRICTION}
-_MASS: Final = {"object_mass": MASS}
-_DAMPING: Final = {"object_damping": DAMPING}
-_NOISE: Final = {"sensor_noise": 1.0}
-_SIZE: Final = {"object_size": OBJECT_SIZE}
-_CHANGES: Final = _FRICTION | _MASS | _DAMPING | _NOISE
+CHANGES: Final[Mapping[str, tuple[str, dict[str, float]]]] = {
+    "size": (f"{100 * OBJECT_SIZE:g} cm cubes", {"object_size": OBJECT_SIZE}),
+    "friction": (f"friction {FRICTION:g}", {"object_friction": FRICTION}),
+    "mass": (f"mass {MASS:g} kg", {"object_mass": MASS}),
+    "damping": (f"damping {DAMPING:g} N s/m", {"object_damping": DAMPING}),
+    "noise": ("sensor noise", {"sensor_noise": 1.0}),
+}
+"""Differences from training by name, in words and as values of parameters."""
 
 
 def conditions(task: str) -> tuple[Condition, ...]:
@@ -70,29 +73,24 @@ def conditions(task: str) -> tuple[Condition, ...]:
     :param task: ``push`` or ``pick``.
     :return: the conditions; the last one is compared with the dissertation's table.
     """
-    size = f"{100 * OBJECT_SIZE:g} cm cubes"
-    one_at_a_time = (
-        Condition("friction", f"friction {FRICTION:g}", randomization=_FRICTION),
-        Condition("mass", f"mass {MASS:g} kg", randomization=_MASS),
-        Condition("damping", f"damping {DAMPING:g} N s/m", randomization=_DAMPING),
-        Condition("noise", "sensor noise", randomization=_NOISE),
-    )
-    start = (
+    but_size = [name for name in CHANGES if name != "size"]
+    if task == "push":
+        changed = [("all-but-size", but_size), ("all", list(CHANGES))]
+    else:
+        changed = [("all", but_size)]
+    return (
         Condition("home", "two Jacos, as trained", robot=TRAINED_ON),
         Condition("raw", "two MICOs, finger readings untranslated", translated=False),
         Condition("mico", "two MICOs", expert=True),
+        *(_changed(name, [name]) for name in changed[-1][1]),
+        *(_changed(name, names, expert=True) for name, names in changed),
     )
-    changed = f"friction {FRICTION:g}, mass {MASS:g} kg, damping {DAMPING:g} N s/m, sensor noise"
-    if task == "pick":
-        everything = Condition("all", changed, randomization=_CHANGES, expert=True)
-        return (*start, *one_at_a_time, everything)
-    return (
-        *start,
-        Condition("size", size, randomization=_SIZE),
-        *one_at_a_time,
-        Condition("all-but-size", changed, randomization=_CHANGES, expert=True),
-        Condition("all", f"{size}, {changed}", randomization=_CHANGES | _SIZE, expert=True),
-    )
+
+
+def _changed(name: str, changes: Sequence[str], expert: bool = False) -> Condition:
+    words = ", ".join(CHANGES[one][0] for one in changes)
+    randomization = {key: value for one in changes for key, value in CHANGES[one][1].items()}
+    return Condition(name, words, randomization=randomization, expert=expert)
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,13 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
+from saver_advisors.evaluation.episodes import Observation, Predict
 from saver_envs.episodes import Episodes
 from saver_envs.registration import make_episodes
 from saver_envs.robots.description import Robot
 from saver_envs.tasks.table import TableTask
 from saver_envs.wrappers.finger_readings import translated_fingers
 
-Observation = dict[str, NDArray[Any]]
-Predict = Callable[[Observation], NDArray[Any]]
 FrameCallback = Callable[[Episodes, int], None]
 """Receives the episodes and the step, at the start of the trials and after each step."""
 
@@ -37,7 +36,6 @@ class TrialTrajectory:
     :param reach: horizontal distance from the base at which objects may lie, metres.
     :param success: ``is_success`` of the last step.
     :param diverged: whether the simulation broke down.
-    :param seed: that the trial started from.
     """
 
     tool: NDArray[np.float64]
@@ -51,7 +49,6 @@ class TrialTrajectory:
     reach: float
     success: bool
     diverged: bool = False
-    seed: int = 0
 
     @property
     def distance(self) -> NDArray[np.float64]:
@@ -86,10 +83,7 @@ def run_trials(
     :param hand: robot whose finger readings the policy was trained with; the scene's own if None.
     :param frame_callback: see `FrameCallback`.
     :return: one trajectory per trial.
-    :raises ValueError: for fewer than one trial.
     """
-    if trials < 1:
-        raise ValueError(f"trials={trials} must be at least 1")
     episodes = make_episodes(env_id, trials, **(env_kwargs or {}))
     for index in range(trials):
         episodes.set_generator(index, seeding.np_random(seed + index)[0])
@@ -97,7 +91,7 @@ def run_trials(
     task, robot = episodes.task, episodes.settings.robot
     assert isinstance(task, TableTask)
     seen = [_true_state(episodes)]
-    closing, collided = [], []
+    taken, collided = [], []
     success, diverged = np.zeros((2, trials), dtype=bool)
     for step in range(episodes.settings.horizon):
         if frame_callback is not None:
@@ -114,28 +108,26 @@ def run_trials(
         # A diverged simulation restarts by itself; what follows is not this trial.
         success = outcome.success & ~diverged & ~outcome.diverged
         diverged |= outcome.diverged
-        blocks = np.asarray(actions).reshape(trials, task.n_arms, -1)
-        gripper = task.held_height is None
-        closing.append(blocks[..., -1] < 0 if gripper else np.zeros(blocks.shape[:2], bool))
+        taken.append(np.asarray(actions).reshape(trials, task.n_arms, -1))
     if frame_callback is not None:
         frame_callback(episodes, episodes.settings.horizon)
     tool, position, velocity = (np.stack(parts, axis=1) for parts in zip(*seen, strict=True))
     own = [cast(TableTask, one) for one in episodes.worlds.tasks]
-    closed, touched = np.stack(closing, axis=1), np.stack(collided, axis=1)
+    closing = (np.stack(taken, axis=1)[..., -1] < 0) & (task.held_height is None)
+    touched = np.stack(collided, axis=1)
     return [
         TrialTrajectory(
             tool=tool[index],
             object=position[index],
             object_speed=np.linalg.norm(velocity[index], axis=-1),
             target=task.goal_layout.blocks(episodes.goal[index]).copy(),
-            closing=closed[index],
+            closing=closing[index],
             collided=touched[index],
             object_size=own[index].object_size,
             threshold=task.success_threshold,
             reach=task.regions(episodes.scene.arms).reach,
             success=bool(success[index]),
             diverged=bool(diverged[index]),
-            seed=seed + index,
         )
         for index in range(trials)
     ]

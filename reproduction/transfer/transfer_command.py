@@ -8,7 +8,6 @@ trajectory.
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -16,14 +15,17 @@ from pathlib import Path
 from typing import Any, Final
 
 from reproduction.command_parts import measure_and_render
+from reproduction.page_templates import page
 from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
-from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.arguments import add_count, add_folder, add_page
 from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.pretrained import load_policy, shipped_policies
 from saver_advisors.reporting.errors import UsageError, unknown
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import Column, join_parts, link, markdown, rows_table
+from saver_advisors.reporting.tables import Column, link, markdown, rows_table
+from saver_envs.files import read_json
 from saver_envs.sensor_errors import SENSORS
 
 EXAMPLES: Final = """\
@@ -57,12 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--conditions", nargs="+", metavar="NAME", help="conditions (default: all)")
     add_count(parser, "--trials", 50, "trials of each policy under each condition")
     add_count(parser, "--seed", 0, "seed of trial 0", least=0)
-    parser.add_argument(
-        "--video-dir",
-        type=Path,
-        metavar="DIR",
-        help="folder for videos of a success and of each cause of failure, as MP4 and as WebP",
-    )
+    text = "folder for videos of a success and of each cause of failure, as MP4 and as WebP"
+    add_folder(parser, "--video-dir", text)
     add_page(parser)
 
 
@@ -89,8 +87,6 @@ def entrants(task: str, words: Sequence[str] | None) -> dict[str, str]:
     :return: policies by label.
     :raises UsageError: for two policies with the same label.
     """
-    from saver_advisors.pretrained import shipped_policies
-
     if words is None:
         student = STUDENTS[task]
         return {
@@ -171,8 +167,6 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 def _weights(policies: Sequence[str]) -> list[dict[str, Any]]:
     """List the weight files of policies with what their cards say about their training."""
-    from saver_advisors.pretrained import load_policy, shipped_policies
-
     names = [one.removeprefix(f"{SIDE_BY_SIDE}:") for one in dict.fromkeys(policies)]
     files = [one for one in names if one in shipped_policies() or Path(one).is_file()]
     cards = {Path(one).stem: load_policy(one).card for one in files}
@@ -209,30 +203,17 @@ HEADLINE: Final = "all"
 SUCCESS: Final = "{successes}/{trials}"
 INTERVAL: Final = "{ci95[0]:.2f} to {ci95[1]:.2f}"
 
-INTRODUCTION: Final = """\
-Generated from the JSON file of `python -m reproduction transfer`. In the dissertation's Table 5.4,
-policies that were trained on two simulated Jacos run on two real MICOs. Here they run, unchanged,
-on two simulated MICOs, which have four joints, two fingers and a shorter reach, with other objects
-and with sensor noise.
-"""
-
-HAND: Final = """\
-A policy observes finger angles, and was trained with those of the Jaco. The MICO's readings are
-translated into the Jaco's angles, from open to closed, as any use of a policy with another hand
-requires; the rows *raw* show the result without translation. Success is computed from the true
-positions of the cubes, without noise.
-"""
-
-WEIGHTS: Final = """\
-The weight files of these policies; their cards name the same commits of training.
-"""
-
-CAUSE_WORDS: Final = """\
-A failed trial has one cause, the first event that went wrong; `reproduction.transfer.failures`
-defines the causes. *Touched* counts trials, including successful ones, with any contact between
-arms, or of an arm with the table or with the cube of another arm; as a cause of failure, contact
-has to last for 0.12 s.
-"""
+WEIGHT_COLUMNS: Final = {
+    "weights": "`{name}`",
+    "environment": "{env}",
+    "steps": "{steps:,}",
+    "commit": "`{commit}`",
+}
+SENSOR_COLUMNS: Final = {
+    "reading": "{part}",
+    "each step": "{deviation:g}",
+    "each episode": "{offset:g}",
+}
 
 
 def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
@@ -242,19 +223,21 @@ def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
     :param clips: folder of the videos relative to the page; no videos if None.
     :return: Markdown.
     """
-    parts = ["# Transfer", INTRODUCTION, "## Comparison with Table 5.4", _headline(figures)]
-    parts += [HAND, CAUSE_WORDS]
-    if figures["weights"]:
-        parts += ["## Weights", WEIGHTS, _weight_table(figures)]
-    for task, title in TITLES.items():
-        rows = [one for one in figures["outcomes"] if one["task"] == task]
-        if rows:
-            parts += [f"## {title}, one difference at a time", _condition_list(task, figures)]
-            parts.append(_table(task, rows))
-    if clips is not None and figures.get("videos"):
-        parts += ["## Videos", _videos(figures["videos"], clips)]
-    parts += ["## Sensors", _sensors(figures), _origin(figures)]
-    return join_parts(parts)
+    every = [one for several in figures["conditions"].values() for one in several]
+    content = {
+        "videos": [],
+        # Names that policies have been given since; the command is as it was typed.
+        "renamed": {},
+        **figures,
+        "clips": clips,
+        "titles": TITLES,
+        "words": WORDS,
+        "headline": _headline(figures["outcomes"]),
+        "tables": {task: _table(task, figures["outcomes"]) for task in TITLES},
+        "noisy": any("sensor_noise" in one["randomization"] for one in every),
+        "origin": measured_at(figures),
+    }
+    return page("transfer", of_weights=WEIGHT_COLUMNS, of_sensors=SENSOR_COLUMNS, **content)
 
 
 def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
@@ -262,104 +245,50 @@ def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:
 
     :return: its rows by task and policy.
     """
-    content = json.loads(PAPER.read_text(encoding="utf-8"))
+    content = read_json(PAPER)
     return {
         (one["task"], one["policy"]): {**one, "trials": content["trials"]}
         for one in content["rows"]
     }
 
 
-def _headline(figures: Mapping[str, Any]) -> str:
+def _headline(outcomes: Sequence[Mapping[str, Any]]) -> str:
     """Render the condition with all differences next to the paper's rows."""
-    paper = paper_rows()
     columns = ["task", "policy", "success here", "95% interval", "failures here"]
     columns += ["paper, on real arms", "failures there"]
+    ours = {(one["task"], one["label"]): one for one in outcomes if one["condition"] == HEADLINE}
+    paper = paper_rows()
     rows = []
-    for task in TITLES:
-        ours = {
-            one["label"]: one
-            for one in figures["outcomes"]
-            if (one["task"], one["condition"]) == (task, HEADLINE)
-        }
-        for label in dict.fromkeys([*ours, *(policy for name, policy in paper if name == task)]):
-            cells = _ours(ours.get(label))
-            rows.append([TITLES[task], label, *cells, *_theirs(paper.get((task, label)))])
+    for key in sorted({**ours, **paper}, key=lambda key: list(TITLES).index(key[0])):
+        cells = ["-", "-", "not tried", "-", "-"]
+        if one := ours.get(key):
+            cells[:3] = [SUCCESS.format_map(one), INTERVAL.format_map(one), _failures(one)]
+        if one := paper.get(key):
+            cells[3:] = [SUCCESS.format_map(one), _failures(one)]
+        rows.append([TITLES[key[0]], key[1], *cells])
     return markdown(columns, rows)
 
 
-def _ours(one: Mapping[str, Any] | None) -> list[str]:
-    if one is None:
-        return ["-", "-", "not tried"]
-    return [SUCCESS.format_map(one), INTERVAL.format_map(one), _failures(one)]
-
-
-def _theirs(one: Mapping[str, Any] | None) -> list[str]:
-    if one is None:
-        return ["-", "-"]
-    told = _failures(one) if one["causes"] else one["words"]
-    return [SUCCESS.format_map(one), told]
-
-
 def _failures(one: Mapping[str, Any]) -> str:
+    """Count the failures by cause; the paper does not do so for all of its rows."""
     ordered = sorted(one["causes"].items(), key=lambda item: -item[1])
-    return ", ".join(f"{count} {WORDS[cause]}" for cause, count in ordered) or "none"
+    told = ", ".join(f"{count} {WORDS[cause]}" for cause, count in ordered)
+    return told or one.get("words", "none")
 
 
-def _weight_table(figures: Mapping[str, Any]) -> str:
-    columns = {"weights": "`{name}`", "environment": "{env}", "steps": "{steps:,}"}
-    return rows_table(figures["weights"], {**columns, "commit": "`{commit}`"})
-
-
-def _condition_list(task: str, figures: Mapping[str, Any]) -> str:
-    lines = [f"- *{one['name']}*: {one['words']}" for one in figures["conditions"][task]]
-    return "\n".join(lines) + "\n"
-
-
-def _table(task: str, rows: Sequence[Mapping[str, Any]]) -> str:
+def _table(task: str, outcomes: Sequence[Mapping[str, Any]]) -> str:
+    """Render all conditions of a task; empty if it was not tried."""
     columns: dict[str, Column] = {
         "condition": "{condition}",
         "policy": "{label}",
         "success": SUCCESS,
         "95% interval": INTERVAL,
     }
-    rows = [{**row, "causes": Counter(row["causes"])} for row in rows]  # 0 for other causes
+    # 0 for other causes
+    rows = [{**one, "causes": Counter(one["causes"])} for one in outcomes if one["task"] == task]
     for cause in CAUSES[task]:
         if any(row["causes"][cause] for row in rows):
             columns[WORDS[cause]] = f"{{causes[{cause}]}}"
     columns["touched"] = "{touched}"
     columns["final distance (cm)"] = lambda row: f"{100 * row['final_distance_mean']:.1f}"
-    return rows_table(rows, columns)
-
-
-def _videos(videos: Sequence[Mapping[str, Any]], clips: str) -> str:
-    parts = []
-    for one in videos:
-        words = WORDS.get(one["kind"], one["kind"])
-        told = f"{TITLES[one['task']]}, {words}"
-        parts.append(
-            f"![{told}]({clips}/{one['file']}.webp)\n\n*{told}*: {one['label']}, condition "
-            f"*{one['condition']}*, seed {one['seed']} ([MP4]({clips}/{one['file']}.mp4))\n"
-        )
-    return "\n".join(parts)
-
-
-def _sensors(figures: Mapping[str, Any]) -> str:
-    every = [one for several in figures["conditions"].values() for one in several]
-    if not any("sensor_noise" in one["randomization"] for one in every):
-        return "Sensors were exact.\n"
-    columns = {"reading": "{part}", "each step": "{deviation:g}", "each episode": "{offset:g}"}
-    text = "Standard deviations of the errors, SI units, see `saver_envs.sensor_errors`.\n\n"
-    return text + rows_table(figures["sensors"], columns)
-
-
-def _origin(figures: Mapping[str, Any]) -> str:
-    # Names that policies have been given since are in the file; the command is as it was typed.
-    renamed = "".join(
-        f"The policy `{old}` of this command is now `{new}`. "
-        for old, new in figures.get("renamed", {}).items()
-    )
-    return (
-        f"Trials start from seeds {figures['seed']} and up, the same for every policy. "
-        f"{measured_at(figures)} {renamed}Contact is chaotic: single trials differ between "
-        "machines, but rates stay within their intervals."
-    )
+    return rows_table(rows, columns) if rows else ""

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
 from functools import cache
-from multiprocessing import get_context
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
+from reproduction.command_parts import Share
+from reproduction.wrist_push.faults import FAULTS
+from reproduction.wrist_push.injections import ALLOWED, inject
 from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.integration.assembly import ControlLoop, LoopSettings, build_loop
+from saver_advisors.integration.messages import Message, Person
+from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED, run_trial
+from saver_advisors.integration.wrist_bench import WristBench
 from saver_advisors.training.threads import one_thread_of_algebra
-
-if TYPE_CHECKING:
-    from saver_advisors.integration.assembly import ControlLoop
+from saver_envs.tasks.wrist_push import WristPush
 
 #: Trials of a job.
 _CHUNK: Final = 5
@@ -23,34 +26,12 @@ _CHUNK: Final = 5
 _KEPT: Final = 400
 
 Job = tuple[Mapping[str, Any], Sequence[int], str | None]
-Share = Callable[[str, Sequence[Job]], list[dict[str, Any]]]
-
-
-@contextmanager
-def shares(processes: int) -> Iterator[Share]:
-    """Provide a function that runs jobs, in this process or in several.
-
-    :param processes: number of processes.
-    :return: a context manager; the function takes a title and the jobs.
-    """
-    from tqdm import tqdm
-
-    # Spawn, since graphics contexts and threads do not survive a fork.
-    with get_context("spawn").Pool(processes) if processes > 1 else nullcontext() as pool:
-        each: Callable[..., Iterable[dict[str, Any]]] = map if pool is None else pool.imap
-
-        def share(title: str, jobs: Sequence[Job]) -> list[dict[str, Any]]:
-            results = each(work, jobs)
-            return list(tqdm(results, title, total=len(jobs), unit="job", dynamic_ncols=True))
-
-        yield share
+"""The loop's settings, the seeds, and the name of the fault to inject or None."""
 
 
 @cache
 def _own_bench() -> Any:
     """Compile this process's bench once."""
-    from saver_advisors.integration.wrist_bench import WristBench
-
     return WristBench()
 
 
@@ -58,12 +39,9 @@ def _own_bench() -> Any:
 def work(job: Job) -> dict[str, Any]:
     """Play trials, or inject a fault into them.
 
-    :param job: the loop's settings, the seeds, and the name of the fault or None.
+    :param job: see `Job`.
     :return: JSON-able outcomes, and the durations of stages.
     """
-    from reproduction.wrist_push.injections import inject
-    from saver_advisors.integration.assembly import LoopSettings, build_loop
-
     mapping, seeds, fault = job
     settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
     if fault is None:
@@ -72,9 +50,6 @@ def work(job: Job) -> dict[str, Any]:
 
 
 def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
-    from saver_advisors.integration.messages import Message, Person
-    from saver_advisors.integration.trial import run_trial
-
     ages: list[float] = []
 
     def look(topic: str, message: Message, now: float) -> None:
@@ -106,21 +81,16 @@ def _thinned(values: Sequence[float]) -> list[float]:
 def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, Any]:
     """Play the trials of a row.
 
-    :param share: runs jobs, see :func:`shares`.
+    :param share: runs jobs, see :func:`~reproduction.command_parts.shares`.
     :param settings: settings of the loop.
     :param trials: number of trials.
     :param seed: seed of the first trial.
     :return: JSON-able figures; of each stage its rate in simulated time, and a call's wall clock.
     """
-    from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED
-    from saver_envs.tasks.wrist_push import WristPush
-
     seeds = range(seed, seed + trials)
-    name = f"{'network' if settings.seeing else 'true state'}, "
-    name += "learned kinematics" if settings.learned_kinematics else "exact kinematics"
     chunks = [seeds[first : first + _CHUNK] for first in range(0, trials, _CHUNK)]
     began = time.perf_counter()
-    results = share(name, [(settings.to_mapping(), chunk, None) for chunk in chunks])
+    results = share("trials", work, [(settings.to_mapping(), chunk, None) for chunk in chunks])
     elapsed = time.perf_counter() - began
     played = [one for result in results for one in result["trials"]]
     simulated = sum(one["seconds"] for one in played)
@@ -164,18 +134,15 @@ def fault_row(
 ) -> dict[str, Any]:
     """Inject a fault into trials, and summarise them.
 
-    :param share: runs jobs, see :func:`shares`.
+    :param share: runs jobs, see :func:`~reproduction.command_parts.shares`.
     :param settings: settings of the loop.
     :param fault: name of the fault.
     :param injections: number of trials, with one injection each.
     :param seed: seed of the first trial.
     :return: JSON-able figures.
     """
-    from reproduction.wrist_push.faults import FAULTS
-    from reproduction.wrist_push.injections import ALLOWED
-
     jobs = [(settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)]
-    found = [one for result in share(fault, jobs) for one in result["injections"]]
+    found = [one for result in share(fault, work, jobs) for one in result["injections"]]
 
     def times(key: str) -> list[float]:
         return [1000 * one[key] for one in found if one[key] is not None]

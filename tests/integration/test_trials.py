@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reproduction.command_parts import shares
 from reproduction.program import main as reproduce
-from reproduction.wrist_push.loop_trials import fault_row, play_row, shares
+from reproduction.wrist_push.loop_trials import fault_row, play_row
 from reproduction.wrist_push.wrist_push_command import render
 from saver_advisors.cli import main
 from saver_advisors.integration.assembly import LoopSettings, settings_for

@@ -9,8 +9,12 @@ from pathlib import Path
 import pytest
 from run_files import EVERY, curve, write_run
 
-from reproduction.advising.advising_command import evaluate_findings, figures, tables
-from reproduction.advising.advising_page import strategies
+from reproduction.advising.advising_command import (
+    evaluate_findings,
+    figures,
+    strategies,
+    tables,
+)
 from reproduction.advising.paper import PaperFigures, table_5_2
 from reproduction.findings import (
     Finding,

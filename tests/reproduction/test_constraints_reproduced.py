@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from run_files import curve, run_content, write_run
 
-from reproduction.constraints.constraints_command import TASK, table
-from reproduction.constraints.constraints_page import evaluated
+from reproduction.constraints.constraints_command import TASK, evaluated, table
 from reproduction.program import main as reproduce
 from saver_advisors.experiments.training_runs import read_training_runs
 
@@ -47,7 +46,7 @@ def write(folder: Path, row: str, best: float, seed: int = 0, **changes: Any) ->
 def verdicts(folder: Path) -> dict[str, str]:
     """Each finding's verdict, by the first words of its text."""
     found = evaluated(table(read_training_runs([folder])))
-    return {one.text.split(" ")[0]: one.verdict for one in found}
+    return {one["text"].split(" ")[0]: one["verdict"] for one in found}
 
 
 def test_the_papers_own_figures_give_the_papers_findings(tmp_path: Path) -> None:

@@ -137,6 +137,6 @@ def test_the_page_shows_the_file():
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("name", safe_command.NAMES)
 def test_each_meets_the_limit_near_the_optimum(name, seed):
-    row = safe_command.one_run(name, seed, safe_command.STEPS[name])
+    row = safe_command.one_run((name, seed, safe_command.STEPS[name]))
     assert row["cost"] <= COST_LIMIT
     assert 1 - safe_command.WITHIN <= row["share_of_optimum"] <= 1.0 + 1e-6
