@@ -17,6 +17,7 @@ from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
 from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.regions import Regions
+from saver_envs.validation import require
 
 FloatArray = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ class TableStart(Start):
 
 @dataclass(frozen=True)
 class StartRules:
-    """What differs between tasks.
+    """What differs between tasks; fields that are named like a task's options have their values.
 
     :param object_size: edge of the cubes, metres.
     :param hand_height: lowest and highest start of a hand above the table, metres.
@@ -106,6 +107,10 @@ class StartRules:
     contested_share: float = 0.0
     in_hand_probability: float = 0.0
     table_height: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("contested_share", "in_hand_probability"):
+            require(name, getattr(self, name), 0 <= getattr(self, name) <= 1, "0 to 1")
 
 
 class StartSampler:

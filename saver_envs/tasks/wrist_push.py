@@ -42,7 +42,6 @@ from saver_envs.tasks.wrist_starts import (
     STIFFNESS,
     WRIST_TO_TARGET,
     YAW,
-    PersonOptions,
     WristStart,
     WristStartSampler,
 )
@@ -167,16 +166,9 @@ class WristPush(ArmAndObjectTask):
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> WristStart:
         """Draw a person, targets beside the hips, and hands beside the wrists."""
-        person = PersonOptions(
-            body=self.person_body,
-            friction=self.person_friction,
-            stiffness=self.person_stiffness,
-            yaw=self.person_yaw,
-            x=self.person_x,
-            y=self.person_y,
-            mass=self.person_mass,
-        )
-        return _sampler(scene, self.overlap, person).sample(generator)
+        names = [one.name for one in PERSON_PARAMETERS]
+        known = {name.removeprefix("person_"): getattr(self, name) for name in names}
+        return _sampler(scene, self.overlap).sample(generator, known)
 
     def place(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[WristStart]
@@ -258,9 +250,9 @@ class WristPush(ArmAndObjectTask):
 
 
 @lru_cache(maxsize=8)
-def _sampler(scene: Scene, overlap: float, person: PersonOptions) -> WristStartSampler:
+def _sampler(scene: Scene, overlap: float) -> WristStartSampler:
     reachability = reachability_map(scene.robot)
-    return WristStartSampler(scene, regions(scene.arms, overlap), reachability, person)
+    return WristStartSampler(scene, regions(scene.arms, overlap), reachability)
 
 
 def _start_text() -> list[str]:
