@@ -178,7 +178,7 @@ def _approach(
         columns = _jacobian(frame[:, 3], axes, anchors, arm)
         _step(joints, arm, damping, columns, error)
     near = (np.abs(error[:3]) <= POSITION_ENOUGH).all()  # False for NaN
-    return near and (np.abs(error[3:]) <= ORIENTATION_ENOUGH).all()
+    return bool(near and (np.abs(error[3:]) <= ORIENTATION_ENOUGH).all())
 
 
 @compiled

@@ -174,7 +174,7 @@ def parse_distribution(name: str, value: Any) -> Distribution:
                 values = [
                     one if _is_number(one) else parse_distribution(name, one) for one in content
                 ]
-                return Choice(tuple(values))
+                return Choice(tuple(values))  # type: ignore[arg-type]
     except ValueError as error:
         raise ValueError(f"randomization: {name}: {error}") from error
     raise ValueError(f"randomization: {name}={value!r}: must be {VALID}")

@@ -40,49 +40,17 @@ STIFFNESS = (3000.0,) * 3 + (500.0,) * 3
 #: One input drives the hand: fingers 2 and 3 together press as much as finger 1, which faces them.
 FINGER_SHARES = (1.0, 0.5, 0.5)
 
-_MESHES = (
-    "base",
-    "shoulder",
-    "arm",
-    "forearm",
-    "wrist",
-    "hand_3finger_main",
-    "hand_3finger_insert",
-    "finger_proximal",
-    "finger_distal",
-)
-
-#: Serial chain: body, position (m), quaternion, mesh, mass (kg), radius and half-height of the ring
-#: at its joint (m).
+#: Serial chain: body, position (m), quaternion, mesh, mass (kg).
 _LINKS = (
-    ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205, (0.044, 0.011)),
-    (
-        "link_2",
-        (0, 0.0016, -0.11875),
-        (0, 0, -0.707107, 0.707107),
-        "arm",
-        1.16915,
-        (0.044, 0.011),
-    ),
-    ("link_3", (0, -0.41, 0), (0, 0, 1, 0), "forearm", 0.673443, (0.044, 0.011)),
-    (
-        "link_4",
-        (0, 0.2073, -0.0114),
-        (0, 0, -0.707107, 0.707107),
-        "wrist",
-        0.221432,
-        (0.035, 0.009),
-    ),
-    (
-        "link_5",
-        (0, -0.03703, -0.06414),
-        (0, 0, 0.5, 0.866025),
-        "wrist",
-        0.221432,
-        (0.035, 0.009),
-    ),
-    ("link_6", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), None, 0.0, (0.035, 0.009)),
+    ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205),
+    ("link_2", (0, 0.0016, -0.11875), (0, 0, -0.707107, 0.707107), "arm", 1.16915),
+    ("link_3", (0, -0.41, 0), (0, 0, 1, 0), "forearm", 0.673443),
+    ("link_4", (0, 0.2073, -0.0114), (0, 0, -0.707107, 0.707107), "wrist", 0.221432),
+    ("link_5", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), "wrist", 0.221432),
+    ("link_6", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), None, 0.0),
 )
+#: Radius and half-height of the rings at the joints (m), as large as their actuators.
+_RINGS = ((0.044, 0.011),) * 3 + ((0.035, 0.009),) * 3
 _BASE_MASS, _HAND_MASS = 0.718306, 0.54719  # kg
 _PROXIMAL_MASS, _DISTAL_MASS = 0.0255204, 0.0132655  # kg
 
@@ -112,7 +80,8 @@ _HAND_QUATERNION = (1.0, 0.0, 0.0, 0.0)
 @cache
 def _mesh_bytes() -> dict[str, bytes]:
     folder = resources.files("saver_envs.robots") / "assets" / "jaco"
-    return {f"{name}.stl": (folder / f"{name}.stl").read_bytes() for name in _MESHES}
+    files = sorted(folder.iterdir(), key=lambda file: file.name)
+    return {file.name: file.read_bytes() for file in files if file.name.endswith(".stl")}
 
 
 def _add_mesh_geom(
@@ -131,12 +100,12 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base, six links and the hand's body; return the hand."""
     body = spec.worldbody.add_body(name="base")
     _add_mesh_geom(body, "base", _BASE_MASS)
-    for index, (name, position, quaternion, mesh, mass, ring) in enumerate(_LINKS):
+    for index, (name, position, quaternion, mesh, mass) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
         add_hinge(body, JACO, index, ARMATURE[index])
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
-        add_ring(body, *ring)
+        add_ring(body, *_RINGS[index])
     hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
     _add_mesh_geom(hand, "hand_3finger_insert", 0.0, LIGHT)
@@ -182,8 +151,8 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     spec.modelname = "jaco"
     spec.compiler.degree = False
     spec.assets = _mesh_bytes()
-    for name in _MESHES:
-        spec.add_mesh(name=f"jaco_{name}", file=f"{name}.stl")
+    for file in _mesh_bytes():
+        spec.add_mesh(name=f"jaco_{file.removesuffix('.stl')}", file=file)
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
