@@ -22,8 +22,7 @@ from saver_envs.tasks.contract import Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.cubes import OBJECT_OPTIONS, OBJECT_PARAMETERS, Cubes
 from saver_envs.tasks.grasping import settled_grasp
 from saver_envs.tasks.regions import OVERLAP, Regions, regions
-from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart
-from saver_envs.tasks.table_page import table_page
+from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart, start_text
 from saver_envs.validation import require
 
 #: Cubes whose edges differ by less (m) are held alike.
@@ -187,7 +186,26 @@ class TableTask(ArmAndObjectTask):
         rules = self.start_rules()
         if not _sampler(self, scene).contestable:
             rules = replace(rules, contested_share=0.0)
-        return table_page(self, self.cubes, rules, self.regions(scene.arms))
+        subject = "the cube is" if self.n_arms == 1 else "every cube is"
+        where = " on the table" if self.held_height is not None else ", on the table or in the air"
+        within = f"within {100 * self.success_threshold:g} cm of its target"
+        cubes = self.cubes
+        facts = f"{100 * cubes.size:g} cm, {cubes.mass:g} kg, friction {cubes.friction:g}"
+        return TaskPage(
+            thing="cube",
+            succeeds=f"{subject} {within}{where}",
+            start=start_text(self.n_arms, rules, self.regions(scene.arms)),
+            reward="0 where every cube is within the threshold of its target, else -1.",
+            dense="minus the sum of the cubes' distances to their targets, in metres.",
+            costs={
+                "collision": (
+                    "1 on a step with contact between arms, or of an arm with the table or with "
+                    "another arm's cube"
+                )
+            },
+            goal={"object position": "centre of the cube (achieved), its target (desired)"},
+            facts=(("cubes", facts),),
+        )
 
 
 @lru_cache(maxsize=64)

@@ -244,3 +244,25 @@ def _robot_clear(arm: PersonArm, drawn: _Proposals, base: FloatArray) -> NDArray
         distance = distance_to_segment(point[:, :2], start[:, :2], end[:, :2])
         valid &= distance >= radius + own + CLEARANCE
     return valid
+
+
+def start_text() -> list[str]:
+    """Return what the sampler guarantees, a sentence each."""
+    x, y = (f"{100 * one:g} cm" for one in HIPS_SPREAD)
+    inwards, outwards = np.degrees(MOST_BENT), np.degrees(MOST_BENT_OUTWARDS)
+    return [
+        f"The person lies on the back, the head towards -x, turned by up to {YAW:g} rad; the middle"
+        f" between the hip joints at (0.35 +- {x}, +- {y}).",
+        f"A wrist's target is {100 * STANDOFF:g} cm beside its hip joint, at the height of a wrist "
+        "that lies on the stretcher.",
+        f"A wrist {100 * WRIST_TO_TARGET[0]:g} to {100 * WRIST_TO_TARGET[1]:g} cm from its target, "
+        "on the outer side, within reach of its arm and in the camera's picture.",
+        f"Elbows bent by up to {outwards:.0f} degrees where they point outwards and "
+        f"{inwards:.0f} where they point inwards, and no forearm so near the trunk that the swing "
+        "to the target would squeeze it.",
+        f"A hand {100 * HAND_TO_OBJECT[0]:g} to {100 * HAND_TO_OBJECT[1]:g} cm from its wrist, on "
+        "the outer side, closed, with room behind the wrist.",
+        f"Friction of the person's arms {FRICTION[0]:g} to {FRICTION[1]:g}; friction and damping "
+        f"in their joints times {STIFFNESS[0]:g} to {STIFFNESS[1]:g}.",
+        "Nothing touches but the person's arms the stretcher.",
+    ]
