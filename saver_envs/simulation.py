@@ -188,14 +188,10 @@ class Simulation:
                 self.peaks[rows] = np.maximum(self.peaks[rows], self.sensors[rows])
         diverged = self._diverged(failed)
         force[diverged] = 0.0
-        if ids is not None:
-            stepped = np.zeros(self.n, dtype=bool)
-            stepped[ids] = True
-            collided &= stepped
-            diverged &= stepped
-            force *= stepped
-        self.collided, self.collision_force = collided, force
-        return diverged
+        stepped = np.zeros(self.n, dtype=bool)
+        stepped[rows] = True
+        self.collided, self.collision_force = collided & stepped, force * stepped
+        return diverged & stepped
 
     def _greatest_collision_force(self) -> NDArray[np.float64]:
         """Return the greatest force of contacts that ``cost_collision`` counts, (n,), N."""

@@ -16,18 +16,9 @@ from importlib import resources
 import mujoco
 import numpy as np
 
+from saver_envs.robots import kinova
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos
-from saver_envs.robots.kinova import (
-    DARK,
-    LIGHT,
-    TOOL_SITE,
-    add_capsule,
-    add_finger_hinge,
-    add_finger_servos,
-    add_hinge,
-    add_ring,
-)
 
 HAND_BODY = "hand"
 
@@ -85,7 +76,7 @@ def _mesh_bytes() -> dict[str, bytes]:
 
 
 def _add_mesh_geom(
-    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = DARK
+    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = kinova.DARK
 ) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -102,14 +93,14 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     _add_mesh_geom(body, "base", _BASE_MASS)
     for index, (name, position, quaternion, mesh, mass) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        add_hinge(body, JACO, index, ARMATURE[index])
+        kinova.add_hinge(body, JACO, index, ARMATURE[index])
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
-        add_ring(body, *_RINGS[index])
+        kinova.add_ring(body, *_RINGS[index])
     hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
-    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, LIGHT)
-    hand.add_site(name=TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
+    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, kinova.LIGHT)
+    hand.add_site(name=kinova.TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
     return hand
 
 
@@ -121,16 +112,18 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
             name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
         )
         if fingers is Fingers.ACTUATED:
-            add_finger_hinge(proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER)
-        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, LIGHT)
+            kinova.add_finger_hinge(
+                proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER
+            )
+        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, kinova.LIGHT)
         name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
-        add_capsule(proximal, name, start, end, 0.010, pad=True)
+        kinova.add_capsule(proximal, name, start, end, 0.010, pad=True)
         distal = proximal.add_body(
             name=f"finger_distal_{index}", pos=(0.044, -0.003, 0), gravcomp=1
         )
-        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, LIGHT)
+        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, kinova.LIGHT)
         name, start, end = f"distal_{index}", (0, -0.004, 0), (0.036, -0.005, 0)
-        add_capsule(distal, name, start, end, 0.008, pad=True)
+        kinova.add_capsule(distal, name, start, end, 0.008, pad=True)
 
 
 def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
@@ -156,10 +149,10 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        add_capsule(spec.body(body), name, start, end, radius)
+        kinova.add_capsule(spec.body(body), name, start, end, radius)
     add_arm_servos(spec, JACO, STIFFNESS)
     if fingers is Fingers.ACTUATED:
-        add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
+        kinova.add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
     return spec
 
 
@@ -167,7 +160,7 @@ JACO = Robot(
     name="jaco",
     build=build,
     base_body="base",
-    tool_site=TOOL_SITE,
+    tool_site=kinova.TOOL_SITE,
     arm_joints=tuple(f"joint_{index}" for index in range(1, 7)),
     finger_joints=tuple(f"finger_{index}" for index in range(1, 4)),
     # The elbow up, the tool near x = 0.45 m.

@@ -146,7 +146,7 @@ class WristStartSampler:
             self._to_base(points, hips, yaw, index)
             for points in (drawn.wrist, drawn.hand, drawn.behind)
         )
-        base = self._from_base(np.zeros(3), hips, yaw, index)
+        base = turned(self._base[[index], :2] - hips, -yaw)
         valid = (wrist[:, 0] >= WRIST_LEAST_X) & _person_at_ease(arm, drawn)
         valid &= _robot_clear(arm, drawn, base)
         valid &= np.hypot(wrist[:, 0], wrist[:, 1]) <= self._regions.reach
@@ -167,12 +167,6 @@ class WristStartSampler:
         moved = points.copy()
         moved[:, :2] = turned(points[:, :2], yaw) + hips
         return moved - self._base[arm]
-
-    def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
-        """Transform a point (3,) from the base frame of ``arm`` to the manikin's frame."""
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        x, y = (point + self._base[arm])[:2] - hips
-        return np.array([cosine * x + sine * y, cosine * y - sine * x, point[2]])
 
     def _hand_can_be_at(self, points: FloatArray, arm: int) -> NDArray[np.bool_]:
         every = np.repeat(points[:, None], len(self._base), axis=1)
@@ -230,14 +224,14 @@ def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:
 
 
 def _robot_clear(arm: PersonArm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
-    """Return which proposals (k,) keep the arm clear of the robot's base (3,) and of its hand."""
+    """Return which proposals (k,) keep the arm clear of the robot's base (1, 2) and its hand."""
     elbow, wrist, fingers = drawn.elbow, drawn.wrist, drawn.fingers
     shoulder = np.broadcast_to(arm.shoulder, wrist.shape)
     upper, fore, palm = arm.radius
     valid = np.ones(len(wrist), dtype=bool)
     for point, own, start, end, radius in (
-        (base[None], BASE_RADIUS, shoulder, elbow, upper),
-        (base[None], BASE_RADIUS, elbow, wrist, fore),
+        (base, BASE_RADIUS, shoulder, elbow, upper),
+        (base, BASE_RADIUS, elbow, wrist, fore),
         (drawn.hand, HAND_RADIUS, elbow, wrist, fore),
         (drawn.hand, HAND_RADIUS, wrist, fingers, palm),
     ):
