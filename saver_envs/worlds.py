@@ -146,10 +146,6 @@ class Worlds:
             if name in self._lines:
                 self._lines[name][rows] = values[:, None]
 
-    def arriving(self, actions: Array, rows: Rows) -> Array:
-        """Return the actions (n, size) that take effect when those of ``rows`` are sent."""
-        return self._through("action_delay", actions, rows)
-
     def measured(self, observation: Array, rows: Rows) -> Array:
         """Return observations (n, size) of which those of ``rows`` are what the sensors measure."""
         if self._errors is None:
@@ -162,11 +158,13 @@ class Worlds:
         measured[rows] = self._errors.disturb(observation[rows], rows, factor)
         return measured
 
-    def arrived(self, observation: Array, rows: Rows) -> Array:
-        """Return the measurements (n, size) that arrive when those of ``rows`` are made."""
-        return self._through("observation_delay", observation, rows)
+    def delayed(self, name: str, values: Array, rows: Rows) -> Array:
+        """Return the values (n, size) that arrive when those of ``rows`` are sent.
 
-    def _through(self, name: str, values: Array, rows: Rows) -> Array:
+        :param name: ``action_delay`` or ``observation_delay``.
+        :param values: (n, size).
+        :param rows: (k,) which episodes are stepped.
+        """
         if name not in self._lines:
             return values
         line, result = self._lines[name], values.copy()

@@ -17,18 +17,8 @@ from saver_envs.people.surface import Appearance, BodyShape
 
 #: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
 _PER_SPLIT: Final = {"test": 8, "validation": 4, "train": 4}
-#: Seed of these bodies, which are part of the environments' version.
-_SEED: Final = 8
-
-
-def _bodies() -> tuple[Appearance, ...]:
-    random = np.random.default_rng(_SEED)
-    return tuple(
-        random_appearance(random, split)
-        for split, count in _PER_SPLIT.items()
-        for _ in range(count)
-    )
-
+#: Source of these bodies; its seed is part of the environments' version.
+_RANDOM: Final = np.random.default_rng(8)
 
 #: Gap under a resting arm (m), so that it starts without contact.
 _AIR: Final = 0.0005
@@ -37,7 +27,9 @@ _AIR: Final = 0.0005
 _POINTS: Final = 5
 
 #: Who may lie on the bench: women and men of 1.5 to 1.95 m, slim to heavy.
-BODIES: Final = _bodies()
+BODIES: Final = tuple(
+    random_appearance(_RANDOM, split) for split, count in _PER_SPLIT.items() for _ in range(count)
+)
 
 
 class PersonArm:

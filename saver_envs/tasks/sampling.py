@@ -155,7 +155,9 @@ class StartSampler:
         :raises NoStart: when no candidate of many blocks satisfies the rules: the regions or
             the object size leave no room.
         """
-        contest = self._draw_contest(generator)
+        contest = None  # or the right one of two neighbours whose ways cross
+        if self.contestable and generator.random() < self._rules.contested_share:
+            contest = int(generator.integers(self._n_arms - 1))
         joint = _JOINT_BLOCKS.get(self._n_arms, 0)
         for attempt in range(_MOST_BLOCKS):
             if attempt == _MOST_CONTESTED_BLOCKS[self._n_arms > 2]:
@@ -178,12 +180,6 @@ class StartSampler:
             f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
             f"objects of {self._rules.object_size} m leave no room in the regions"
         )
-
-    def _draw_contest(self, generator: np.random.Generator) -> int | None:
-        """Draw whether the start is contested: the right one of two neighbours, or ``None``."""
-        if not self.contestable or generator.random() >= self._rules.contested_share:
-            return None
-        return int(generator.integers(self._n_arms - 1))
 
     def _draw_ways(self, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw a block of objects and targets, (block, arms, 3) each."""
