@@ -293,8 +293,7 @@ class Simulation:
         """Return ``kind(self)`` from the first call on, such as addresses that a task needs."""
         if kind not in self._kept:
             self._kept[kind] = kind(self)
-        kept: Kept = self._kept[kind]
-        return kept
+        return self._kept[kind]
 
     def get_state(self) -> NDArray[np.float64]:
         """Return a copy of everything that the simulations' future depends on.

@@ -136,8 +136,7 @@ class SaverVecEnv(GoalReward, BatchVecEnv):
         """Return a picture (480, 640, 3) of episode ``index``."""
         if camera not in self._pictures:
             self._pictures[camera] = Pictures(self.episodes, "rgb_array", camera=camera)
-        picture: NDArray[np.uint8] = self._pictures[camera].draw(index)
-        return picture
+        return self._pictures[camera].draw(index)
 
     def close(self) -> None:
         """Free the graphics contexts."""

@@ -133,8 +133,7 @@ class Patient:
         """
         pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
-        moved: NDArray[np.float64] = turned(lever, people.yaw) - lever
-        return moved
+        return turned(lever, people.yaw) - lever
 
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
         """Give the models of simulations ``rows`` the bodies of ``people``."""

@@ -366,8 +366,7 @@ class StartSampler:
             points[:, (target_1, target_2, target_2, target_1)],
         )
         clear = gaps >= CLEARANCE_WIDTHS * self._rules.object_size
-        can: NDArray[np.bool_] = (clear[:, 0] & clear[:, 1]) | (clear[:, 2] & clear[:, 3])
-        return can
+        return (clear[:, 0] & clear[:, 1]) | (clear[:, 2] & clear[:, 3])
 
     def _hands_valid(self, hand: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
         """Return which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
