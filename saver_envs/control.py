@@ -129,12 +129,10 @@ class DampedLeastSquares:
     a turn by a contact.
 
     :param robot: gives the joint limits and whether orientation is held.
-    :param damping: squared damping factor.
     """
 
-    def __init__(self, robot: Robot, damping: float = DAMPING) -> None:
+    def __init__(self, robot: Robot) -> None:
         self._holds_orientation = robot.holds_orientation
-        self._damping = damping
         self._lower = np.asarray(robot.joint_lower)
         self._upper = np.asarray(robot.joint_upper)
         self._home = np.asarray(robot.home)
@@ -142,7 +140,7 @@ class DampedLeastSquares:
     def __call__(self, state: ArmState, target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return joint targets (n, arms, dof); see :class:`InverseKinematics`."""
         error, jacobian = tool_error(state, target, self._holds_orientation)
-        step = least_squares_step(jacobian, error, self._damping)
+        step = least_squares_step(jacobian, error)
         if not self._holds_orientation:
             idle = np.abs(jacobian).max(axis=-2) < IDLE_LEVER
             step = np.where(idle, self._home - state.joint_position, step)

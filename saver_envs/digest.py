@@ -17,10 +17,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.episodes import Settings
 from saver_envs.registration import default_options, task_and_settings
 from saver_envs.scenes import Arms, compose
-from saver_envs.tasks.contract import Task
 
 #: Fields of ``MjModel`` that determine motion and contact.
 MODEL_FIELDS: Final = (
@@ -78,7 +76,11 @@ def world_digest(env_id: str, options: Mapping[str, Any] | None = None) -> str:
     world = {
         "id": env_id.rpartition(":")[2],
         "robot": settings.robot.name,
-        "rules": {name: plain(_rule(name, task, settings)) for name in RULES},
+        "rules": {
+            # The settings' horizon counts, not the task's default.
+            name: plain(getattr(settings if hasattr(settings, name) else task, name))
+            for name in RULES
+        },
         "options": changed_options(env_id, options),
         "models": [model_digest(model) for model in scene.models],
     }
@@ -124,11 +126,6 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value
     return float(value) if isinstance(value, float) else str(value)
-
-
-def _rule(name: str, task: Task, settings: Settings) -> Any:
-    # The settings' horizon counts, not the task's default.
-    return getattr(settings, name) if hasattr(settings, name) else getattr(task, name)
 
 
 def _rounded(array: NDArray[Any]) -> str:

@@ -354,7 +354,7 @@ class Episodes:
         checked = self.checked(actions)
         everything = slice(None) if ids is None else ids
         self.require_begun(everything)
-        arriving = self.worlds.arriving(checked, self._rows(ids))
+        arriving = self.worlds.delayed("action_delay", checked, self._rows(ids))
         blocks = arriving.reshape(self.n, self.task.n_arms, -1)
         self.task.drive(self.simulation, self.memory, everything)
         targets = self.simulation.ctrl.copy()
@@ -442,7 +442,7 @@ class Episodes:
         if begins:
             self.worlds.begin_delays(every, self._resting_actions()[every], observation[every])
         else:
-            observation = self.worlds.arrived(observation, every)
+            observation = self.worlds.delayed("observation_delay", observation, every)
         achieved = task.achieved(simulation, self.memory, seen)
         achieved = self._clipped(achieved, task.goal_layout)
         if rows is None:

@@ -263,8 +263,7 @@ def free_bodies(scene: Scene, names: tuple[str, ...]) -> FreeBodies:
 
 def rotate(rotation: Array, vector: Array) -> Array:
     """Apply (..., 3, 3) rotations to (..., 3) vectors, with a fixed order of summation."""
-    rotated: Array = np.sum(rotation * vector[..., None, :], axis=-1)
-    return rotated
+    return np.sum(rotation * vector[..., None, :], axis=-1)
 
 
 def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:

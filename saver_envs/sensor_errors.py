@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import length
-from saver_envs.simulation import cross
+from saver_envs.simulation import multiply_quaternions
+from saver_envs.tasks.arm_and_object import ORIENTATION
 from saver_envs.tasks.layout import Layout
 
 Array = NDArray[np.float64]
 
-_ORIENTATION = "object orientation, a quaternion with w >= 0"
 _RELATIVE = "object position relative to the gripper"
 
 
@@ -46,7 +46,7 @@ SENSORS = (
     Sensor("finger positions", 0.01),
     Sensor("finger velocities", 0.05),
     Sensor("object position", 0.003, offset=0.005),
-    Sensor(_ORIENTATION, 0.03),
+    Sensor(ORIENTATION, 0.03),
     Sensor("object linear velocity", 0.03),
     Sensor("object angular velocity", 0.3),
 )
@@ -84,7 +84,7 @@ class SensorErrors:
         size = self._deviation.size
         drawn = np.arange(size - 1).reshape(shape)
         source = {one.part: drawn[:, index] for index, one in enumerate(sensors)}
-        self._layout, self._rotation = layout, source.pop(_ORIENTATION, None)
+        self._layout, self._rotation = layout, source.pop(ORIENTATION, None)
         # Entry of the observation -> number that is added, and number that is subtracted.
         self._added, self._subtracted = np.full((2, layout.size), size - 1)
         for name, numbers in source.items():
@@ -134,18 +134,15 @@ class SensorErrors:
         seen: Array = exact + errors.take(self._added, 1)
         seen -= errors.take(self._subtracted, 1)
         if self._rotation is not None:
-            part = self._layout.get(seen, _ORIENTATION)  # a view
+            part = self._layout.get(seen, ORIENTATION)  # a view
             part[...] = _turned(part, errors.take(self._rotation, 1))
         return seen
 
 
 def _turned(quaternion: Array, rotation: Array) -> Array:
     """Turn (..., 4) unit quaternions with w >= 0 by small (..., 3) rotation vectors, radians."""
-    w, xyz = quaternion[..., :1], quaternion[..., 1:]
-    half = rotation / 2
-    turned = np.empty(quaternion.shape)
-    turned[..., :1] = w - (half * xyz).sum(axis=-1, keepdims=True)
-    turned[..., 1:] = xyz + w * half + cross(half, xyz)
+    turn = np.concatenate([np.ones_like(rotation[..., :1]), rotation / 2], axis=-1)
+    turned = multiply_quaternions(turn, quaternion)
     turned /= length(turned)[..., None]
     np.negative(turned, out=turned, where=turned[..., :1] < 0)
     return turned

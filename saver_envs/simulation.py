@@ -188,14 +188,10 @@ class Simulation:
                 self.peaks[rows] = np.maximum(self.peaks[rows], self.sensors[rows])
         diverged = self._diverged(failed)
         force[diverged] = 0.0
-        if ids is not None:
-            stepped = np.zeros(self.n, dtype=bool)
-            stepped[ids] = True
-            collided &= stepped
-            diverged &= stepped
-            force *= stepped
-        self.collided, self.collision_force = collided, force
-        return diverged
+        stepped = np.zeros(self.n, dtype=bool)
+        stepped[rows] = True
+        self.collided, self.collision_force = collided & stepped, force * stepped
+        return diverged & stepped
 
     def _greatest_collision_force(self) -> NDArray[np.float64]:
         """Return the greatest force of contacts that ``cost_collision`` counts, (n,), N."""
@@ -297,8 +293,7 @@ class Simulation:
         """Return ``kind(self)`` from the first call on, such as addresses that a task needs."""
         if kind not in self._kept:
             self._kept[kind] = kind(self)
-        kept: Kept = self._kept[kind]
-        return kept
+        return self._kept[kind]
 
     def get_state(self) -> NDArray[np.float64]:
         """Return a copy of everything that the simulations' future depends on.

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -52,11 +54,8 @@ def read_header(path: str | Path, kind: str) -> Header:
     :return: the entries by name.
     :raises ValueError: if the file is damaged or of another kind; the message names it.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            return _header(path, kind, file.metadata() or {})
-    except (SafetensorError, OSError) as error:
-        raise _incomplete(path, error) from error
+    with _opened(path, kind) as (_, header):
+        return header
 
 
 def read_weights(
@@ -82,19 +81,15 @@ def read_weights(
     :raises ValueError: if the file is damaged, inconsistent or of another kind; the message names
         it and says what is wrong.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = _header(path, kind, file.metadata() or {})
-            names = list(file.keys())
-            if shapes is not None:
-                slices = {name: file.get_slice(name) for name in names}
-                found = {
-                    name: (one.get_dtype(), tuple(one.get_shape())) for name, one in slices.items()
-                }
-                _check_shapes(path, found, header, shapes, half)
-            tensors = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError) as error:
-        raise _incomplete(path, error) from error
+    with _opened(path, kind) as (file, header):
+        names = list(file.keys())
+        if shapes is not None:
+            slices = {name: file.get_slice(name) for name in names}
+            found = {
+                name: (one.get_dtype(), tuple(one.get_shape())) for name, one in slices.items()
+            }
+            _check_shapes(path, found, header, shapes, half)
+        tensors = {name: file.get_tensor(name) for name in names}
     if header.pop("sha256", None) != _checksum(tensors, header):
         raise ValueError(f"{path} is damaged: its checksum does not match")
     if may_be_infinite is not None:
@@ -118,14 +113,17 @@ def check_finite(
             raise ValueError(f"{where}: {name} holds values that are not finite")
 
 
-def _header(path: str | Path, kind: str, metadata: Header) -> Header:
-    if metadata.get("format") != f"{kind}-2":
-        raise ValueError(f"{path} is not a {kind} file: its header does not say {kind!r}")
-    return dict(metadata)
-
-
-def _incomplete(path: str | Path, error: Exception) -> ValueError:
-    return ValueError(f"{path} is not a complete safetensors file: {error}")
+@contextmanager
+def _opened(path: str | Path, kind: str) -> Iterator[tuple[Any, Header]]:
+    """Open a file of this kind, with its header."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            header: Header = dict(file.metadata() or {})
+            if header.get("format") != f"{kind}-2":
+                raise ValueError(f"{path} is not a {kind} file: its header does not say {kind!r}")
+            yield file, header
+    except (SafetensorError, OSError) as error:
+        raise ValueError(f"{path} is not a complete safetensors file: {error}") from error
 
 
 def _check_shapes(

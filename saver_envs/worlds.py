@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import SetPointRule
-from saver_envs.randomization.delays import delay_line, delayed, fill
-from saver_envs.randomization.model_fields import move_cameras, write_arm_fields
 from saver_envs.randomization.presets import Randomization, Values
 from saver_envs.robots.description import Fingers
 from saver_envs.sensor_errors import SensorErrors
@@ -54,27 +52,22 @@ class Worlds:
         workspace = task.workspace(arms)
         #: (arms,) lower side of the workspace, metres.
         self._lowest = workspace.lower[:, 2]
-        held = task.held_height
-        height = None if held is None else held + task.table_height
-        #: How Cartesian actions move the set-points of the episodes.
-        self.set_points = SetPointRule(workspace, speed * ACTION_DURATION, height)
+        height: Any = None if task.held_height is None else task.held_height + task.table_height
         if randomization:
             self.speed = np.full((n, 1, 1), speed)
-            lower = np.tile(workspace.lower, (n, 1, 1))
-            self.set_points = SetPointRule(
-                replace(workspace, lower=lower),
-                self.speed * ACTION_DURATION,
-                None if height is None else np.full((n, 1), height),
-            )
+            workspace = replace(workspace, lower=np.tile(workspace.lower, (n, 1, 1)))
+            height = None if height is None else np.full((n, 1), height)
+        #: How Cartesian actions move the set-points of the episodes.
+        self.set_points = SetPointRule(workspace, self.speed * ACTION_DURATION, height)
         sizes = {"action_delay": action_size, "observation_delay": task.observation_layout.size}
+        #: Name -> (n, longest + 1, size) values that are on their way, the latest first.
         self._lines = {
-            name: delay_line(n, distribution.ends[1], size)
+            name: np.zeros((n, int(longest) + 1, size))
             for name, size in sizes.items()
-            if (distribution := randomization.distribution_of(name)) and distribution.ends[1] > 0
+            if (longest := randomization.greatest(name)) > 0
         }
         self._errors: SensorErrors | None = None
-        noise = randomization.distribution_of("sensor_noise")
-        if noise is not None and noise.ends[1] > 0:
+        if randomization.greatest("sensor_noise") > 0:
             moving = task.fingers is Fingers.ACTUATED
             self._errors = SensorErrors(n, task.observation_layout, moving)
 
@@ -119,9 +112,28 @@ class Worlds:
             if isinstance(rule.held_height, np.ndarray):
                 assert self._task.held_height is not None
                 rule.held_height[rows] = self._task.held_height + height
-        write_arm_fields(simulation, rows, chosen)
+        self._write_arm_fields(rows, chosen)
         self._task.vary(simulation, rows, chosen)
         simulation.update_constants(rows)
+
+    def _write_arm_fields(self, rows: Rows, values: Values) -> None:
+        """Give the arms of episodes their own servos, tool points and joint friction."""
+        simulation, scene = self._simulation, self._simulation.scene
+        field, base = simulation.per_simulation, scene.model
+        every, servos, sites = rows[:, None], scene.arm_ctrl.ravel(), scene.tool_site
+        if "servo_stiffness" in values:
+            gain = base.actuator_gainprm[servos, 0] * values["servo_stiffness"]
+            field("actuator_gainprm")[every, servos, 0] = gain
+            field("actuator_biasprm")[every, servos, 1] = -gain
+        if "servo_damping" in values:
+            damping = base.actuator_biasprm[servos, 2] * values["servo_damping"]
+            field("actuator_biasprm")[every, servos, 2] = damping
+        if "tool_offset" in values:
+            offset = values["tool_offset"].reshape(len(rows), scene.n_arms, 3)
+            field("site_pos")[every, sites] = base.site_pos[sites] + offset
+        if "joint_friction" in values:
+            limits = np.asarray(scene.robot.joint_torque_limits)
+            simulation.give_joint_friction(rows, values["joint_friction"][:, :, None] * limits)
 
     def begin_delays(self, rows: Rows, resting: Array, seen: Array) -> None:
         """Fill the delays of episodes that begin with what an arm at rest sends and sees.
@@ -132,11 +144,7 @@ class Worlds:
         """
         for name, values in (("action_delay", resting), ("observation_delay", seen)):
             if name in self._lines:
-                fill(self._lines[name], rows, values)
-
-    def arriving(self, actions: Array, rows: Rows) -> Array:
-        """Return the actions (n, size) that take effect when those of ``rows`` are sent."""
-        return self._through("action_delay", actions, rows)
+                self._lines[name][rows] = values[:, None]
 
     def measured(self, observation: Array, rows: Rows) -> Array:
         """Return observations (n, size) of which those of ``rows`` are what the sensors measure."""
@@ -150,15 +158,19 @@ class Worlds:
         measured[rows] = self._errors.disturb(observation[rows], rows, factor)
         return measured
 
-    def arrived(self, observation: Array, rows: Rows) -> Array:
-        """Return the measurements (n, size) that arrive when those of ``rows`` are made."""
-        return self._through("observation_delay", observation, rows)
+    def delayed(self, name: str, values: Array, rows: Rows) -> Array:
+        """Return the values (n, size) that arrive when those of ``rows`` are sent.
 
-    def _through(self, name: str, values: Array, rows: Rows) -> Array:
+        :param name: ``action_delay`` or ``observation_delay``.
+        :param values: (n, size).
+        :param rows: (k,) which episodes are stepped.
+        """
         if name not in self._lines:
             return values
-        result = values.copy()
-        result[rows] = delayed(self._lines[name], rows, values[rows], self.values[name])
+        line, result = self._lines[name], values.copy()
+        line[rows, 1:] = line[rows, :-1]
+        line[rows, 0] = values[rows]
+        result[rows] = line[rows, self.values[name][rows, 0].astype(np.intp)]
         return result
 
     def get_state(self) -> dict[str, Any]:
@@ -177,4 +189,11 @@ class Worlds:
 
     def decorate(self, model: mujoco.MjModel, row: int) -> None:
         """Move the cameras of a drawing model to where they are in an episode."""
-        move_cameras(model, self._simulation.scene, self.values, row)
+        nominal = self._simulation.scene.drawing_model()
+        if "camera_position" in self.values:
+            model.cam_pos[:] = nominal.cam_pos + self.values["camera_position"][row]
+        if "camera_rotation" in self.values:
+            for camera in range(model.ncam):
+                quaternion = nominal.cam_quat[camera].copy()
+                mujoco.mju_quatIntegrate(quaternion, self.values["camera_rotation"][row], 1.0)
+                model.cam_quat[camera] = quaternion

@@ -72,8 +72,7 @@ class OffScreenView:
             renderer.enable_segmentation_rendering()
         renderer.update_scene(data, self._camera, self.options)
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-        picture: NDArray[Any] = renderer.render().copy()
-        return picture
+        return renderer.render().copy()
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""

@@ -108,8 +108,7 @@ class Camera:
         aside = (np.asarray(pixels, dtype=np.float64) - self.centre) / self.focal
         distance = np.asarray(depth, dtype=np.float64)[..., None]
         seen = np.concatenate([aside * distance, distance], axis=-1)
-        points: NDArray[np.float64] = seen @ pose.rotation.T + pose.position
-        return points
+        return seen @ pose.rotation.T + pose.position
 
     def add_to(self, spec: mujoco.MjSpec, name: str, pose: CameraPose) -> None:
         """Add the camera to a specification, with these intrinsics."""
@@ -281,5 +280,4 @@ def _axial_noise(depth: NDArray[np.float32], camera: Camera) -> NDArray[np.float
     slope = np.hypot(per_row * camera.focal[1], per_column * camera.focal[0]) / z
     angle = np.minimum(np.arctan(slope), np.float32(_STEEPEST))
     tilt = np.square(angle / (np.float32(np.pi / 2) - angle))
-    sigma: NDArray[np.float32] = 1e-3 * (1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z * np.sqrt(z) * tilt)
-    return sigma
+    return 1e-3 * (1.5 - 0.5 * z + 0.3 * z * z + 0.1 * z * np.sqrt(z) * tilt)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -13,12 +12,10 @@ from numpy.typing import NDArray
 from saver_envs.cameras.off_screen import camera_index
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
-from saver_envs.envs.single_episode import SingleEpisode
-from saver_envs.envs.spaces import action_space
+from saver_envs.envs.single_episode import GymnasiumEpisode
+from saver_envs.episodes import Outcome
 from saver_envs.people.bench import CAMERA
 from saver_envs.simulation import ACTION_DURATION, CONTACT_SAMPLES
-
-Picture = dict[str, NDArray[Any]]
 
 #: Separates the noise's random stream from that of the episode with the same seed.
 _NOISE_STREAM = 0x905E
@@ -26,7 +23,7 @@ _NOISE_STREAM = 0x905E
 _ROUNDING = 1e-9
 
 
-class SaverPixelEnv(SingleEpisode, gymnasium.Env[Any, NDArray[Any]]):
+class SaverPixelEnv(GymnasiumEpisode):
     """An episode of an id with a camera, observed through that camera.
 
     The observation is the newest picture: ``rgb`` (424, 512, 3) and ``depth`` (424, 512), in metres
@@ -53,16 +50,14 @@ class SaverPixelEnv(SingleEpisode, gymnasium.Env[Any, NDArray[Any]]):
         camera_index(self.episodes.scene.model, CAMERA)
         self.episodes.simulation.keep_samples = True
         size = (KINECT_V2.height, KINECT_V2.width)
-        self.observation_space: spaces.Space[Any] = spaces.Dict(
+        self.observation_space = spaces.Dict(
             {
                 "rgb": spaces.Box(0, 255, (*size, 3), np.uint8),
                 "depth": spaces.Box(0.0, KINECT_V2.farthest, size, np.float32),
             }
         )
-        self.action_space: spaces.Space[NDArray[Any]] = action_space(self.episodes)
         self._depth_noise = depth_noise
         self._noise = np.random.default_rng()
-        self._steps = 0
         self._eye: SceneRenderer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -74,55 +69,41 @@ class SaverPixelEnv(SingleEpisode, gymnasium.Env[Any, NDArray[Any]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Picture, dict[str, Any]]:
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Start an episode; the first picture is taken at once.
 
         :param seed: makes this and the following episodes reproducible, with their noise.
         :param options: none are known; given for the API's sake.
         :return: observation and info.
         """
-        super().reset(seed=seed)
-        self.episodes.set_generator(0, self.np_random)
-        outcome = self._shown(self.episodes.reset())
         if seed is not None:
             self._noise = np.random.default_rng([seed, _NOISE_STREAM])
-        self._steps = 0
-        picture = self._picture(self.episodes.simulation.qpos[0])
-        return picture, {**outcome.info_of(0), "picture_age": 0.0}
+        return super().reset(seed=seed, options=options)
 
-    def step(
-        self, action: NDArray[np.floating]
-    ) -> tuple[Picture, float, bool, bool, dict[str, Any]]:
-        """Apply one action for 0.04 s.
+    def _times(self) -> tuple[float, float]:
+        """Return the time of the episode now, and that of its newest picture, seconds."""
+        now = int(self.episodes.elapsed[0]) * ACTION_DURATION
+        return now, math.floor(now * KINECT_V2.rate + _ROUNDING) / KINECT_V2.rate
 
-        :param action: (6,), clipped to [-1, 1].
-        :return: observation, reward, terminated (never), truncated, info.
-        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
-        :raises gymnasium.error.ResetNeeded: before the first reset.
-        """
-        outcome = self._stepped(action)
-        over = outcome.truncated
-        if self.spec is not None:  # Gymnasium's `TimeLimit` counts the steps
-            over = outcome.diverged
-        self._steps += 1
-        now = self._steps * ACTION_DURATION
-        taken = math.floor(now * KINECT_V2.rate + _ROUNDING) / KINECT_V2.rate
-        since_action = taken - (now - ACTION_DURATION)
-        sample = math.floor(since_action / ACTION_DURATION * CONTACT_SAMPLES + _ROUNDING)
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        now, taken = self._times()
         simulation = self.episodes.simulation
-        picture = self._picture(simulation.samples[sample, 0])
-        info = {**outcome.info_of(0), "picture_age": now - taken}
-        return picture, float(outcome.reward[0]), False, bool(over[0]), info
-
-    def _picture(self, qpos: NDArray[np.float64]) -> Picture:
+        qpos = simulation.qpos[0]
+        if now:
+            since_action = taken - (now - ACTION_DURATION)
+            sample = math.floor(since_action / ACTION_DURATION * CONTACT_SAMPLES + _ROUNDING)
+            qpos = simulation.samples[sample, 0]
         if self._eye is None:
             size = KINECT_V2.width, KINECT_V2.height
             self._eye = SceneRenderer(self.episodes.scene, *size, CAMERA, plain=True)
         self._eye.update(self.episodes, 0, qpos)
         exact = self._eye.depth()
         depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
-        seen = np.clip(depth, 0.0, KINECT_V2.farthest)
-        return {"rgb": self._eye.rgb(), "depth": seen}
+        return {"rgb": self._eye.rgb(), "depth": np.clip(depth, 0.0, KINECT_V2.farthest)}
+
+    def _info(self, outcome: Outcome) -> dict[str, Any]:
+        now, taken = self._times()
+        return {**super()._info(outcome), "picture_age": now - taken}
 
     def close(self) -> None:
         """Free windows and graphics contexts."""

@@ -123,13 +123,10 @@ class SaverVecEnv(GoalReward, BatchVecEnv):
 
     def _infos(self, outcome: Outcome) -> list[dict[str, Any]]:
         columns = {name: values.tolist() for name, values in outcome.info().items()}
-        names = list(columns)
-        rows = zip(*columns.values(), strict=True)
-        infos = [dict(zip(names, row, strict=True)) for row in rows]
-        if outcome.parameters is not None:
-            for index, info in enumerate(infos):
-                info |= outcome.parameters_of(index)
-        return infos
+        return [
+            dict(zip(columns, row, strict=True)) | outcome.parameters_of(index)
+            for index, row in enumerate(zip(*columns.values(), strict=True))
+        ]
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """Return a picture of every episode, (480, 640, 3) each."""
@@ -139,8 +136,7 @@ class SaverVecEnv(GoalReward, BatchVecEnv):
         """Return a picture (480, 640, 3) of episode ``index``."""
         if camera not in self._pictures:
             self._pictures[camera] = Pictures(self.episodes, "rgb_array", camera=camera)
-        picture: NDArray[np.uint8] = self._pictures[camera].draw(index)
-        return picture
+        return self._pictures[camera].draw(index)
 
     def close(self) -> None:
         """Free the graphics contexts."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from saver_envs.cameras.off_screen import displays_named
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
 from saver_envs.control import InverseKinematics, checked_action
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
+from saver_envs.envs.spaces import action_space, warn_if_short
 from saver_envs.episodes import Outcome
 from saver_envs.registration import make_episodes
 
@@ -45,11 +47,6 @@ class SingleEpisode:
             modes = [mode for mode in RENDER_MODES if mode != "human"]
             self.metadata = {**self.metadata, "render_modes": modes}
 
-    def _stepped(self, action: NDArray[np.floating]) -> Outcome:
-        """Apply one action, (action_size,), of all arms."""
-        checked = checked_action(action, (self.episodes.action_size,))
-        return self._shown(self.episodes.step(checked[None]))
-
     def _shown(self, outcome: Outcome) -> Outcome:
         """Show the present state in the window, if there is one."""
         if self.render_mode == "human":
@@ -79,3 +76,50 @@ class SingleEpisode:
     def close(self) -> None:
         """Close the window and free the graphics context."""
         self._pictures.close()
+
+
+class GymnasiumEpisode(SingleEpisode, gymnasium.Env[Any, Any]):
+    """Base of Gymnasium's adapters; subclasses say what is observed."""
+
+    def __init__(self, env_id: str, render_mode: str | None = None, **options: Any) -> None:
+        super().__init__(env_id, render_mode, **options)
+        self.action_space = action_space(self.episodes)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Start an episode.
+
+        :param seed: makes this and the following episodes reproducible.
+        :param options: none are known; given for the API's sake.
+        :return: observation and info.
+        """
+        super().reset(seed=seed)
+        if self.spec is not None:
+            warn_if_short(self.episodes, int(self.episodes.elapsed[0]))
+        self.episodes.set_generator(0, self.np_random)
+        outcome = self._shown(self.episodes.reset())
+        return self._observation(), self._info(outcome)
+
+    def step(
+        self, action: NDArray[np.floating]
+    ) -> tuple[dict[str, NDArray[Any]], float, bool, bool, dict[str, Any]]:
+        """Apply one action for 0.04 s.
+
+        :param action: (action_size,), clipped to [-1, 1].
+        :return: observation, reward, terminated (never), truncated, info.
+        :raises ValueError: for a wrong shape or a value that is not finite; nothing has changed.
+        :raises gymnasium.error.ResetNeeded: before the first reset.
+        """
+        checked = checked_action(action, (self.episodes.action_size,))
+        outcome = self._shown(self.episodes.step(checked[None]))
+        # Gymnasium's `TimeLimit` counts the steps of what `gymnasium.make` built.
+        over = outcome.truncated if self.spec is None else outcome.diverged
+        seen = self._observation()
+        return seen, float(outcome.reward[0]), False, bool(over[0]), self._info(outcome)
+
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        raise NotImplementedError
+
+    def _info(self, outcome: Outcome) -> dict[str, Any]:
+        return outcome.info_of(0)

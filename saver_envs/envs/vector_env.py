@@ -125,65 +125,42 @@ class SaverVectorEnv(GoalReward, VectorEnv[DictObservation, NDArray[np.floating]
             when an episode is over; the message names the episodes.
         """
         self.episodes.require_begun()
-        if self.autoreset_mode is AutoresetMode.DISABLED and self._over.any():
-            rows = np.flatnonzero(self._over).tolist()
-            raise ResetNeeded(
-                f'episodes {rows} are over: reset them with reset(options={{"reset_mask": mask}})'
-            )
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and self._over.any():
-            return self._step_and_reset(actions)
-        outcome = self.episodes.step(actions)
-        infos = _infos(outcome, np.ones(self.num_envs, dtype=bool))
-        observation = self.episodes.observation().as_dict()
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            self._over = outcome.truncated.copy()
-        elif outcome.truncated.any():
-            observation = self._reset_at_once(outcome, observation, infos)
-        terminated = np.zeros(self.num_envs, dtype=bool)
-        reward = outcome.reward.astype(np.float64)
-        return observation, reward, terminated, outcome.truncated, infos
-
-    def _step_and_reset(
-        self, actions: NDArray[np.floating]
-    ) -> tuple[DictObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
-        """Step the episodes that go on; reset those that were over, whose actions are ignored."""
-        self.episodes.checked(actions)  # before anything changes, even if no episode continues
-        over = self._over
-        going_on = np.flatnonzero(~over)
-        reward = np.zeros(self.num_envs)
-        truncated = np.zeros(self.num_envs, dtype=bool)
+        over, rows = self._over, None
+        if over.any():
+            if self.autoreset_mode is AutoresetMode.DISABLED:
+                raise ResetNeeded(
+                    f"episodes {np.flatnonzero(over).tolist()} are over: reset them with "
+                    'reset(options={"reset_mask": mask})'
+                )
+            self.episodes.checked(actions)  # before anything changes, even if no episode continues
+            rows = np.flatnonzero(~over)
+        reward, truncated = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=bool)
         infos: Infos = {}
-        if going_on.size:
-            outcome = self.episodes.step(actions, going_on)
-            reward[going_on] = outcome.reward[going_on]
-            truncated[going_on] = outcome.truncated[going_on]
+        if not over.all():
+            outcome = self.episodes.step(actions, rows)
+            reward[~over], truncated = outcome.reward[~over], outcome.truncated & ~over
             infos = _infos(outcome, ~over)
-        begun = self.episodes.reset(np.flatnonzero(over))
-        for name, values in begun.info().items():
-            infos[name] = np.where(over, values, infos.get(name, values))
-            infos[f"_{name}"] = np.ones(self.num_envs, dtype=bool)
-        infos |= _parameters(begun, np.ones(self.num_envs, dtype=bool))
-        self._over = truncated.copy()
+        at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
+        self._over = truncated & (not at_once)
+        if over.any():
+            self._begin(over, infos)
+        elif at_once and truncated.any():
+            observation, last = self.episodes.observation().as_dict(), np.full(self.num_envs, None)
+            for row in np.flatnonzero(truncated):
+                last[row] = {name: values[row] for name, values in observation.items()}
+            infos["final_obs"], infos["_final_obs"] = last, truncated.copy()
+            infos["final_info"], infos["_final_info"] = _infos(outcome, truncated), truncated.copy()
+            self._begin(truncated, infos)
         observation = self.episodes.observation().as_dict()
         return observation, reward, np.zeros(self.num_envs, dtype=bool), truncated, infos
 
-    def _reset_at_once(
-        self, outcome: Outcome, observation: DictObservation, infos: Infos
-    ) -> DictObservation:
-        """Reset the episodes that ended in this step; their last observations go into infos."""
-        ended = outcome.truncated
-        rows = np.flatnonzero(ended)
-        final = np.full(self.num_envs, None, dtype=object)
-        for row in rows:
-            final[row] = {name: values[row].copy() for name, values in observation.items()}
-        final_infos = _infos(outcome, ended)
-        begun = self.episodes.reset(rows)
+    def _begin(self, begins: NDArray[np.bool_], infos: Infos) -> None:
+        """Reset episodes (num_envs,); their infos replace those of the step."""
+        begun, present = self.episodes.reset(np.flatnonzero(begins)), np.ones_like(begins)
         for name, values in begun.info().items():
-            infos[name] = np.where(ended, values, infos[name])
-        infos |= _parameters(begun, np.ones(self.num_envs, dtype=bool))
-        infos["final_obs"], infos["_final_obs"] = final, ended.copy()
-        infos["final_info"], infos["_final_info"] = final_infos, ended.copy()
-        return self.episodes.observation().as_dict()
+            infos[name] = np.where(begins, values, infos.get(name, values))
+            infos[f"_{name}"] = present.copy()
+        infos |= _parameters(begun, present)
 
     def render(self) -> tuple[Any, ...] | None:
         """Draw every episode.

@@ -132,12 +132,10 @@ class FrozenNetwork:
         return np.concatenate([self._part(values[start : start + _ROWS]) for start in starts])
 
     def _part(self, values: Float32) -> Float32:
-        last = len(self._weights) - 1
-        for index, (weight, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
+        *hidden, (last, last_bias) = zip(self._weights, self._biases, strict=True)
+        for weight, bias in hidden:
             values = values @ weight
             values += bias
-            if index == last:
-                return values
             if self._kind == "sigmoid":
                 np.negative(values, out=values)
                 np.exp(values, out=values)
@@ -145,4 +143,4 @@ class FrozenNetwork:
                 np.reciprocal(values, out=values)
             else:
                 np.maximum(values, values * self._leak, out=values)
-        return values
+        return values @ last + last_bias

@@ -50,24 +50,6 @@ class _Joints(NamedTuple):
     turn: FloatArray
 
 
-class _Scratch(NamedTuple):
-    """Working memory for one target with ``rows`` entries.
-
-    The tool's frame (3, 4), the Jacobian's columns (dof, 6), anchors (dof, 3), the target's
-    orientation (3, 3), the tool's error (rows,), and the linear system: (rows, rows), (rows,) and
-    the step (dof,).
-    """
-
-    frame: FloatArray
-    columns: FloatArray
-    anchor: FloatArray
-    orientation: FloatArray
-    error: FloatArray
-    gram: FloatArray
-    solution: FloatArray
-    step: FloatArray
-
-
 class Refinement:
     """Refines guesses of joints for one arm.
 
@@ -141,34 +123,23 @@ def _refine(
     steps: int,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return joints (n, dof), and which targets are missed (n,); see `Refinement.__call__`."""
-    (n, rows), dof = targets.shape, present.shape[1]
-    joints, missed = np.empty((n, dof)), np.empty(n, dtype=np.bool_)
-    other = np.empty(dof)
-    scratch = _Scratch(
-        np.empty((3, 4)),
-        np.empty((dof, 6)),
-        np.empty((dof, 3)),
-        np.empty((3, 3)),
-        np.empty(rows),
-        np.empty((rows, rows)),
-        np.empty(rows),
-        np.empty(dof),
-    )
+    n = len(targets)
+    joints, missed = np.empty((n, present.shape[1])), np.empty(n, dtype=np.bool_)
     for index in range(n):
-        target, now, best = targets[index], present[index], joints[index]
-        scratch.orientation[:] = rotations[index]
+        target, rotation, now = targets[index], rotations[index], present[index]
+        best = joints[index]
         best[:] = guess[index]
         _settle(best, now, arm, True)
-        near = _distance(best, now, arm) <= _FAR
-        reached = near and _approach(best, target, arm, steps, _NEWTON_DAMPING, scratch)
+        near = (np.abs(best - now)[~arm.idle] <= _FAR).all()  # False for NaN
+        reached = near and _approach(best, target, rotation, arm, steps, _NEWTON_DAMPING)
         if not reached:
-            other[:] = now
+            other = now.copy()
             _settle(other, now, arm, True)
             further = steps + _FURTHER_STEPS
-            reached = _approach(other, target, arm, further, _PRESENT_DAMPING, scratch)
+            reached = _approach(other, target, rotation, arm, further, _PRESENT_DAMPING)
             # A distant solution is better than none nearby.
             distant = (not reached and not near) and _approach(
-                best, target, arm, steps, _NEWTON_DAMPING, scratch
+                best, target, rotation, arm, steps, _NEWTON_DAMPING
             )
             if not distant:
                 best[:] = other
@@ -190,45 +161,31 @@ def _settle(joints: FloatArray, present: FloatArray, arm: _Joints, still: bool) 
 
 
 @compiled
-def _distance(joints: FloatArray, present: FloatArray, arm: _Joints) -> float:
-    """Return the largest distance of a joint that moves the tool; infinity for NaN."""
-    largest = 0.0
-    for joint in range(len(joints)):
-        if not arm.idle[joint]:
-            distance = abs(joints[joint] - present[joint])
-            largest = max(largest, distance if distance == distance else np.inf)
-    return largest
-
-
-@compiled
 def _approach(
     joints: FloatArray,
     target: FloatArray,
+    orientation: FloatArray,
     arm: _Joints,
     steps: int,
     damping: float,
-    scratch: _Scratch,
 ) -> bool:
     """Make at most ``steps`` steps towards a target, in place; return whether it is reached."""
-    error = scratch.error
     for step in range(steps + 1):
-        _forward(joints, arm, scratch)
-        worst = _pose_error(target, scratch)
-        if step == steps or worst < _EXACT:
+        frame, axes, anchors = _forward(joints, arm)
+        error = _pose_error(target, orientation, frame)
+        if step == steps or np.abs(error).max() < _EXACT:
             break
-        _step(joints, arm, damping, scratch)
-    reached = True
-    for row in range(len(error)):
-        enough = POSITION_ENOUGH if row < 3 else ORIENTATION_ENOUGH
-        reached = reached and abs(error[row]) <= enough  # False for NaN
-    return reached
+        columns = _jacobian(frame[:, 3], axes, anchors, arm)
+        _step(joints, arm, damping, columns, error)
+    near = (np.abs(error[:3]) <= POSITION_ENOUGH).all()  # False for NaN
+    return bool(near and (np.abs(error[3:]) <= ORIENTATION_ENOUGH).all())
 
 
 @compiled
-def _forward(joints: FloatArray, arm: _Joints, scratch: _Scratch) -> None:
-    """Write the tool's frame, the joints' axes, into columns[:, 3:], and their anchors."""
-    frame, dof = scratch.frame, len(joints)
-    frame[:] = np.eye(3, 4)
+def _forward(joints: FloatArray, arm: _Joints) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the tool's frame (3, 4), and the joints' axes and anchors (dof, 3)."""
+    dof = len(joints)
+    frame, axes, anchors = np.eye(3, 4), np.empty((dof, 3)), np.empty((dof, 3))
     for joint in range(dof + 1):
         link = arm.fixed[joint]
         sine, cosine, slide, direction = 0.0, 1.0, 0.0, 1.0
@@ -248,68 +205,62 @@ def _forward(joints: FloatArray, arm: _Joints, scratch: _Scratch) -> None:
             frame[row, 0], frame[row, 1] = cosine * u + sine * v, cosine * v - sine * u
             frame[row, 2] = w
             if joint < dof:
-                scratch.columns[joint, 3 + row] = w * direction
-                scratch.anchor[joint, row] = frame[row, 3]
+                axes[joint, row] = w * direction
+                anchors[joint, row] = frame[row, 3]
                 frame[row, 3] += w * slide
+    return frame, axes, anchors
 
 
 @compiled
-def _pose_error(target: FloatArray, scratch: _Scratch) -> float:
-    """Write the tool's error as `solvers.pose_error` defines it; return the largest entry."""
-    frame, orientation, error = scratch.frame, scratch.orientation, scratch.error
-    for row in range(3):
-        error[row] = target[row] - frame[row, 3]
+def _pose_error(target: FloatArray, orientation: FloatArray, frame: FloatArray) -> FloatArray:
+    """Return the tool's error (3,) or (6,) as `solvers.pose_error` defines it."""
+    error = np.zeros(len(target))
+    error[:3] = target[:3] - frame[:, 3]
     if len(error) == 6:
         for row in range(3):
             a, b = (row + 1) % 3, (row + 2) % 3
-            turn = 0.0
             for k in range(3):
-                turn += frame[a, k] * orientation[b, k] - frame[b, k] * orientation[a, k]
-            error[3 + row] = 0.5 * turn
-    worst = 0.0
-    for row in range(len(error)):
-        worst = max(worst, abs(error[row]))
-    return worst
+                error[3 + row] += frame[a, k] * orientation[b, k] - frame[b, k] * orientation[a, k]
+        error[3:] *= 0.5
+    return error
 
 
 @compiled
-def _step(joints: FloatArray, arm: _Joints, damping: float, scratch: _Scratch) -> None:
-    """Make a damped least squares step, in place; joints that would leave their limits stay."""
-    # Complete the Jacobian's columns, linear before angular, from the axes in columns[:, 3:].
-    columns, frame, anchor = scratch.columns, scratch.frame, scratch.anchor
-    for joint in range(len(columns)):
-        x, y, z = columns[joint, 3], columns[joint, 4], columns[joint, 5]
+def _jacobian(tool: FloatArray, axes: FloatArray, anchors: FloatArray, arm: _Joints) -> FloatArray:
+    """Return the Jacobian's columns (dof, 6), linear before angular."""
+    columns = np.zeros((len(axes), 6))
+    for joint in range(len(axes)):
         if arm.slides[joint]:
-            columns[joint, 0], columns[joint, 1], columns[joint, 2] = x, y, z
-            columns[joint, 3:] = 0.0
+            columns[joint, :3] = axes[joint]
             continue
-        u = frame[0, 3] - anchor[joint, 0]
-        v = frame[1, 3] - anchor[joint, 1]
-        w = frame[2, 3] - anchor[joint, 2]
-        columns[joint, 0] = y * w - z * v
-        columns[joint, 1] = z * u - x * w
-        columns[joint, 2] = x * v - y * u
-    step = scratch.step
-    _least_squares(damping, scratch)
-    beyond = False
-    for joint in range(len(joints)):
-        moved = joints[joint] + step[joint]
-        if moved < arm.lower[joint] or moved > arm.upper[joint]:
-            columns[joint] = 0.0
-            beyond = True
-    if beyond:
-        _least_squares(damping, scratch)
-    for joint in range(len(joints)):
-        moved = joints[joint] + min(max(step[joint], -_LARGEST_STEP), _LARGEST_STEP)
-        joints[joint] = min(max(moved, arm.lower[joint]), arm.upper[joint])
+        columns[joint, 3:] = axes[joint]
+        lever = tool - anchors[joint]
+        for row in range(3):
+            a, b = (row + 1) % 3, (row + 2) % 3
+            columns[joint, row] = axes[joint, a] * lever[b] - axes[joint, b] * lever[a]
+    return columns
 
 
 @compiled
-def _least_squares(damping: float, scratch: _Scratch) -> None:
-    """Write J^T (J J^T + damping I)^-1 error, by Cholesky's decomposition."""
-    error, columns, gram = scratch.error, scratch.columns, scratch.gram
-    solution, step = scratch.solution, scratch.step
+def _step(
+    joints: FloatArray, arm: _Joints, damping: float, columns: FloatArray, error: FloatArray
+) -> None:
+    """Make a damped least squares step, in place; joints that would leave their limits stay."""
+    step = _least_squares(damping, columns, error)
+    moved = joints + step
+    beyond = (moved < arm.lower) | (moved > arm.upper)
+    if beyond.any():
+        columns[beyond] = 0.0
+        step = _least_squares(damping, columns, error)
+    moved = joints + np.minimum(np.maximum(step, -_LARGEST_STEP), _LARGEST_STEP)
+    joints[:] = np.minimum(np.maximum(moved, arm.lower), arm.upper)
+
+
+@compiled
+def _least_squares(damping: float, columns: FloatArray, error: FloatArray) -> FloatArray:
+    """Return J^T (J J^T + damping I)^-1 error, by Cholesky's decomposition."""
     rows, dof = len(error), len(columns)
+    gram, solution, step = np.empty((rows, rows)), np.empty(rows), np.zeros(dof)
     for row in range(rows):
         for other in range(row + 1):
             total = damping if row == other else 0.0
@@ -326,7 +277,6 @@ def _least_squares(damping: float, scratch: _Scratch) -> None:
         for k in range(row + 1, rows):
             solution[row] -= gram[k, row] * solution[k]
         solution[row] /= gram[row, row]
-    for joint in range(dof):
-        step[joint] = 0.0
-        for row in range(rows):
-            step[joint] += columns[joint, row] * solution[row]
+    for row in range(rows):
+        step += columns[:, row] * solution[row]
+    return step

@@ -7,9 +7,7 @@ height, and is free of collisions.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import mujoco
 import numpy as np
@@ -99,17 +97,12 @@ def _draw(
     raise RuntimeError(f"{arm.robot.name}: no feasible way-point in {_MOST_DRAWS} draws")
 
 
-@cache
-def _compiled(build: Callable[[], mujoco.MjModel]) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    model = build()
-    return model, mujoco.MjData(model)
-
-
 def _collides(arm: KinematicArm, path: FloatArray) -> bool:
     """Return whether the arm touches itself or the ground at one of the postures (m, dof)."""
     if arm.collision_model is None:
         return False
-    model, data = _compiled(arm.collision_model)
+    model = arm.collision_model()
+    data = mujoco.MjData(model)
     for posture in path:
         data.qpos[:] = posture
         mujoco.mj_kinematics(model, data)

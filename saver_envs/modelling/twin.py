@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -186,6 +187,4 @@ def nominal_inverse_dynamics(name: str) -> InverseDynamics:
     links = links_of_model(
         nominal_model(name), arm.robot.base_body, arm.robot.arm_joints, arm.chain
     )
-    return lambda position, velocity, acceleration: inverse_dynamics(
-        arm.chain, links, position, velocity, acceleration
-    )
+    return partial(inverse_dynamics, arm.chain, links)

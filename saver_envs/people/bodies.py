@@ -17,18 +17,8 @@ from saver_envs.people.surface import Appearance, BodyShape
 
 #: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
 _PER_SPLIT: Final = {"test": 8, "validation": 4, "train": 4}
-#: Seed of these bodies, which are part of the environments' version.
-_SEED: Final = 8
-
-
-def _bodies() -> tuple[Appearance, ...]:
-    random = np.random.default_rng(_SEED)
-    return tuple(
-        random_appearance(random, split)
-        for split, count in _PER_SPLIT.items()
-        for _ in range(count)
-    )
-
+#: Source of these bodies; its seed is part of the environments' version.
+_RANDOM: Final = np.random.default_rng(8)
 
 #: Gap under a resting arm (m), so that it starts without contact.
 _AIR: Final = 0.0005
@@ -37,7 +27,9 @@ _AIR: Final = 0.0005
 _POINTS: Final = 5
 
 #: Who may lie on the bench: women and men of 1.5 to 1.95 m, slim to heavy.
-BODIES: Final = _bodies()
+BODIES: Final = tuple(
+    random_appearance(_RANDOM, split) for split, count in _PER_SPLIT.items() for _ in range(count)
+)
 
 
 class PersonArm:
@@ -97,8 +89,7 @@ class PersonArm:
         """Rotation of the hand (quaternion, w first) that aligns it with the forearm."""
         first, second = (one / np.linalg.norm(one) for one in (self.hand, self.fore))
         half = np.append(1.0 + first @ second, np.cross(first, second))
-        turn: NDArray[np.float64] = half / np.linalg.norm(half)
-        return turn
+        return half / np.linalg.norm(half)
 
     def elbow_at(
         self, wrist: NDArray[np.float64], outwards: NDArray[np.bool_]
@@ -133,8 +124,7 @@ class PersonArm:
         cosine = np.sum(upper * fore, axis=-1) / np.sqrt(
             np.sum(upper * upper, axis=-1) * np.sum(fore * fore, axis=-1)
         )
-        angle: NDArray[np.float64] = np.arccos(np.clip(cosine, -1.0, 1.0))
-        return angle
+        return np.arccos(np.clip(cosine, -1.0, 1.0))
 
     def gap_to_trunk(
         self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
@@ -148,8 +138,7 @@ class PersonArm:
         nearest[..., 1:] = begin[1:]
         apart = points - nearest
         distance = np.sqrt(np.sum(apart * apart, axis=-1)).min(axis=0)
-        gap: NDArray[np.float64] = distance - radius - self.radius[1]
-        return gap
+        return distance - radius - self.radius[1]
 
     def swung(self, points: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points (k, 3) turned by ``angle`` (k,), radians, about the vertical shoulder."""
@@ -166,10 +155,7 @@ class PersonArm:
         """Cosine (k,) of the elbow's bend; above 1 where the carrying angle does not allow it."""
         upper, fore = elbow - self.shoulder, wrist - elbow
         across = np.sqrt(np.sum(self.fore**2) - (self.fore @ self.axis) ** 2)
-        cosine: NDArray[np.float64] = np.sum(upper * fore, axis=-1) / (
-            np.sqrt(np.sum(upper * upper, axis=-1)) * across
-        )
-        return cosine
+        return np.sum(upper * fore, axis=-1) / (np.sqrt(np.sum(upper * upper, axis=-1)) * across)
 
     def joints(
         self, elbow: NDArray[np.float64], wrist: NDArray[np.float64]
@@ -194,10 +180,7 @@ def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     """Return the rotation (3, 3) about a unit axis."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    rotation: NDArray[np.float64] = (
-        np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    )
-    return rotation
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
 
 
 def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -349,5 +349,4 @@ def joint_centres(
     :param prefix: of that person's names.
     """
     sites = [model.site(f"{prefix}joint_{joint}").id for joint in SKELETON_BODIES]
-    centres: NDArray[np.float64] = data.site_xpos[sites]
-    return centres
+    return data.site_xpos[sites]

@@ -18,9 +18,6 @@ from saver_envs.simulation import ObjectState, Simulation, cross
 
 Arrays = dict[str, NDArray[Any]]
 
-#: Model fields that vary per simulation, not per body.
-_FRICTION, _DAMPING = "geom_friction", "dof_damping"
-
 
 @dataclass(frozen=True)
 class People:
@@ -93,9 +90,8 @@ class Patient:
         self._scene: Scene = simulation.scene
         self._where = person_addresses(simulation.scene)
         self._bodies = _fields_of_bodies(self._scene.models)
-        self._fields = {
-            name: simulation.per_simulation(name) for name in (*self._bodies, _FRICTION, _DAMPING)
-        }
+        varied = (*self._bodies, "geom_friction", "dof_damping")
+        self._fields = {name: simulation.per_simulation(name) for name in varied}
         self._damping = self._scene.model.dof_damping[self._where.limb_dofs]
         self._parts = np.setdiff1d(np.arange(1, self._scene.model.nbody), simulation.arm_bodies)
 
@@ -137,8 +133,7 @@ class Patient:
         """
         pelvis = self._scene.model.body("pelvis").id
         lever = self._bodies["body_pos"][people.body, pelvis, :2] - HIPS[:2]
-        moved: NDArray[np.float64] = turned(lever, people.yaw) - lever
-        return moved
+        return turned(lever, people.yaw) - lever
 
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
         """Give the models of simulations ``rows`` the bodies of ``people``."""
@@ -151,8 +146,8 @@ class Patient:
         sites[rows[:, None], tools] = own_tools
         dofs, geoms = where.limb_dofs, where.limb_geoms
         fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
-        fields[_DAMPING][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
-        fields[_FRICTION][rows[:, None], geoms, 0] = people.friction[:, None]
+        fields["dof_damping"][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
+        fields["geom_friction"][rows[:, None], geoms, 0] = people.friction[:, None]
         others = people.mass != 1
         if others.any():
             self._give_masses(rows[others], people.body[others], people.mass[others])

@@ -124,19 +124,16 @@ class BodyShape:
         total = np.zeros_like(self.vertices)
         for corner in range(3):
             np.add.at(total, self.faces[:, corner], across)
-        normals: NDArray[np.float64] = total / np.linalg.norm(total, axis=1, keepdims=True)
-        return normals
+        return total / np.linalg.norm(total, axis=1, keepdims=True)
 
     def head(self, body: str) -> NDArray[np.float64]:
         """(3,) where a body begins."""
-        start: NDArray[np.float64] = self.heads[self.bodies.index(body)]
-        return start
+        return self.heads[self.bodies.index(body)]
 
     def owned(self, body: str) -> NDArray[np.float64]:
         """(some, 3) the vertices that a body moves most."""
         most = self.weights.argmax(axis=1) == self.bodies.index(body)
-        vertices: NDArray[np.float64] = self.vertices[most]
-        return vertices
+        return self.vertices[most]
 
 
 @lru_cache(maxsize=1)

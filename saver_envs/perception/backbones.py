@@ -90,8 +90,7 @@ class LightBackbone(nn.Module):
         least = self.least(sixteenth)
         up = _upsample(self.from_least(least), sixteenth) + self.from_sixteenth(sixteenth)
         up = _upsample(self.merge(up), eighth) + self.from_eighth(eighth)
-        features: Tensor = self.out(up)
-        return features
+        return self.out(up)
 
 
 def _upsample(x: Tensor, like: Tensor) -> Tensor:
@@ -118,8 +117,7 @@ class Vgg19Backbone(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Compute features (n, 128, h/8, w/8) of pictures (n, 3, h, w)."""
-        features: Tensor = self.reduce(self.front(x))
-        return features
+        return self.reduce(self.front(x))
 
     def load_front(self, path: Path) -> None:
         """Load the ten layers from a local file.

@@ -215,8 +215,7 @@ class RenderedDataset:
         file = _picture_file(self._paths[shard], kind)
         if file not in self._pictures:
             self._pictures[file] = np.load(file, mmap_mode="r", allow_pickle=False)
-        picture: NDArray[Any] = self._pictures[file][row].copy()
-        return picture
+        return self._pictures[file][row].copy()
 
 
 def coco_annotations(dataset: RenderedDataset, count: int | None = None) -> dict[str, Any]:

@@ -101,15 +101,13 @@ class PoseEstimator:
         plain, mirrored = self._run(np.stack([picture, picture[:, :, ::-1]]))
         back = mirrored[self._mirrored, :, :, ::-1].copy()
         back[:, AFFINITY_X] *= -1
-        mean: NDArray[np.float32] = 0.5 * (plain + back)
-        return mean
+        return 0.5 * (plain + back)
 
     def _torch(self, pictures: NDArray[np.float32]) -> NDArray[np.float32]:
         device = next(self.network.parameters()).device
         with torch.inference_mode():
             fields: Tensor = self.network(torch.from_numpy(pictures).to(device))[1]
-        values: NDArray[np.float32] = fields.float().cpu().numpy()
-        return values
+        return fields.float().cpu().numpy()
 
 
 def _mirrored_rows(limbs: Sequence[int]) -> list[int]:

@@ -109,8 +109,7 @@ def _affinities(
     covered &= (np.abs(sideways) <= HALF_WIDTH) & present[..., None, None]
     count = np.maximum(covered.sum(axis=0), 1)
     total = np.einsum("plc,plrw->lcrw", direction, covered.astype(np.float64))
-    mean: NDArray[np.float64] = total / count[:, None]
-    return mean
+    return total / count[:, None]
 
 
 def loss_mask(

@@ -70,8 +70,7 @@ def depth_at(depth: NDArray[np.floating], pixels: NDArray[np.float64]) -> NDArra
     measured = np.where(window > 0, window, np.nan)
     some = inside & np.isfinite(measured).any(axis=-1)
     measured[~some] = 0.0
-    median: NDArray[np.float64] = np.nanmedian(measured, axis=-1)
-    return median
+    return np.nanmedian(measured, axis=-1)
 
 
 def pixel_windows(

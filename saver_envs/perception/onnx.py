@@ -22,8 +22,7 @@ class _LastStage(nn.Module):
         self.network = network
 
     def forward(self, pictures: Tensor) -> Tensor:
-        fields: Tensor = self.network(pictures)[1]
-        return fields
+        return self.network(pictures)[1]
 
 
 def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWORK_SIZE) -> None:
@@ -76,5 +75,4 @@ class OnnxNetwork:
 
     def __call__(self, pictures: NDArray[np.float32]) -> NDArray[np.float32]:
         """Compute the last stage's fields (1, limbs, 3, h/8, w/8) of a picture (1, 3, h, w)."""
-        fields: NDArray[np.float32] = self._session.run(None, {"pictures": pictures})[0]
-        return fields
+        return self._session.run(None, {"pictures": pictures})[0]

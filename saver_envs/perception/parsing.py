@@ -162,8 +162,7 @@ def _parabola_top(before: Array, centre: Array, after: Array) -> Array:
     curvature = 2 * middle - low - high
     shift = np.where(curvature > 1e-9, (high - low) / (2 * np.maximum(curvature, 1e-9)), 0.0)
     whole = np.isfinite(before) & np.isfinite(after)
-    top: Array = np.where(whole, np.clip(shift, -0.5, 0.5), 0.0)
-    return top
+    return np.where(whole, np.clip(shift, -0.5, 0.5), 0.0)
 
 
 def _pair(
@@ -231,8 +230,7 @@ def _match(first: Indices, second: Indices, score: Array) -> Indices:
     entry = np.full(table.shape, -1)
     table[row, column], entry[row, column] = score, np.arange(len(score))
     matched = entry[linear_sum_assignment(table, maximize=True)]
-    chosen: Indices = matched[matched >= 0]
-    return chosen
+    return matched[matched >= 0]
 
 
 class _People:

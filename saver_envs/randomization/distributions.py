@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,20 @@ from numpy.typing import NDArray
 from saver_envs.validation import require
 
 
+class _Drawn:
+    """What can be drawn from a source of randomness."""
+
+    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
+        """Return numbers (size,)."""
+        return self.at(generator.random(size))
+
+    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers below which these shares of the draws lie."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(_Drawn):
     """Real numbers between two ends, all equally likely.
 
     :param low: lower end.
@@ -27,12 +39,13 @@ class Uniform:
     low: float
     high: float
 
-    def __post_init__(self) -> None:
-        _require_ends(self.low, self.high)
+    #: Its name in JSON and YAML.
+    kind: ClassVar[str] = "uniform"
 
-    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
-        """Return numbers (size,)."""
-        return self.at(generator.random(size))
+    def __post_init__(self) -> None:
+        for name, value in (("low", self.low), ("high", self.high)):
+            require(name, value, _is_number(value), "a finite number")
+        require("high", self.high, self.high >= self.low, f"at least low, {self.low!r}")
 
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the numbers below which these shares of the draws lie."""
@@ -45,11 +58,11 @@ class Uniform:
 
     def as_json(self) -> Any:
         """Return what :func:`parse_distribution` reads."""
-        return {"uniform": [_plain(self.low), _plain(self.high)]}
+        return {self.kind: [_plain(self.low), _plain(self.high)]}
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(Uniform):
     """Positive numbers between two ends whose logarithms are equally likely.
 
     :param low: lower end, above 0.
@@ -57,16 +70,11 @@ class LogUniform:
     :raises ValueError: for ends that are not finite numbers above 0, or in the wrong order.
     """
 
-    low: float
-    high: float
+    kind: ClassVar[str] = "log_uniform"
 
     def __post_init__(self) -> None:
-        _require_ends(self.low, self.high)
+        super().__post_init__()
         require("low", self.low, self.low > 0, "above 0, since its logarithm is drawn")
-
-    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
-        """Return numbers (size,)."""
-        return self.at(generator.random(size))
 
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the numbers below which these shares of the draws lie."""
@@ -76,36 +84,23 @@ class LogUniform:
         drawn = np.reshape([math.exp(one) for one in logarithms.ravel().tolist()], share.shape)
         return np.clip(drawn, self.low, self.high)
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The least and the greatest number."""
-        return self.low, self.high
-
-    def as_json(self) -> Any:
-        """Return what :func:`parse_distribution` reads."""
-        return {"log_uniform": [_plain(self.low), _plain(self.high)]}
-
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(_Drawn):
     """One of several values, all equally likely; a value may be a distribution itself.
 
     :param values: numbers or distributions, at least one.
     :raises ValueError: for no values, or one that is neither.
     """
 
-    values: tuple[float | Uniform | LogUniform, ...]
+    values: tuple[float | Uniform, ...]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", tuple(self.values))
         require("values", self.values, bool(self.values), "at least one")
         for value in self.values:
-            known = isinstance(value, Uniform | LogUniform) or _is_number(value)
+            known = isinstance(value, Uniform) or _is_number(value)
             require("values", self.values, known, "finite numbers, Uniform or LogUniform")
-
-    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
-        """Return numbers (size,)."""
-        return self.at(generator.random(size))
 
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the numbers that these shares, of all draws, stand for."""
@@ -116,17 +111,14 @@ class Choice:
         drawn = np.empty(share.shape)
         for index, value in enumerate(self.values):
             own = chosen == index
-            if isinstance(value, Uniform | LogUniform):
-                drawn[own] = value.at(passed[own] - index)
-            else:
-                drawn[own] = value
+            drawn[own] = value.at(passed[own] - index) if isinstance(value, Uniform) else value
         return drawn
 
     @property
     def ends(self) -> tuple[float, float]:
         """The least and the greatest number."""
         spans = [
-            value.ends if isinstance(value, Uniform | LogUniform) else (float(value), float(value))
+            value.ends if isinstance(value, Uniform) else (float(value), float(value))
             for value in self.values
         ]
         return min(low for low, _ in spans), max(high for _, high in spans)
@@ -139,23 +131,20 @@ class Choice:
     @property
     def whole(self) -> bool:
         """Whether every value is a whole number."""
-        return all(_is_number(value) and float(value).is_integer() for value in self.values)  # type: ignore[arg-type]
+        return self._numbers is not None and bool((self._numbers % 1 == 0).all())
 
     def as_json(self) -> Any:
         """Return what :func:`parse_distribution` reads."""
         values = [
-            value.as_json() if isinstance(value, Uniform | LogUniform) else _plain(value)
+            value.as_json() if isinstance(value, Uniform) else _plain(value)
             for value in self.values
         ]
         return values[0] if len(values) == 1 and _is_number(values[0]) else {"choice": values}
 
 
-Distribution = Uniform | LogUniform | Choice
+Distribution = Uniform | Choice
 
-_KINDS: dict[str, type[Uniform] | type[LogUniform]] = {
-    "uniform": Uniform,
-    "log_uniform": LogUniform,
-}
+_KINDS = {one.kind: one for one in (Uniform, LogUniform)}
 #: What the messages call valid.
 VALID = (
     "a number, [low, high], {uniform: [low, high]}, {log_uniform: [low, high]}, "
@@ -171,7 +160,7 @@ def parse_distribution(name: str, value: Any) -> Distribution:
     :raises ValueError: for anything else; the message says what is valid.
     """
     try:
-        if isinstance(value, Uniform | LogUniform | Choice):
+        if isinstance(value, Distribution):
             return value
         if _is_number(value):
             return Choice((float(value),))
@@ -198,9 +187,3 @@ def _is_number(value: object) -> bool:
 def _plain(value: float) -> float:
     """Return a number of Python for one of NumPy."""
     return int(value) if isinstance(value, Integral) else float(value)
-
-
-def _require_ends(low: object, high: object) -> None:
-    for name, value in (("low", low), ("high", high)):
-        require(name, value, _is_number(value), "a finite number")
-    require("high", high, high >= low, f"at least low, {low!r}")  # type: ignore[operator]

@@ -68,17 +68,19 @@ class Parameter:
 
         :raises ValueError: for one that is not valid, or values that the simulation cannot do.
         """
+        subject = f"randomization: {self.name}"
         if self.names:
-            several = (
-                value["choice"] if isinstance(value, Mapping) and "choice" in value else [value]
-            )
+            chooses = isinstance(value, Mapping) and "choice" in value
+            several = value["choice"] if chooses else [value]
             known = all(one in self.names for one in several)
-            require(
-                f"randomization: {self.name}", value, known, f"{self.valid}, or a choice of them"
-            )
+            require(subject, value, known, f"{self.valid}, or a choice of them")
             return Choice(tuple(self.names.index(one) for one in several))
         distribution = parse_distribution(self.name, value)
-        self._check(distribution)
+        allowed = all(self.allows(end) for end in distribution.ends)
+        require(subject, distribution, allowed, f"within {self.valid}")
+        if self.whole:
+            choices = isinstance(distribution, Choice) and distribution.whole
+            require(subject, distribution, choices, "a whole number, or a choice of whole numbers")
         return distribution
 
     def as_json(self, distribution: Distribution) -> Any:
@@ -91,18 +93,6 @@ class Parameter:
     def allows(self, value: float) -> bool:
         """Return whether the simulation can do a value."""
         return self.limits[0] <= value <= self.limits[1]
-
-    def _check(self, distribution: Distribution) -> None:
-        """Check that the simulation can do every value of a distribution.
-
-        :raises ValueError: otherwise; the message has the limits.
-        """
-        subject = f"randomization: {self.name}"
-        allowed = all(self.allows(end) for end in distribution.ends)
-        require(subject, distribution, allowed, f"within {self.valid}")
-        if self.whole:
-            choices = isinstance(distribution, Choice) and distribution.whole
-            require(subject, distribution, choices, "a whole number, or a choice of whole numbers")
 
     @property
     def mild(self) -> Distribution | None:

@@ -36,6 +36,11 @@ class Randomization:
         """Return the distribution of a parameter, or ``None`` if it does not vary."""
         return next((one for parameter, one in self.varied if parameter.name == name), None)
 
+    def greatest(self, name: str) -> float:
+        """Return the greatest value that a parameter may have, or 0 if it does not vary."""
+        distribution = self.distribution_of(name)
+        return 0.0 if distribution is None else distribution.ends[1]
+
     def empty(self, n: int, n_arms: int) -> Values:
         """Return the arrays (n, size) of the values of n episodes."""
         return {one.name: np.zeros((n, _size(one, n_arms))) for one, _ in self.varied}

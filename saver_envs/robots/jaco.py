@@ -16,18 +16,9 @@ from importlib import resources
 import mujoco
 import numpy as np
 
+from saver_envs.robots import kinova
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos
-from saver_envs.robots.kinova import (
-    DARK,
-    LIGHT,
-    TOOL_SITE,
-    add_capsule,
-    add_finger_hinge,
-    add_finger_servos,
-    add_hinge,
-    add_ring,
-)
 
 HAND_BODY = "hand"
 
@@ -40,49 +31,17 @@ STIFFNESS = (3000.0,) * 3 + (500.0,) * 3
 #: One input drives the hand: fingers 2 and 3 together press as much as finger 1, which faces them.
 FINGER_SHARES = (1.0, 0.5, 0.5)
 
-_MESHES = (
-    "base",
-    "shoulder",
-    "arm",
-    "forearm",
-    "wrist",
-    "hand_3finger_main",
-    "hand_3finger_insert",
-    "finger_proximal",
-    "finger_distal",
-)
-
-#: Serial chain: body, position (m), quaternion, mesh, mass (kg), radius and half-height of the ring
-#: at its joint (m).
+#: Serial chain: body, position (m), quaternion, mesh, mass (kg).
 _LINKS = (
-    ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205, (0.044, 0.011)),
-    (
-        "link_2",
-        (0, 0.0016, -0.11875),
-        (0, 0, -0.707107, 0.707107),
-        "arm",
-        1.16915,
-        (0.044, 0.011),
-    ),
-    ("link_3", (0, -0.41, 0), (0, 0, 1, 0), "forearm", 0.673443, (0.044, 0.011)),
-    (
-        "link_4",
-        (0, 0.2073, -0.0114),
-        (0, 0, -0.707107, 0.707107),
-        "wrist",
-        0.221432,
-        (0.035, 0.009),
-    ),
-    (
-        "link_5",
-        (0, -0.03703, -0.06414),
-        (0, 0, 0.5, 0.866025),
-        "wrist",
-        0.221432,
-        (0.035, 0.009),
-    ),
-    ("link_6", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), None, 0.0, (0.035, 0.009)),
+    ("link_1", (0, 0, 0.15675), (0, 0, 1, 0), "shoulder", 0.643205),
+    ("link_2", (0, 0.0016, -0.11875), (0, 0, -0.707107, 0.707107), "arm", 1.16915),
+    ("link_3", (0, -0.41, 0), (0, 0, 1, 0), "forearm", 0.673443),
+    ("link_4", (0, 0.2073, -0.0114), (0, 0, -0.707107, 0.707107), "wrist", 0.221432),
+    ("link_5", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), "wrist", 0.221432),
+    ("link_6", (0, -0.03703, -0.06414), (0, 0, 0.5, 0.866025), None, 0.0),
 )
+#: Radius and half-height of the rings at the joints (m), as large as their actuators.
+_RINGS = ((0.044, 0.011),) * 3 + ((0.035, 0.009),) * 3
 _BASE_MASS, _HAND_MASS = 0.718306, 0.54719  # kg
 _PROXIMAL_MASS, _DISTAL_MASS = 0.0255204, 0.0132655  # kg
 
@@ -112,11 +71,12 @@ _HAND_QUATERNION = (1.0, 0.0, 0.0, 0.0)
 @cache
 def _mesh_bytes() -> dict[str, bytes]:
     folder = resources.files("saver_envs.robots") / "assets" / "jaco"
-    return {f"{name}.stl": (folder / f"{name}.stl").read_bytes() for name in _MESHES}
+    files = sorted(folder.iterdir(), key=lambda file: file.name)
+    return {file.name: file.read_bytes() for file in files if file.name.endswith(".stl")}
 
 
 def _add_mesh_geom(
-    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = DARK
+    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = kinova.DARK
 ) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -131,16 +91,16 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     """Add base, six links and the hand's body; return the hand."""
     body = spec.worldbody.add_body(name="base")
     _add_mesh_geom(body, "base", _BASE_MASS)
-    for index, (name, position, quaternion, mesh, mass, ring) in enumerate(_LINKS):
+    for index, (name, position, quaternion, mesh, mass) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        add_hinge(body, JACO, index, ARMATURE[index])
+        kinova.add_hinge(body, JACO, index, ARMATURE[index])
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
-        add_ring(body, *ring)
+        kinova.add_ring(body, *_RINGS[index])
     hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
-    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, LIGHT)
-    hand.add_site(name=TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
+    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, kinova.LIGHT)
+    hand.add_site(name=kinova.TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
     return hand
 
 
@@ -152,16 +112,18 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
             name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
         )
         if fingers is Fingers.ACTUATED:
-            add_finger_hinge(proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER)
-        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, LIGHT)
+            kinova.add_finger_hinge(
+                proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER
+            )
+        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, kinova.LIGHT)
         name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
-        add_capsule(proximal, name, start, end, 0.010, pad=True)
+        kinova.add_capsule(proximal, name, start, end, 0.010, pad=True)
         distal = proximal.add_body(
             name=f"finger_distal_{index}", pos=(0.044, -0.003, 0), gravcomp=1
         )
-        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, LIGHT)
+        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, kinova.LIGHT)
         name, start, end = f"distal_{index}", (0, -0.004, 0), (0.036, -0.005, 0)
-        add_capsule(distal, name, start, end, 0.008, pad=True)
+        kinova.add_capsule(distal, name, start, end, 0.008, pad=True)
 
 
 def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
@@ -182,15 +144,15 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     spec.modelname = "jaco"
     spec.compiler.degree = False
     spec.assets = _mesh_bytes()
-    for name in _MESHES:
-        spec.add_mesh(name=f"jaco_{name}", file=f"{name}.stl")
+    for file in _mesh_bytes():
+        spec.add_mesh(name=f"jaco_{file.removesuffix('.stl')}", file=file)
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        add_capsule(spec.body(body), name, start, end, radius)
+        kinova.add_capsule(spec.body(body), name, start, end, radius)
     add_arm_servos(spec, JACO, STIFFNESS)
     if fingers is Fingers.ACTUATED:
-        add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
+        kinova.add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
     return spec
 
 
@@ -198,7 +160,7 @@ JACO = Robot(
     name="jaco",
     build=build,
     base_body="base",
-    tool_site=TOOL_SITE,
+    tool_site=kinova.TOOL_SITE,
     arm_joints=tuple(f"joint_{index}" for index in range(1, 7)),
     finger_joints=tuple(f"finger_{index}" for index in range(1, 4)),
     # The elbow up, the tool near x = 0.45 m.

@@ -66,6 +66,8 @@ OBJECT_PARAMETERS = (
         names=("cube", "cylinder", "block", "post"),
     ),
 )
+#: Options of the tasks that describe the cubes.
+OBJECT_OPTIONS = tuple(one.name for one in OBJECT_PARAMETERS)
 #: Shape -> its geom, and its width along x, along y and its height, as shares of the edge.
 SHAPES = {
     "cube": (mujoco.mjtGeom.mjGEOM_BOX, (1.0, 1.0, 1.0)),

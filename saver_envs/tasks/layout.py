@@ -93,8 +93,7 @@ class Layout:
                 )
             shape = (1, part.size) if part.shared else (1, self.n_arms, part.size)
             limits[part.name] = np.full(shape, limit)
-        joined: Array = self.join(limits)[0]
-        return joined
+        return self.join(limits)[0]
 
     def part(self, name: str) -> Part:
         """Return a part.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from saver_envs.robots.description import Fingers
 from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
 from saver_envs.tasks.table import TableTask
-from saver_envs.validation import require_share
 
 #: Half of the targets are in the air, up to this height (m).
 AIR_SHARE, AIR_HEIGHT = 0.5, 0.25
@@ -27,21 +26,9 @@ class CarryTask(TableTask):
 
     fingers: ClassVar[Fingers] = Fingers.ACTUATED
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_share("in_hand_probability", self.in_hand_probability)
-
     def start_rules(self) -> StartRules:
         """Return the rules of a start: hands above the table, half of the targets in the air."""
-        return StartRules(
-            object_size=self.object_size,
-            table_height=self.table_height,
-            hand_height=HAND_HEIGHT,
-            air_share=AIR_SHARE,
-            air_height=AIR_HEIGHT,
-            success_threshold=self.success_threshold,
-            in_hand_probability=self.in_hand_probability,
-        )
+        return self.rules(hand_height=HAND_HEIGHT, air_share=AIR_SHARE, air_height=AIR_HEIGHT)
 
 
 @dataclass(frozen=True)
@@ -56,11 +43,3 @@ class PickAndPlace(CarryTask):
 
     name: ClassVar[str] = "pick-and-place"
     expert: ClassVar[str | None] = "saver_envs.experts.pick:expert"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_share("contested_share", self.contested_share)
-
-    def start_rules(self) -> StartRules:
-        """Return the rules of a start, contested ones included."""
-        return replace(super().start_rules(), contested_share=self.contested_share)

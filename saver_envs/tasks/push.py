@@ -8,7 +8,6 @@ from typing import ClassVar
 from saver_envs.robots.description import Fingers
 from saver_envs.tasks.sampling import CONTESTED_SHARE, StartRules
 from saver_envs.tasks.table import TableTask
-from saver_envs.validation import require_share
 
 #: Height of the tool above the table while pushing (m): the fingers meet the cube below its top.
 PUSH_HEIGHT = 0.025
@@ -29,18 +28,7 @@ class Push(TableTask):
     held_height: ClassVar[float | None] = PUSH_HEIGHT
     expert: ClassVar[str | None] = "saver_envs.experts.push:expert"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_share("contested_share", self.contested_share)
-
     def start_rules(self) -> StartRules:
         """Return the rules of a start: hands low, targets on the table, room to push."""
-        return StartRules(
-            object_size=self.object_size,
-            table_height=self.table_height,
-            hand_height=(PUSH_HEIGHT, PUSH_HEIGHT),
-            air_height=self.object_size / 2,
-            success_threshold=self.success_threshold,
-            pushes=True,
-            contested_share=self.contested_share,
-        )
+        height = (PUSH_HEIGHT, PUSH_HEIGHT)
+        return self.rules(hand_height=height, air_height=self.object_size / 2, pushes=True)

@@ -17,6 +17,7 @@ from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
 from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.regions import Regions
+from saver_envs.validation import require
 
 FloatArray = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ class TableStart(Start):
 
 @dataclass(frozen=True)
 class StartRules:
-    """What differs between tasks.
+    """What differs between tasks; fields that are named like a task's options have their values.
 
     :param object_size: edge of the cubes, metres.
     :param hand_height: lowest and highest start of a hand above the table, metres.
@@ -106,6 +107,10 @@ class StartRules:
     contested_share: float = 0.0
     in_hand_probability: float = 0.0
     table_height: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("contested_share", "in_hand_probability"):
+            require(name, getattr(self, name), 0 <= getattr(self, name) <= 1, "0 to 1")
 
 
 class StartSampler:
@@ -150,7 +155,9 @@ class StartSampler:
         :raises NoStart: when no candidate of many blocks satisfies the rules: the regions or
             the object size leave no room.
         """
-        contest = self._draw_contest(generator)
+        contest = None  # or the right one of two neighbours whose ways cross
+        if self.contestable and generator.random() < self._rules.contested_share:
+            contest = int(generator.integers(self._n_arms - 1))
         joint = _JOINT_BLOCKS.get(self._n_arms, 0)
         for attempt in range(_MOST_BLOCKS):
             if attempt == _MOST_CONTESTED_BLOCKS[self._n_arms > 2]:
@@ -173,12 +180,6 @@ class StartSampler:
             f"no start keeps the rules after {_MOST_BLOCKS} blocks of candidates: "
             f"objects of {self._rules.object_size} m leave no room in the regions"
         )
-
-    def _draw_contest(self, generator: np.random.Generator) -> int | None:
-        """Draw whether the start is contested: the right one of two neighbours, or ``None``."""
-        if not self.contestable or generator.random() >= self._rules.contested_share:
-            return None
-        return int(generator.integers(self._n_arms - 1))
 
     def _draw_ways(self, generator: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw a block of objects and targets, (block, arms, 3) each."""
@@ -365,8 +366,7 @@ class StartSampler:
             points[:, (target_1, target_2, target_2, target_1)],
         )
         clear = gaps >= CLEARANCE_WIDTHS * self._rules.object_size
-        can: NDArray[np.bool_] = (clear[:, 0] & clear[:, 1]) | (clear[:, 2] & clear[:, 3])
-        return can
+        return (clear[:, 0] & clear[:, 1]) | (clear[:, 2] & clear[:, 3])
 
     def _hands_valid(self, hand: FloatArray, objects: FloatArray) -> NDArray[np.bool_]:
         """Return which hands (block, arms, 3) may start beside objects (arms, 3), (block,)."""
@@ -422,3 +422,75 @@ def distance_to_segment(points: FloatArray, start: FloatArray, end: FloatArray) 
     share = (lever * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-9)
     share = np.minimum(np.maximum(share, 0.0), 1.0)
     return length(lever - share[..., None] * way)
+
+
+def start_text(n_arms: int, rules: StartRules, boxes: Regions) -> list[str]:
+    """Return what the sampler guarantees, a sentence each.
+
+    :param n_arms: number of arms.
+    :param rules: of the starts.
+    :param boxes: of hands, objects and targets.
+    """
+    lines = [
+        f"A cube {_span(HAND_TO_OBJECT)} from its hand, its target {_span(OBJECT_TO_TARGET)} from "
+        "the cube.",
+        *_boxes(boxes),
+        _hands(rules),
+        _targets(rules),
+    ]
+    if rules.pushes:
+        lines.append("Behind each cube there is room for the hand that is to push it.")
+    if n_arms > 1:
+        lines += _several_arms(rules)
+    lines.append("Hands, cubes and targets can be reached: the sampler looks each of them up.")
+    return lines
+
+
+def _boxes(boxes: Regions) -> list[str]:
+    """Describe each arm's box; one line for all where they are alike."""
+    texts = [
+        f"x {lower[0]:g} to {upper[0]:g} m, y {lower[1]:g} to {upper[1]:g} m"
+        for lower, upper in zip(boxes.object_lower, boxes.object_upper, strict=True)
+    ]
+    reach = f"at most {boxes.reach:g} m from the base"
+    if len(set(texts)) == 1:
+        return [f"Cubes and targets in {texts[0]}, {reach}."]
+    return [f"Arm {arm}: cube and target in {box}, {reach}." for arm, box in enumerate(texts)]
+
+
+def _hands(rules: StartRules) -> str:
+    low, high = rules.hand_height
+    if low == high:
+        return f"Hands closed, {100 * low:g} cm above the table."
+    return f"Hands open, {100 * low:g} to {100 * high:g} cm above the table."
+
+
+def _targets(rules: StartRules) -> str:
+    if rules.air_share == 0:
+        return "Targets on the table."
+    return (
+        f"{rules.air_share:.0%} of the targets in the air, up to {100 * rules.air_height:g} cm; "
+        "the others on the table."
+    )
+
+
+def _several_arms(rules: StartRules) -> list[str]:
+    lines = [
+        f"Cubes and targets of different arms are at least {CLEARANCE_WIDTHS:g} cube widths apart, "
+        f"hands {100 * HAND_CLEARANCE:g} cm from one another and "
+        f"{100 * HAND_TO_OTHER_OBJECT:g} cm from other arms' cubes."
+    ]
+    if rules.separation is not None:
+        low, high = rules.separation
+        lines.append(f"Both cubes, and both targets, {low:g} to {high:g} m apart.")
+    elif rules.contested_share > 0:
+        lines.append(
+            f"In {rules.contested_share:.0%} of the episodes the ways of two neighbours' cubes "
+            "cross, so that the arms must give way; in the others hardly ever. The share holds for "
+            "2, 3 and 4 arms."
+        )
+    return lines
+
+
+def _span(span: tuple[float, float]) -> str:
+    return f"{100 * span[0]:g} to {100 * span[1]:g} cm"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -19,11 +19,10 @@ from saver_envs.scenes import Arms, Bases, FreeBodies, Scene, free_bodies
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.arm_and_object import ArmAndObjectTask, hand_parts, object_parts
 from saver_envs.tasks.contract import Memory, Rows, Seen, TaskPage
-from saver_envs.tasks.cubes import OBJECT_PARAMETERS, Cubes
+from saver_envs.tasks.cubes import OBJECT_OPTIONS, OBJECT_PARAMETERS, Cubes
 from saver_envs.tasks.grasping import settled_grasp
 from saver_envs.tasks.regions import OVERLAP, Regions, regions
-from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart
-from saver_envs.tasks.table_page import table_page
+from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart, start_text
 from saver_envs.validation import require
 
 #: Cubes whose edges differ by less (m) are held alike.
@@ -63,19 +62,14 @@ class TableTask(ArmAndObjectTask):
         super().__post_init__()
         require_allowed(self, self.parameters)
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
+        self.start_rules()  # which checks the options that it takes
 
     @cached_property
     def cubes(self) -> Cubes:
         """The cubes of the scene."""
         return Cubes(
             self.n_arms,
-            size=self.object_size,
-            mass=self.object_mass,
-            friction=self.object_friction,
-            damping=self.object_damping,
-            finger_friction=self.finger_friction,
-            table_height=self.table_height,
-            shape=self.object_shape,
+            **{name.removeprefix("object_"): getattr(self, name) for name in OBJECT_OPTIONS},
         )
 
     @property
@@ -91,6 +85,14 @@ class TableTask(ArmAndObjectTask):
     def start_rules(self) -> StartRules:
         """Return the rules of a start."""
         raise NotImplementedError
+
+    def rules(self, **own: Any) -> StartRules:
+        """Return rules of a start, those that are options with the values of these.
+
+        :param own: the other rules.
+        """
+        options = vars(self).keys() & {one.name for one in fields(StartRules)}
+        return StartRules(**{name: getattr(self, name) for name in options}, **own)
 
     # ---------------------------------------------------------------- the scene
 
@@ -139,20 +141,17 @@ class TableTask(ArmAndObjectTask):
         fingers = np.full((len(rows), *scene.finger_qpos.shape), robot.finger_open)
         quaternion = np.zeros((len(rows), self.n_arms, 4))
         quaternion[..., 0] = 1
-        if held.any():
-            for index, arm in np.argwhere(held):
-                grasp = settled_grasp(robot, self._grasped(starts[index].object_size))
-                position[index, arm] = hand[index, arm] + grasp.object_offset
-                quaternion[index, arm] = grasp.object_quaternion
-                fingers[index, arm] = grasp.finger_position
+        for index, arm in np.argwhere(held):
+            grasp = settled_grasp(robot, self._grasped(starts[index].object_size))
+            position[index, arm] = hand[index, arm] + grasp.object_offset
+            quaternion[index, arm] = grasp.object_quaternion
+            fingers[index, arm] = grasp.finger_position
         simulation.reset(rows, joints.reshape(len(rows), self.n_arms, -1), fingers)
         poses = np.concatenate([scene.to_world(position), quaternion], axis=-1)
         simulation.qpos[rows[:, None, None], self._cubes(simulation).qpos] = poses
         simulation.refresh(rows)
-        if held.any():
-            episode, arm = np.nonzero(held)
-            controls = scene.finger_ctrl[arm]
-            simulation.ctrl[rows[episode][:, None], controls] = robot.finger_closed
+        episode, arm = np.nonzero(held)
+        simulation.ctrl[rows[episode][:, None], scene.finger_ctrl[arm]] = robot.finger_closed
 
     def _grasped(self, size: float) -> Cubes:
         """Return the cube whose grasp is that of a cube of this size, or of a similar one."""
@@ -187,7 +186,26 @@ class TableTask(ArmAndObjectTask):
         rules = self.start_rules()
         if not _sampler(self, scene).contestable:
             rules = replace(rules, contested_share=0.0)
-        return table_page(self, self.cubes, rules, self.regions(scene.arms))
+        subject = "the cube is" if self.n_arms == 1 else "every cube is"
+        where = " on the table" if self.held_height is not None else ", on the table or in the air"
+        within = f"within {100 * self.success_threshold:g} cm of its target"
+        cubes = self.cubes
+        facts = f"{100 * cubes.size:g} cm, {cubes.mass:g} kg, friction {cubes.friction:g}"
+        return TaskPage(
+            thing="cube",
+            succeeds=f"{subject} {within}{where}",
+            start=start_text(self.n_arms, rules, self.regions(scene.arms)),
+            reward="0 where every cube is within the threshold of its target, else -1.",
+            dense="minus the sum of the cubes' distances to their targets, in metres.",
+            costs={
+                "collision": (
+                    "1 on a step with contact between arms, or of an arm with the table or with "
+                    "another arm's cube"
+                )
+            },
+            goal={"object position": "centre of the cube (achieved), its target (desired)"},
+            facts=(("cubes", facts),),
+        )
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -32,20 +31,7 @@ from saver_envs.tasks.arm_and_object import ArmAndObjectTask, hand_parts, object
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.regions import OVERLAP, regions
-from saver_envs.tasks.sampling import HAND_TO_OBJECT
-from saver_envs.tasks.wrist_starts import (
-    FRICTION,
-    HIPS_SPREAD,
-    MOST_BENT,
-    MOST_BENT_OUTWARDS,
-    STANDOFF,
-    STIFFNESS,
-    WRIST_TO_TARGET,
-    YAW,
-    PersonOptions,
-    WristStart,
-    WristStartSampler,
-)
+from saver_envs.tasks.wrist_starts import STANDOFF, WristStart, WristStartSampler, start_text
 from saver_envs.validation import require
 
 #: What may differ between people. By default all but the mass is drawn from narrower ranges.
@@ -167,16 +153,9 @@ class WristPush(ArmAndObjectTask):
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> WristStart:
         """Draw a person, targets beside the hips, and hands beside the wrists."""
-        person = PersonOptions(
-            body=self.person_body,
-            friction=self.person_friction,
-            stiffness=self.person_stiffness,
-            yaw=self.person_yaw,
-            x=self.person_x,
-            y=self.person_y,
-            mass=self.person_mass,
-        )
-        return _sampler(scene, self.overlap, person).sample(generator)
+        names = [one.name for one in PERSON_PARAMETERS]
+        known = {name.removeprefix("person_"): getattr(self, name) for name in names}
+        return _sampler(scene, self.overlap).sample(generator, known)
 
     def place(
         self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[WristStart]
@@ -233,7 +212,7 @@ class WristPush(ArmAndObjectTask):
                 f"the torso was never pressed with more than {force} nor moved by more than "
                 f"{displacement}"
             ),
-            start=_start_text(),
+            start=start_text(),
             reward="0 where every wrist is within the threshold of its target, else -1.",
             dense="minus the sum of the wrists' distances to their targets, in metres.",
             costs={
@@ -258,28 +237,6 @@ class WristPush(ArmAndObjectTask):
 
 
 @lru_cache(maxsize=8)
-def _sampler(scene: Scene, overlap: float, person: PersonOptions) -> WristStartSampler:
+def _sampler(scene: Scene, overlap: float) -> WristStartSampler:
     reachability = reachability_map(scene.robot)
-    return WristStartSampler(scene, regions(scene.arms, overlap), reachability, person)
-
-
-def _start_text() -> list[str]:
-    """What the sampler guarantees, each with its figure."""
-    x, y = (f"{100 * one:g} cm" for one in HIPS_SPREAD)
-    inwards, outwards = math.degrees(MOST_BENT), math.degrees(MOST_BENT_OUTWARDS)
-    return [
-        f"The person lies on the back, the head towards -x, turned by up to {YAW:g} rad; the middle"
-        f" between the hip joints at (0.35 +- {x}, +- {y}).",
-        f"A wrist's target is {100 * STANDOFF:g} cm beside its hip joint, at the height of a wrist "
-        "that lies on the stretcher.",
-        f"A wrist {100 * WRIST_TO_TARGET[0]:g} to {100 * WRIST_TO_TARGET[1]:g} cm from its target, "
-        "on the outer side, within reach of its arm and in the camera's picture.",
-        f"Elbows bent by up to {outwards:.0f} degrees where they point outwards and "
-        f"{inwards:.0f} where they point inwards, and no forearm so near the trunk that the swing "
-        "to the target would squeeze it.",
-        f"A hand {100 * HAND_TO_OBJECT[0]:g} to {100 * HAND_TO_OBJECT[1]:g} cm from its wrist, on "
-        "the outer side, closed, with room behind the wrist.",
-        f"Friction of the person's arms {FRICTION[0]:g} to {FRICTION[1]:g}; friction and damping "
-        f"in their joints times {STIFFNESS[0]:g} to {STIFFNESS[1]:g}.",
-        "Nothing touches but the person's arms the stretcher.",
-    ]
+    return WristStartSampler(scene, regions(scene.arms, overlap), reachability)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -65,60 +66,33 @@ class WristStart(Start):
     people: People
 
 
-@dataclass(frozen=True)
-class PersonOptions:
-    """Who lies on the bench and where; what is ``None`` is drawn anew for every start.
-
-    :param body: which of :data:`saver_envs.people.bodies.BODIES`.
-    :param friction: sliding friction of arms and hands.
-    :param stiffness: factor of the friction and the damping in the joints of the arms.
-    :param yaw: turn of the trunk, radians.
-    :param x: how far the middle between the hip joints is from its usual place, along x, metres.
-    :param y: likewise, along y.
-    :param mass: factor of the masses of all body parts.
-    """
-
-    body: int | None = None
-    friction: float | None = None
-    stiffness: float | None = None
-    yaw: float | None = None
-    x: float | None = None
-    y: float | None = None
-    mass: float = 1.0
-
-
 class WristStartSampler:
     """Draws starts for the bench with a person.
 
     :param scene: the bench.
     :param regions: gives the workspace of hands and the reach.
     :param reachability: the robot's map.
-    :param person: what is known of the person.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        regions: Regions,
-        reachability: ReachabilityMap,
-        person: PersonOptions,
-    ) -> None:
-        self._person = person
+    def __init__(self, scene: Scene, regions: Regions, reachability: ReachabilityMap) -> None:
         self._arms = person_addresses(scene).arms
         self._base = scene.base_position
         self._regions = regions
         self._reachability = reachability
 
-    def sample(self, generator: np.random.Generator) -> WristStart:
+    def sample(self, generator: np.random.Generator, known: Mapping[str, Any]) -> WristStart:
         """Draw a start; contacts are not looked at.
 
         :param generator: the episode's source of randomness.
+        :param known: ``mass``, ``body``, ``friction``, ``stiffness`` and ``yaw`` of the person, see
+            :class:`saver_envs.people.patient.People`, and ``x`` and ``y``, how far the middle
+            between the hip joints is from its usual place, metres; what is ``None`` is drawn.
         :return: the start.
         :raises NoStart: when no start is found: a person who is given may be out of reach.
         """
-        tries = _MOST_PEOPLE if self._person.body is None else _MOST_TRIES
+        tries = _MOST_PEOPLE if known["body"] is None else _MOST_TRIES
         for _ in range(tries):
-            people = self._someone(generator)
+            people = self._someone(generator, known)
             body, hips, yaw = int(people.body[0]), people.hips[0], float(people.yaw[0])
             found: list[tuple[FloatArray, ...]] = []
             for arm in range(2):
@@ -138,35 +112,25 @@ class WristStartSampler:
                 return WristStart(hand, target, lying)
         raise NoStart(f"none of {tries} people has both wrists within reach")
 
-    def _someone(self, generator: np.random.Generator) -> People:
+    def _someone(self, generator: np.random.Generator, known: Mapping[str, Any]) -> People:
         """Draw what is not known of a person, one row."""
-        known = self._person
-        body = known.body
+        body = known["body"]
         if body is None:
             body = int(generator.integers(len(self._arms)))
-        middle, spread = np.array(HIPS[:2]), np.asarray(HIPS_SPREAD)
-        hips = middle + generator.uniform(-1, 1, 2) * spread
-        drawn = (
-            generator.uniform(-YAW, YAW),
-            generator.uniform(*FRICTION),
-            np.exp(generator.uniform(*np.log(STIFFNESS))),
-        )
-        yaw, friction, stiffness = (
-            new if given is None else given
-            for new, given in zip(drawn, (known.yaw, known.friction, known.stiffness), strict=True)
-        )
-        for axis, place in enumerate((known.x, known.y)):
-            if place is not None:
-                hips[axis] = middle[axis] + place
-        return replace(
-            People.default(1),
-            body=np.array([body]),
-            hips=hips[None],
-            yaw=np.array([yaw]),
-            friction=np.array([friction]),
-            stiffness=np.array([stiffness]),
-            mass=np.array([known.mass]),
-        )
+        middle = np.array(HIPS[:2])
+        hips = middle + generator.uniform(-1, 1, 2) * HIPS_SPREAD
+        drawn = {
+            "yaw": generator.uniform(-YAW, YAW),
+            "friction": generator.uniform(*FRICTION),
+            "stiffness": np.exp(generator.uniform(*np.log(STIFFNESS))),
+        }
+        person = {name: new if known[name] is None else known[name] for name, new in drawn.items()}
+        for axis, name in enumerate("xy"):
+            if known[name] is not None:
+                hips[axis] = middle[axis] + known[name]
+        person |= {"body": body, "hips": hips, "mass": known["mass"]}
+        row = {name: np.array([value]) for name, value in person.items()}
+        return replace(People.default(1), **row)
 
     def _arm(
         self, generator: np.random.Generator, body: int, hips: FloatArray, yaw: float, index: int
@@ -182,7 +146,7 @@ class WristStartSampler:
             self._to_base(points, hips, yaw, index)
             for points in (drawn.wrist, drawn.hand, drawn.behind)
         )
-        base = self._from_base(np.zeros(3), hips, yaw, index)
+        base = turned(self._base[[index], :2] - hips, -yaw)
         valid = (wrist[:, 0] >= WRIST_LEAST_X) & _person_at_ease(arm, drawn)
         valid &= _robot_clear(arm, drawn, base)
         valid &= np.hypot(wrist[:, 0], wrist[:, 1]) <= self._regions.reach
@@ -203,12 +167,6 @@ class WristStartSampler:
         moved = points.copy()
         moved[:, :2] = turned(points[:, :2], yaw) + hips
         return moved - self._base[arm]
-
-    def _from_base(self, point: FloatArray, hips: FloatArray, yaw: float, arm: int) -> FloatArray:
-        """Transform a point (3,) from the base frame of ``arm`` to the manikin's frame."""
-        cosine, sine = np.cos(yaw), np.sin(yaw)
-        x, y = (point + self._base[arm])[:2] - hips
-        return np.array([cosine * x + sine * y, cosine * y - sine * x, point[2]])
 
     def _hand_can_be_at(self, points: FloatArray, arm: int) -> NDArray[np.bool_]:
         every = np.repeat(points[:, None], len(self._base), axis=1)
@@ -266,17 +224,39 @@ def _person_at_ease(arm: PersonArm, drawn: _Proposals) -> NDArray[np.bool_]:
 
 
 def _robot_clear(arm: PersonArm, drawn: _Proposals, base: FloatArray) -> NDArray[np.bool_]:
-    """Return which proposals (k,) keep the arm clear of the robot's base (3,) and of its hand."""
+    """Return which proposals (k,) keep the arm clear of the robot's base (1, 2) and its hand."""
     elbow, wrist, fingers = drawn.elbow, drawn.wrist, drawn.fingers
     shoulder = np.broadcast_to(arm.shoulder, wrist.shape)
     upper, fore, palm = arm.radius
     valid = np.ones(len(wrist), dtype=bool)
     for point, own, start, end, radius in (
-        (base[None], BASE_RADIUS, shoulder, elbow, upper),
-        (base[None], BASE_RADIUS, elbow, wrist, fore),
+        (base, BASE_RADIUS, shoulder, elbow, upper),
+        (base, BASE_RADIUS, elbow, wrist, fore),
         (drawn.hand, HAND_RADIUS, elbow, wrist, fore),
         (drawn.hand, HAND_RADIUS, wrist, fingers, palm),
     ):
         distance = distance_to_segment(point[:, :2], start[:, :2], end[:, :2])
         valid &= distance >= radius + own + CLEARANCE
     return valid
+
+
+def start_text() -> list[str]:
+    """Return what the sampler guarantees, a sentence each."""
+    x, y = (f"{100 * one:g} cm" for one in HIPS_SPREAD)
+    inwards, outwards = np.degrees(MOST_BENT), np.degrees(MOST_BENT_OUTWARDS)
+    return [
+        f"The person lies on the back, the head towards -x, turned by up to {YAW:g} rad; the middle"
+        f" between the hip joints at (0.35 +- {x}, +- {y}).",
+        f"A wrist's target is {100 * STANDOFF:g} cm beside its hip joint, at the height of a wrist "
+        "that lies on the stretcher.",
+        f"A wrist {100 * WRIST_TO_TARGET[0]:g} to {100 * WRIST_TO_TARGET[1]:g} cm from its target, "
+        "on the outer side, within reach of its arm and in the camera's picture.",
+        f"Elbows bent by up to {outwards:.0f} degrees where they point outwards and "
+        f"{inwards:.0f} where they point inwards, and no forearm so near the trunk that the swing "
+        "to the target would squeeze it.",
+        f"A hand {100 * HAND_TO_OBJECT[0]:g} to {100 * HAND_TO_OBJECT[1]:g} cm from its wrist, on "
+        "the outer side, closed, with room behind the wrist.",
+        f"Friction of the person's arms {FRICTION[0]:g} to {FRICTION[1]:g}; friction and damping "
+        f"in their joints times {STIFFNESS[0]:g} to {STIFFNESS[1]:g}.",
+        "Nothing touches but the person's arms the stretcher.",
+    ]

@@ -13,7 +13,26 @@ from saver_envs.validation import require
 COST = "cost"
 
 
-class CostStep(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
+class _CheckedCost:
+    """Checks at every reset that ``info`` has the cost."""
+
+    env: Any
+    cost: str
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode, or those of a vector."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        names = [name for name in info if name.startswith(COST)]
+        valid = f"an entry of info: {', '.join(names) or 'it has none'}"
+        require("cost", self.cost, self.cost in names, valid)
+        return observation, info
+
+
+class CostStep(
+    _CheckedCost, gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs
+):
     """Returns ``observation, reward, cost, terminated, truncated, info``, as Safety-Gymnasium does.
 
     It is the outermost wrapper: those of Gymnasium unpack five values.
@@ -28,14 +47,6 @@ class CostStep(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCons
         gymnasium.Wrapper.__init__(self, env)
         self.cost = cost
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        _require_cost(self.cost, info)
-        return observation, info
-
     def step(  # type: ignore[override]
         self, action: Any
     ) -> tuple[Any, float, float, bool, bool, dict[str, Any]]:
@@ -48,7 +59,7 @@ class CostStep(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCons
         return observation, float(reward), float(info[self.cost]), terminated, truncated, info
 
 
-class CostVectorStep(VectorWrapper[Any, Any, Any]):
+class CostVectorStep(_CheckedCost, VectorWrapper[Any, Any, Any]):
     """The same for a vector of environments; costs are (num_envs,).
 
     With the reset in the same step, the cost is that of the step which ended the episode.
@@ -62,14 +73,6 @@ class CostVectorStep(VectorWrapper[Any, Any, Any]):
         super().__init__(env)
         self.cost = cost
 
-    def reset(
-        self, *, seed: Any = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start episodes."""
-        observation, infos = self.env.reset(seed=seed, options=options)
-        _require_cost(self.cost, infos)
-        return observation, infos
-
     def step(self, actions: Any) -> tuple[Any, ...]:
         """Apply one action to every episode.
 
@@ -81,8 +84,3 @@ class CostVectorStep(VectorWrapper[Any, Any, Any]):
         if (ended := infos.get("_final_info")) is not None:
             cost[ended] = infos["final_info"][self.cost][ended]
         return observation, reward, cost, terminated, truncated, infos
-
-
-def _require_cost(cost: str, info: dict[str, Any]) -> None:
-    names = [name for name in info if name.startswith(COST)]
-    require("cost", cost, cost in names, f"an entry of info: {', '.join(names) or 'it has none'}")

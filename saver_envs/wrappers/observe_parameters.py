@@ -20,7 +20,7 @@ KEY = "world_parameters"
 
 
 class ObserveParameters(
-    gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs
+    gymnasium.ObservationWrapper[Any, Any, Any], gymnasium.utils.RecordConstructorArgs
 ):
     """Adds ``world_parameters`` to the observation: what was drawn for the episode.
 
@@ -36,22 +36,11 @@ class ObserveParameters(
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
         gymnasium.utils.RecordConstructorArgs.__init__(self)
-        gymnasium.Wrapper.__init__(self, env)
+        gymnasium.ObservationWrapper.__init__(self, env)
         self.observation_space = with_parameters(env.observation_space, episodes_of(env))
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Start an episode."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        return self._extended(observation), info
-
-    def step(self, action: Any) -> tuple[dict[str, Any], Any, bool, bool, dict[str, Any]]:
-        """Apply one action."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        return self._extended(observation), reward, terminated, truncated, info
-
-    def _extended(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+    def observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+        """Return an observation with the parameters of the episode."""
         return {**observation, KEY: scaled_parameters(episodes_of(self.env))[0]}
 
 
@@ -74,7 +63,7 @@ class VectorObserveParameters(VectorWrapper[Any, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Start episodes."""
         observation, infos = self.env.reset(seed=seed, options=options)
-        return {**observation, KEY: scaled_parameters(episodes_of(self.env))}, infos
+        return self._extended(observation), infos
 
     def step(
         self, actions: Any
@@ -84,8 +73,10 @@ class VectorObserveParameters(VectorWrapper[Any, Any, Any]):
         observation, reward, terminated, truncated, infos = self.env.step(actions)
         for row in np.flatnonzero(infos.get("_final_obs", ())).tolist():
             infos["final_obs"][row] = {**infos["final_obs"][row], KEY: before[row]}
-        seen = {**observation, KEY: scaled_parameters(episodes_of(self.env))}
-        return seen, reward, terminated, truncated, infos
+        return self._extended(observation), reward, terminated, truncated, infos
+
+    def _extended(self, observation: Mapping[str, Any]) -> dict[str, Any]:
+        return {**observation, KEY: scaled_parameters(episodes_of(self.env))}
 
 
 def scaled_parameters(episodes: Episodes) -> NDArray[np.float32]:

@@ -102,8 +102,8 @@ class KinematicArm:
     :param torque_driven: returns the arm as its maker describes it, driven by torques.
     :param twin: how the arm's twin differs from the maker's description.
     :param campaign: how data are recorded with the twin.
-    :param collision_model: returns the model against which way-points are checked for collisions;
-        None where the height limit suffices.
+    :param collision_model: returns the model, always the same, against which way-points are checked
+        for collisions; None where the height limit suffices.
     :param idle_joints: joints that do not move the tool's position.
     """
 

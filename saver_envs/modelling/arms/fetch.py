@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import cache, partial
 
 import mujoco
 import numpy as np
@@ -100,6 +100,7 @@ def appendix_links() -> Links:
     return Links(np.array(_MASSES), centre, inertia)
 
 
+@cache
 def _collision_model() -> mujoco.MjModel:
     """Return the robot on the ground."""
     spec = torque_driven(FETCH)

@@ -13,7 +13,9 @@ import torch
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models.adversarial import Bigan, Cgan, Dualgan, Lsgan
 from saver_envs.modelling.models.analytic import Analytic
-from saver_envs.modelling.models.base import KIND, InverseModel, Training
+from saver_envs.modelling.models.base import KIND
+from saver_envs.modelling.models.base import InverseModel as InverseModel
+from saver_envs.modelling.models.base import Training as Training
 from saver_envs.modelling.models.flow import Flow
 from saver_envs.modelling.models.identified import Identified
 from saver_envs.modelling.models.mlp import Conditional, Mlp
@@ -89,15 +91,3 @@ def _shapes(header: Header) -> Shapes | None:
         for size in (made.network_input_size, made.output_size)
     )
     return made._state()[0]
-
-
-__all__ = [
-    "ADVERSARIAL",
-    "LOOPED",
-    "MODELS",
-    "InverseModel",
-    "Training",
-    "load_model",
-    "new_model",
-    "read_card",
-]
