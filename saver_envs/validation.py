@@ -32,6 +32,16 @@ def require(name: str, value: object, holds: bool, valid: str) -> None:
         raise ValueError(f"{name}={value!r}: must be {valid}")
 
 
+def require_share(name: str, value: float) -> None:
+    """Check that an argument is a share or a probability.
+
+    :param name: of the argument.
+    :param value: that it has.
+    :raises ValueError: where it is not within 0 to 1.
+    """
+    require(name, value, 0 <= value <= 1, "0 to 1")
+
+
 def require_kind(name: str, value: Any, annotation: object) -> None:
     """Check that an argument is what its annotation says, and finite if it is a number.
 

@@ -17,7 +17,7 @@ from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
 from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.regions import Regions
-from saver_envs.validation import require
+from saver_envs.validation import require, require_share
 
 FloatArray = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ class StartRules:
 
     def __post_init__(self) -> None:
         for name in ("contested_share", "in_hand_probability"):
-            require(name, getattr(self, name), 0 <= getattr(self, name) <= 1, "0 to 1")
+            require_share(name, getattr(self, name))
 
 
 class StartSampler:
