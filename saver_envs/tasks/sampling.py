@@ -17,7 +17,7 @@ from saver_envs.reachability import ReachabilityMap
 from saver_envs.scenes import BASE_SPACING, Scene
 from saver_envs.tasks.contract import NoStart, Start
 from saver_envs.tasks.regions import Regions
-from saver_envs.validation import require, require_share
+from saver_envs.validation import require_share
 
 FloatArray = NDArray[np.float64]
 
