@@ -94,8 +94,8 @@ class Coordinator:
 
     #: Extra distance that a following hand keeps for the leader's next step (m).
     BUFFER = 0.03
-    #: Hands with a greater mean finger angle are closed (rad).
-    CLOSED = 0.75
+    #: Mean finger angles from which hands are closed, and up to which they are open (rad).
+    CLOSED, OPEN = 0.75, 0.25
     #: Hands may hold their cubes this far beside the targets (m), which reach 0.05 m.
     SPREAD = 0.03
     #: Weights of a plan's cost: failure, a step in contact, the arms' mean time besides the
@@ -146,9 +146,9 @@ class Coordinator:
 
     def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
-        hands = view.fingers[:, right : right + 2].mean(axis=-1)
-        both: NDArray[np.bool_] = (hands > self.CLOSED).all(axis=-1)
-        return np.where(both, self.closed(dx), JACO_OPEN(dx))
+        widest = view.fingers[:, right : right + 2].mean(axis=-1).min(axis=-1)
+        share = np.clip((self.CLOSED - widest) / (self.CLOSED - self.OPEN), 0.0, 1.0)
+        return self.closed(dx) + share * (JACO_OPEN(dx) - self.closed(dx))
 
     def _spread(self, view: ArmView) -> ArmView:
         """Move targets apart that are so near each other that two hands do not fit."""

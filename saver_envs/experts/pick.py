@@ -46,7 +46,7 @@ class PickSkill(Skill):
     GAIN = 0.3
     #: A hand comes down where it is this near to being above its cube (m), and closes where it is
     #: this near to its place of grasp.
-    ABOVE, AT_GRASP = 0.02, 0.015
+    ABOVE, AT_GRASP = 0.03, 0.015
     #: A cube this far from the tool's place of grasp may still be between the fingers (m).
     WITHIN = 0.055
     #: A carried cube comes down to its target where it is this near, horizontally (m).
@@ -165,7 +165,7 @@ class PickSkill(Skill):
         :param action: (n, arms, 4).
         :param turned: (n, arms).
         """
-        leaves = turned & ~self.holds(view)
+        leaves = turned & ~self.is_closing(view)
         over = leaves & (length(view.tool - view.object) < 0.06)
         action = action.copy()
         action[..., :2] = np.where(over[..., None], 0.0, action[..., :2])
