@@ -73,8 +73,7 @@ def turned(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
     """Unit vectors (n, 3) turned by ``share`` (n, 1) of the way from ``start`` to ``end``."""
     angle = np.arccos(np.clip(dot(start, end), -1.0, 1.0))[:, None]
     across = unit(end - dot(start, end)[:, None] * start)
-    result: FloatArray = np.cos(share * angle) * start + np.sin(share * angle) * across
-    return result
+    return np.cos(share * angle) * start + np.sin(share * angle) * across
 
 
 def expert(task: Distance, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:

@@ -92,7 +92,5 @@ def make_expert(
     if free_arm is not None and not 0 <= free_arm < task.n_arms:
         raise ValueError(f"free_arm={free_arm!r}: must be 0 to {task.n_arms - 1}")
     module, _, function = task.expert.partition(":")
-    expert: Expert = getattr(importlib.import_module(module), function)(
-        task, settings, coordinated, free_arm
-    )
-    return expert
+    build = getattr(importlib.import_module(module), function)
+    return build(task, settings, coordinated, free_arm)

@@ -34,8 +34,7 @@ def rotated(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 def wrapped(angle: FloatArray) -> FloatArray:
     """Angles in [-pi, pi), radians."""
-    result: FloatArray = (angle + np.pi) % (2 * np.pi) - np.pi
-    return result
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def way_round(

@@ -73,8 +73,7 @@ class PickSkill(Skill):
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which cubes (n, arms) are where they are meant to be."""
-        result: NDArray[np.bool_] = length(view.target - view.object) < self.DONE
-        return result
+        return length(view.target - view.object) < self.DONE
 
     def between_fingers(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which cubes (n, arms) are near enough to be grasped or held."""
@@ -82,7 +81,7 @@ class PickSkill(Skill):
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) hold their cube."""
-        stopped: NDArray[np.bool_] = np.abs(view.finger_velocity.mean(axis=-1)) < self.STOPPED
+        stopped = np.abs(view.finger_velocity.mean(axis=-1)) < self.STOPPED
         return stopped & self.is_closing(view)
 
     def is_closing(self, view: ArmView) -> NDArray[np.bool_]:

@@ -102,8 +102,7 @@ class PushSkill(Skill):
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which cubes (n, arms) lie where they are meant to."""
-        result: NDArray[np.bool_] = length(self.aim(view) - view.object[..., :2]) < self.good_enough
-        return result
+        return length(self.aim(view) - view.object[..., :2]) < self.good_enough
 
     def places(self, view: ArmView) -> tuple[FloatArray, ...]:
         """Return where hands begin and end their pushes, (n, arms, 2)."""
