@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.validation import require
+from saver_envs.validation import require, require_share
 from saver_envs.world import add_picture, give_texture
 
 Colour = tuple[float, float, float]
@@ -68,13 +68,11 @@ class Appearance:
     shoes: Colour | None = (0.13, 0.12, 0.12)
 
     def __post_init__(self) -> None:
-        for name, (least, most) in {
-            "gender": (0.0, 1.0),
-            "heaviness": (0.0, 1.0),
-            "stature": STATURE_RANGE,
-        }.items():
-            value = getattr(self, name)
-            require(name, value, least <= value <= most, f"between {least} and {most}")
+        require_share("gender", self.gender)
+        require_share("heaviness", self.heaviness)
+        least, most = STATURE_RANGE
+        stature = self.stature
+        require("stature", stature, least <= stature <= most, f"between {least} and {most} m")
 
 
 AVERAGE_MAN: Final = Appearance()

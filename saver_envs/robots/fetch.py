@@ -92,10 +92,6 @@ def _world() -> mujoco.MjSpec:
 def _set_joints(spec: mujoco.MjSpec, fingers: Fingers) -> None:
     for index, name in enumerate(FETCH.arm_joints):
         joint = spec.joint(name)
-        lower, upper = FETCH.joint_lower[index], FETCH.joint_upper[index]
-        limited = math.isfinite(lower)
-        joint.limited = limited
-        joint.range = (lower, upper) if limited else (0, 0)
         joint.armature, joint.frictionloss = ARMATURE[index], 0.0
         joint.damping, joint.stiffness = (0, 0, 0), (0, 0, 0)
         limit = FETCH.joint_torque_limits[index]
