@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.integration.bench import EpisodesBench, RobotBench
 from saver_advisors.integration.casualty import ENV_ID
 from saver_advisors.integration.messages import Floats
-from saver_envs.cameras.one_pass import OnePassCamera
+from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
 from saver_envs.people.bench import CAMERA
-from saver_envs.people.patient import Patient, people_in, place_stretcher
+from saver_envs.people.patient import Patient
 from saver_envs.registration import make_episodes
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
 
@@ -32,9 +31,8 @@ class WristBench(EpisodesBench):
     def __init__(self) -> None:
         super().__init__(make_episodes(ENV_ID))
         self._patient = self.episodes.simulation.keep(Patient)
-        self._camera: OnePassCamera | None = None
-        self._body = -1
-        self._data: mujoco.MjData | None = None
+        size = KINECT_V2.width, KINECT_V2.height
+        self._camera = SceneRenderer(self.episodes.scene, *size, CAMERA, plain=True)
         self._random = np.random.default_rng()
         #: Peak force (N) and displacement (m) of the torso since the last :meth:`taken_peaks`.
         self._peaks = 0.0, 0.0
@@ -67,28 +65,13 @@ class WristBench(EpisodesBench):
 
     def picture(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Take a picture from above, with the noise of the depth sensor."""
-        camera, data = self._camera_of(self.episodes.variant_of(0))
-        data.qpos[:] = self.episodes.simulation.qpos[0]
-        mujoco.mj_kinematics(camera.model, data)
-        mujoco.mj_camlight(camera.model, data)
-        rgb, exact = camera.capture(data)
+        self._camera.update(self.episodes, 0)
+        rgb, exact = self._camera.rgbd()
         return rgb, measured_depth(exact, KINECT_V2, self._random)
-
-    def _camera_of(self, body: int) -> tuple[OnePassCamera, mujoco.MjData]:
-        """Return the camera over a body, with the stretcher under the person."""
-        if self._camera is None or self._data is None or body != self._body:
-            self.close()
-            self._camera = OnePassCamera(self.episodes.scene.drawing_model(body), CAMERA, KINECT_V2)
-            self._data = mujoco.MjData(self._camera.model)
-            self._body = body
-        place_stretcher(self._camera.model, people_in(self.episodes.memory), 0)
-        return self._camera, self._data
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = self._data = None
+        self._camera.close()
 
 
 def wrist_bench(bench: RobotBench) -> WristBench:

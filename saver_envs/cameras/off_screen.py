@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import mujoco
+import numpy as np
 from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
@@ -29,6 +30,21 @@ def camera_index(model: mujoco.MjModel, name: str) -> int:
     return names.index(name)
 
 
+class _Renderer(mujoco.Renderer):
+    """MuJoCo's renderer, which itself reads either colours or depths of a drawing."""
+
+    def render_both(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return colours (height, width, 3), and OpenGL's depths (height, width)."""
+        if self._gl_context:
+            self._gl_context.make_current()
+        mujoco.mjr_render(self._rect, self._scene, self._mjr_context)
+        rgb = np.empty((self._height, self._width, 3), dtype=np.uint8)
+        depth = np.empty((self._height, self._width), dtype=np.float32)
+        mujoco.mjr_readPixels(rgb, depth, self._rect, self._mjr_context)
+        # OpenGL's rows begin at the bottom.
+        return rgb[::-1].copy(), depth[::-1]
+
+
 class OffScreenView:
     """What a camera of a model sees; the first picture opens the graphics context.
 
@@ -44,7 +60,7 @@ class OffScreenView:
         self._model, self._camera, self._size = model, camera, (height, width)
         self.options = mujoco.MjvOption()
         self.options.geomgroup[COLLISION_GROUP] = 0
-        self._renderer: mujoco.Renderer | None = None
+        self._renderer: _Renderer | None = None
 
     def draw(
         self,
@@ -60,19 +76,43 @@ class OffScreenView:
         :param shadows: whether lights cast shadows; without is faster.
         :raises RuntimeError: where there is no way to draw; the message says what to install.
         """
-        if self._renderer is None:
-            require_graphics()
-            self._renderer = mujoco.Renderer(self._model, *self._size)
-        renderer = self._renderer
+        renderer = self._updated(data, shadows)
         renderer.disable_depth_rendering()
         renderer.disable_segmentation_rendering()
         if kind == "depth":
             renderer.enable_depth_rendering()
         elif kind == "segmentation":
             renderer.enable_segmentation_rendering()
-        renderer.update_scene(data, self._camera, self.options)
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         return renderer.render().copy()
+
+    def draw_both(
+        self, data: mujoco.MjData, shadows: bool = True
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Draw once for colour and depth, for loops that take hundreds of pictures.
+
+        :meth:`draw` draws once for each; the depth buffer of the first drawing already holds what
+        the second one computes.
+
+        :param data: of the model, with kinematics up to date.
+        :param shadows: whether lights cast shadows.
+        :return: colour (height, width, 3), and exact depth (height, width) along the view, metres.
+        :raises RuntimeError: where there is no way to draw; the message says what to install.
+        """
+        rgb, buffer = self._updated(data, shadows).render_both()
+        # Undo the perspective, with the far plane at 0 and the near one at 1 of the buffer.
+        extent, planes = self._model.stat.extent, self._model.vis.map
+        near, far = planes.znear * extent, planes.zfar * extent
+        exact = near * far / (near + buffer.astype(np.float64) * (far - near))
+        return rgb, exact.astype(np.float32)
+
+    def _updated(self, data: mujoco.MjData, shadows: bool) -> _Renderer:
+        """Return the renderer with the scene of a state."""
+        if self._renderer is None:
+            require_graphics()
+            self._renderer = _Renderer(self._model, *self._size)
+        self._renderer.update_scene(data, self._camera, self.options)
+        self._renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        return self._renderer
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""

@@ -61,7 +61,10 @@ class SceneRenderer:
         # Targets are sites, which belong to the model: drawn on a copy, since scenes are shared.
         self.model = copy.copy(self._scene.drawing_model(variant))
         if self._plain:
+            # Multi-sampling triples the cost, and a larger buffer only takes time to clear.
             self.model.vis.quality.offsamples = 0
+            buffer = self.model.vis.global_
+            _, buffer.offwidth, buffer.offheight = self._view_of
         self.data = mujoco.MjData(self.model)
         self._view = OffScreenView(self.model, *self._view_of)
         self._view.options.sitegroup[0] = not self._plain
@@ -91,6 +94,10 @@ class SceneRenderer:
     def depth(self) -> NDArray[np.float32]:
         """Return distances along the camera's axis (height, width), metres."""
         return self._view.draw(self.data, "depth", shadows=not self._plain)
+
+    def rgbd(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return what :meth:`rgb` and :meth:`depth` do, from one drawing."""
+        return self._view.draw_both(self.data, shadows=not self._plain)
 
     def close(self) -> None:
         """Free the graphics context, if one was opened."""

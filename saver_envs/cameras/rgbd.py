@@ -179,7 +179,7 @@ class RgbdFrame:
     depth: NDArray[np.float32]
 
 
-class RgbdCamera:
+class RgbdCamera(OffScreenView):
     """Takes pictures of a model; the first one opens the graphics context.
 
     :param model: with a camera of that name, see :meth:`Camera.add_to`.
@@ -189,13 +189,12 @@ class RgbdCamera:
     """
 
     def __init__(self, model: mujoco.MjModel, name: str, camera: Camera = KINECT_V2) -> None:
+        super().__init__(model, name, camera.width, camera.height)
         self.camera = camera
-        self._name = name
-        self._view = OffScreenView(model, name, camera.width, camera.height)
 
     def pose(self, data: mujoco.MjData) -> CameraPose:
         """Return where the camera is in the present state."""
-        return pose_of(data, self._name)
+        return pose_of(data, self._camera)
 
     def capture(
         self,
@@ -209,17 +208,13 @@ class RgbdCamera:
         :param random: source of the depth's noise; ``None`` for none.
         :param shadows: whether lights cast shadows; without is faster.
         """
-        rgb = self._view.draw(data, "rgb", shadows)
-        exact = self._view.draw(data, "depth", shadows)
+        rgb = self.draw(data, "rgb", shadows)
+        exact = self.draw(data, "depth", shadows)
         return RgbdFrame(rgb, measured_depth(exact, self.camera, random))
 
     def segmentation(self, data: mujoco.MjData) -> NDArray[np.int32]:
         """Return object ids and types (height, width, 2), for labels."""
-        return self._view.draw(data, "segmentation", shadows=False)
-
-    def close(self) -> None:
-        """Free the graphics context, if one was opened."""
-        self._view.close()
+        return self.draw(data, "segmentation", shadows=False)
 
 
 def measured_depth(

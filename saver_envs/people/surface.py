@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.validation import require
+from saver_envs.validation import require, require_share
 from saver_envs.world import add_picture, give_texture
 
 Colour = tuple[float, float, float]
@@ -68,13 +68,11 @@ class Appearance:
     shoes: Colour | None = (0.13, 0.12, 0.12)
 
     def __post_init__(self) -> None:
-        for name, (least, most) in {
-            "gender": (0.0, 1.0),
-            "heaviness": (0.0, 1.0),
-            "stature": STATURE_RANGE,
-        }.items():
-            value = getattr(self, name)
-            require(name, value, least <= value <= most, f"between {least} and {most}")
+        require_share("gender", self.gender)
+        require_share("heaviness", self.heaviness)
+        least, most = STATURE_RANGE
+        stature = self.stature
+        require("stature", stature, least <= stature <= most, f"between {least} and {most} m")
 
 
 AVERAGE_MAN: Final = Appearance()
@@ -151,20 +149,15 @@ def add_skins(spec: mujoco.MjSpec, shape: BodyShape, appearance: Appearance, pre
     :param prefix: of the bodies' names, and of the new names.
     """
     layers = np.array([_layer(part, appearance) for part in shape.parts])[shape.face_part]
-    patterns = {
-        "shirt": (appearance.shirt_pattern, appearance.shirt_second),
-        "trousers": (appearance.trousers_pattern, appearance.trousers_second),
-    }
     normals = shape.normals()
-    for layer in np.unique(layers):
+    for layer in np.unique(layers).tolist():
         name = f"{prefix}{layer}"
-        pattern, second = patterns.get(str(layer), ("plain", (0.0, 0.0, 0.0)))
-        _add_material(spec, name, _colour(str(layer), appearance), pattern, second)
+        _add_material(spec, name, layer, appearance)
         chosen = layers == layer
         used, faces = np.unique(shape.faces[chosen], return_inverse=True)
         # The rim stays on the skin, so that no gap is visible.
         rim = np.isin(used, np.unique(shape.faces[~chosen]))
-        lift = np.where(rim, 0.0, _STANDOFF.get(str(layer), 0.0))
+        lift = np.where(rim, 0.0, _STANDOFF.get(layer, 0.0))
         vertices = shape.vertices[used] + lift[:, None] * normals[used]
         weights = shape.weights[used]
         moved = [np.flatnonzero(weights[:, body] > 0) for body in range(len(shape.bodies))]
@@ -199,26 +192,21 @@ def _layer(part: str, appearance: Appearance) -> str:
 def _colour(layer: str, appearance: Appearance) -> Colour:
     red, green, blue = appearance.skin
     colours: dict[str, Colour] = {
-        "skin": appearance.skin,
-        "hair": appearance.hair,
         "brows": appearance.hair,
         "lips": (0.85 * red, 0.62 * green, 0.66 * blue),
         "eyes": (0.30, 0.25, 0.22),
-        "shirt": appearance.shirt,
-        "trousers": appearance.trousers,
-        "shoes": appearance.shoes or appearance.skin,
     }
-    return colours[layer]
+    return colours[layer] if layer in colours else getattr(appearance, layer)
 
 
-def _add_material(
-    spec: mujoco.MjSpec, name: str, colour: Colour, pattern: Pattern, second: Colour
-) -> None:
+def _add_material(spec: mujoco.MjSpec, name: str, layer: str, appearance: Appearance) -> None:
     material = spec.add_material(name=name, specular=0.12, shininess=0.15)
+    colour = _colour(layer, appearance)
+    pattern = getattr(appearance, f"{layer}_pattern", "plain")
     if pattern == "plain":
         material.rgba = (*colour, 1)
         return
-    share = _pattern(pattern)[..., None]
+    share, second = _pattern(pattern)[..., None], getattr(appearance, f"{layer}_second")
     add_picture(spec, name, (1 - share) * np.array(colour) + share * np.array(second))
     give_texture(material, name)
 

@@ -161,11 +161,6 @@ class PoseNetwork(nn.Module):
         """
         return self.run_stages(self.backbone(pictures), self.stage1, self.stage2, drop)
 
-    def one_by_one(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the same as :meth:`forward`, with the branches in sequence."""
-        features = self.backbone(pictures)
-        return self.run_stages(features, self.stage1.one_by_one, self.stage2.one_by_one)
-
     def run_stages(
         self,
         features: Tensor,

@@ -91,13 +91,8 @@ class _Peaks:
     height: Array
 
 
-@dataclass(frozen=True)
-class _Pairs:
-    """Detected limbs: (pairs,) limb, and indices into proximal and distal peaks."""
-
-    limb: Indices
-    proximal: Indices
-    distal: Indices
+#: Detected limbs: (pairs,) limb, and indices into proximal and distal peaks.
+_Pairs = tuple[Indices, Indices, Indices]
 
 
 def parse(
@@ -184,7 +179,7 @@ def _pair(
     left = np.flatnonzero(free & (score > options.affinity_threshold))
     faint = _match_each_limb(left, limb, first, second, score)
     kept = np.concatenate([sure, faint])
-    return _Pairs(limb[kept], first[kept], second[kept])
+    return limb[kept], first[kept], second[kept]
 
 
 def _match_each_limb(
@@ -271,10 +266,11 @@ def _assemble(
     At every joint the matching of limbs to people is optimal (4.12). The five limbs at a neck are
     added one after the other: no fast algorithm matches all five at once.
     """
-    people = _People(len(pairs.limb))
+    of_limb, begins, ends = pairs
+    people = _People(len(of_limb))
     for row, limb in enumerate(limbs):
-        rows = np.flatnonzero(pairs.limb == row)
-        near, far = pairs.proximal[rows], pairs.distal[rows]
+        rows = np.flatnonzero(of_limb == row)
+        near, far = begins[rows], ends[rows]
         position, height = proximal.position[near], proximal.height[near]
         owner = _owners(people, LIMBS[limb].proximal, position, height, farthest)
         lone = owner < 0

@@ -119,6 +119,8 @@ class RenderedScene:
         :param depth_noise: add the noise of the sensor to the depth.
         :return: the picture and its labels.
         """
+        from PIL import Image
+
         data, model, random = self._data, self._model, self._random
         self._pose_people()
         self._pose_arms()
@@ -138,7 +140,8 @@ class RenderedScene:
         masks = self._masks()
         people = zip(pixels, distance, masks, strict=True)
         visibility = np.stack([_visibility(*person, picture.depth) for person in people])
-        boxes = np.stack([_box(mask) for mask in masks])
+        edges = [Image.fromarray(mask).getbbox() or (0, 0, 0, 0) for mask in masks]
+        boxes = np.array(edges, dtype=np.float64)
         return LabelledPicture(
             picture.rgb, picture.depth, pixels, visibility, positions, pose, boxes
         )
@@ -398,10 +401,3 @@ def _visibility(
     visibility[inside] = Visibility.OCCLUDED
     visibility[inside & (surface > distance - _DEEPEST_JOINT)] = Visibility.VISIBLE
     return visibility
-
-
-def _box(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if len(rows) == 0:
-        return np.zeros(4)
-    return np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], dtype=np.float64)

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from saver_envs.files import written_whole
 from saver_envs.perception.augment import Augmentation, augment
 from saver_envs.perception.dataset import (
     Example,
@@ -27,8 +26,11 @@ from saver_envs.perception.fields import encode, loss_mask
 from saver_envs.perception.metrics import PoseAccuracy, joint_errors, summarise
 from saver_envs.perception.network import ARCHITECTURES, PoseNetwork, field_loss
 from saver_envs.perception.weights import save_network
+from saver_envs.weights import read_weights, write_weights
 
 CHECKPOINT: Final = "checkpoint.safetensors"
+#: What the header of a checkpoint says.
+RUN_KIND: Final = "saver-pose-run"
 CURVE: Final = "curve.jsonl"
 NETWORK: Final = "network.safetensors"
 
@@ -171,27 +173,20 @@ class PoseTrainer:
 
     def save(self) -> None:
         """Write the checkpoint, and the averaged network as a weight file."""
-        from safetensors.torch import save as to_bytes
-
         tensors = {f"network/{name}": value for name, value in self.network.state_dict().items()}
         tensors |= {f"average/{name}": value for name, value in self._average.items()}
         for name, parameter in self.network.named_parameters():
             for key, value in self._optimiser.state[parameter].items():
                 tensors[f"optimiser/{name}/{key}"] = value
-        tensors = {name: value.detach().clone().contiguous() for name, value in tensors.items()}
-        metadata = {"frames": str(self.frames), "seconds": str(self.seconds)}
-        with written_whole(self.folder / CHECKPOINT) as file:
-            file.write(to_bytes(tensors, metadata))
+        header = {"frames": str(self.frames), "seconds": str(self.seconds)}
+        write_weights(self.folder / CHECKPOINT, RUN_KIND, tensors, header)
         info = {"frames": self.frames, "seconds": round(self.seconds)}
         save_network(self.averaged(), self.folder / NETWORK, info)
 
     def _restore(self) -> None:
-        from safetensors import safe_open
-
-        with safe_open(self.folder / CHECKPOINT, "pt") as file:
-            metadata = file.metadata()
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        self.frames, self.seconds = int(metadata["frames"]), float(metadata["seconds"])
+        path = self.folder / CHECKPOINT
+        header, tensors = read_weights(path, RUN_KIND, may_be_infinite=None)
+        self.frames, self.seconds = int(header["frames"]), float(header["seconds"])
         parts: dict[str, dict[str, Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
         for name, value in tensors.items():
             part, _, rest = name.partition("/")

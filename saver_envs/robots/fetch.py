@@ -76,15 +76,10 @@ def _world() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(
         world, include={"shared.xml": shared, "robot.xml": xml["robot.xml"]}, assets=meshes
     )
-    for equality in list(spec.equalities):
-        spec.delete(equality)
-    for texture_ in list(spec.textures):
-        spec.delete(texture_)
-    spec.delete(spec.body(f"{_PREFIX}mocap"))
-    for name in _REMOVED_JOINTS:
-        spec.delete(spec.joint(_PREFIX + name))
-    for camera in list(spec.cameras):
-        spec.delete(camera)
+    joints = (spec.joint(_PREFIX + name) for name in _REMOVED_JOINTS)
+    mocap = spec.body(f"{_PREFIX}mocap")
+    for part in (*spec.equalities, *spec.textures, mocap, *joints, *spec.cameras):
+        spec.delete(part)
     spec.body(BASE_BODY).pos = (0, 0, 0)
     return spec
 
@@ -92,10 +87,6 @@ def _world() -> mujoco.MjSpec:
 def _set_joints(spec: mujoco.MjSpec, fingers: Fingers) -> None:
     for index, name in enumerate(FETCH.arm_joints):
         joint = spec.joint(name)
-        lower, upper = FETCH.joint_lower[index], FETCH.joint_upper[index]
-        limited = math.isfinite(lower)
-        joint.limited = limited
-        joint.range = (lower, upper) if limited else (0, 0)
         joint.armature, joint.frictionloss = ARMATURE[index], 0.0
         joint.damping, joint.stiffness = (0, 0, 0), (0, 0, 0)
         limit = FETCH.joint_torque_limits[index]

@@ -20,8 +20,6 @@ from saver_envs.robots import kinova
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos
 
-HAND_BODY = "hand"
-
 FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
 
 #: Reflected rotor inertia, ours: small against the links', large enough for stiff servos (kg m^2).
@@ -64,8 +62,6 @@ _FINGERS = (
 #: The tool point in the hand's frame (m), ours: on the hand's axis, where the closed fingers hold a
 #: cube by the lower half of their pads. dm-control's pinch site lies 15 mm beside the axis.
 _TOOL_POSITION = (0.0, 0.0, -0.183)
-#: Frame of the hand on the wrist (quaternion), joint of two half turns in dm-control's models.
-_HAND_QUATERNION = (1.0, 0.0, 0.0, 0.0)
 
 
 @cache
@@ -97,7 +93,8 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
         kinova.add_ring(body, *_RINGS[index])
-    hand = body.add_body(name=HAND_BODY, quat=_HAND_QUATERNION, gravcomp=1)
+    # dm-control's models turn the hand by two half turns on the wrist.
+    hand = body.add_body(name="hand", gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
     _add_mesh_geom(hand, "hand_3finger_insert", 0.0, kinova.LIGHT)
     hand.add_site(name=kinova.TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)

@@ -59,7 +59,6 @@ class NoStart(RuntimeError):
 class TaskPage:
     """What a task's page says, in Markdown; in the places of the page template.
 
-    :param thing: what an arm moves, such as ``cube``.
     :param succeeds: when an episode succeeds, a clause.
     :param start: what the sampler guarantees, one sentence each.
     :param reward: of the sparse id.
@@ -70,7 +69,6 @@ class TaskPage:
     :param readings: further entries of ``info``, a sentence.
     """
 
-    thing: str = "object"
     succeeds: str = "every object is at its target"
     start: Sequence[str] = ()
     reward: str = "0 where the goal is reached, else -1."

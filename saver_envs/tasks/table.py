@@ -192,7 +192,6 @@ class TableTask(ArmAndObjectTask):
         cubes = self.cubes
         facts = f"{100 * cubes.size:g} cm, {cubes.mass:g} kg, friction {cubes.friction:g}"
         return TaskPage(
-            thing="cube",
             succeeds=f"{subject} {within}{where}",
             start=start_text(self.n_arms, rules, self.regions(scene.arms)),
             reward="0 where every cube is within the threshold of its target, else -1.",

@@ -206,7 +206,6 @@ class WristPush(ArmAndObjectTask):
         statures = [body.stature for body in BODIES]
         span = f"{min(statures):.2f} to {max(statures):.2f} m"
         return TaskPage(
-            thing="wrist",
             succeeds=(
                 f"every wrist is within {100 * self.success_threshold:g} cm of its target; and "
                 f"the torso was never pressed with more than {force} nor moved by more than "

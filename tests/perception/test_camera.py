@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from saver_envs.cameras.one_pass import OnePassCamera
+from saver_envs.cameras.off_screen import OffScreenView
 from saver_envs.cameras.rgbd import (
     BENCH_POSE,
     KINECT_V2,
@@ -60,14 +60,14 @@ def test_a_camera_forgotten_unclosed_takes_nothing_from_another() -> None:
     model = bench((0.06, 0.03, 0.1)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    kept, forgotten = (OnePassCamera(model, "kinect", KINECT_V2) for _ in range(2))
-    forgotten.capture(data)
-    rgb, depth = kept.capture(data)
+    kept, forgotten = (OffScreenView(model, "kinect", 512, 424) for _ in range(2))
+    forgotten.draw_both(data)
+    rgb, depth = kept.draw_both(data)
     # A cycle, so that the collector and not the last reference ends it, contexts in any order.
     forgotten.itself = forgotten  # type: ignore[attr-defined]
     del forgotten
     gc.collect()
-    rgb_after, depth_after = kept.capture(data)
+    rgb_after, depth_after = kept.draw_both(data)
     np.testing.assert_array_equal(rgb_after, rgb)
     np.testing.assert_array_equal(depth_after, depth)
     kept.close()

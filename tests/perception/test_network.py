@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,11 @@ def pictures(double: bool = False) -> torch.Tensor:
     return torch.randn(2, 3, 64, 96, dtype=torch.float64 if double else torch.float32)
 
 
+def in_sequence(network: PoseNetwork, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    stages = network.stage1.one_by_one, network.stage2.one_by_one
+    return network.run_stages(network.backbone(x), *stages)
+
+
 def test_shapes_are_the_papers() -> None:
     network = PoseNetwork(LIGHT).eval()
     first, second = network(pictures())
@@ -48,7 +54,7 @@ def test_branches_as_one_equal_branches_in_sequence(limbs: list[str] | None) -> 
     network = PoseNetwork(LIGHT, limbs).double().eval()
     with torch.no_grad():
         x = pictures(True)
-        together, apart = network(x), network.one_by_one(x)
+        together, apart = network(x), in_sequence(network, x)
     for one, other in zip(together, apart, strict=True):
         assert torch.allclose(one, other, rtol=0, atol=1e-12)
 
@@ -59,7 +65,7 @@ def test_gradients_as_one_equal_those_in_sequence() -> None:
     ).double()
     network.eval()  # without batch statistics
     x, gradients = pictures(True), []
-    for run in (network, network.one_by_one):
+    for run in (network, partial(in_sequence, network)):
         network.zero_grad()
         sum(stage.pow(2).sum() for stage in run(x)).backward()
         gradients.append([p.grad.clone() for p in network.parameters()])

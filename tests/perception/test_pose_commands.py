@@ -154,7 +154,7 @@ def test_perception_knows_no_task_and_robots_no_torch() -> None:
     code = (
         "import sys, saver_envs, saver_envs.people.manikin, saver_envs.perception.parsing,"
         " saver_envs.cameras.rgbd, saver_envs.perception.rendered_scenes,"
-        " saver_envs.wrappers.pose_stream;"
+        " saver_envs.wrappers.pose_observation;"
         " loaded = set(sys.modules);"
         " assert 'torch' not in loaded, 'torch';"
         " assert not any(name.startswith('saver_advisors') for name in loaded)"

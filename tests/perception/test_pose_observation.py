@@ -15,9 +15,10 @@ from saver_envs.wrappers.pose_observation import (
     KEYS,
     NEVER,
     PoseObservation,
+    PoseReading,
+    PoseStream,
     VectorPoseObservation,
 )
-from saver_envs.wrappers.pose_stream import PoseReading, PoseStream
 
 ENV = "saver_envs:JacoPush-v0"
 SMALL = {"width": 64, "height": 48}
