@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import LARGEST_JOINT_STEP, bounded, least_squares_step, tool_error
+from saver_envs.control import LARGEST_JOINT_STEP, bounded, least_squares_step, length, tool_error
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
@@ -27,62 +27,6 @@ _DAMPING = 1e-5
 _STILL = 1e-7
 
 
-class PostureSolver:
-    """Iterated damped least squares on one arm's kinematics, many targets at once.
-
-    Rows are independent: each stops when its own steps have become small.
-
-    :param robot: the arm.
-    :param capacity: most targets that one call can solve.
-    """
-
-    def __init__(self, robot: Robot, capacity: int) -> None:
-        self._robot = robot
-        self._scene = compose(Arms(robot, 1, Fingers.LOCKED))
-        self.capacity = capacity
-        self._simulation = Simulation(self._scene, capacity, persistent=False)
-        self._lower = np.asarray(robot.joint_lower)
-        self._upper = np.asarray(robot.joint_upper)
-
-    def solve(
-        self, targets: NDArray[np.float64], guess: NDArray[np.float64], iterations: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Find joint angles for tool positions.
-
-        :param targets: (k, 3) tool positions in the base frame, metres; k at most ``capacity``.
-        :param guess: (k, dof) joint angles to start from, radians.
-        :param iterations: greatest number of steps.
-        :return: joint angles (k, dof), radians, and which targets are reached (k,).
-        """
-        ids = np.arange(len(targets))
-        joints = np.array(guess, dtype=np.float64)
-        moving = np.ones(len(targets), dtype=bool)
-        for _ in range(iterations):
-            error, jacobian = self._error(ids, joints, targets)
-            step = least_squares_step(jacobian, error, _DAMPING)
-            step = bounded(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
-            moved = bounded(joints + step, self._lower, self._upper)
-            joints[moving] = moved[moving]
-            moving &= np.abs(step).max(axis=-1) > _STILL
-            if not moving.any():
-                break
-        error, _ = self._error(ids, joints, targets)
-        reached = np.linalg.norm(error[:, :3], axis=-1) < POSITION_TOLERANCE
-        reached &= np.linalg.norm(error[:, 3:], axis=-1) < ORIENTATION_TOLERANCE
-        return joints, reached
-
-    def _error(
-        self, ids: NDArray[np.intp], joints: NDArray[np.float64], targets: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return errors (k, rows) and Jacobians (k, rows, dof) of postures (k, dof)."""
-        simulation = self._simulation
-        simulation.qpos[ids[:, None], self._scene.joint_qpos[0]] = joints
-        simulation.refresh(ids)
-        holds = self._robot.holds_orientation
-        error, jacobian = tool_error(simulation.arm_state(ids), targets[:, None], holds)
-        return error[:, 0], jacobian[:, 0]
-
-
 class ReachabilityMap:
     """A grid of solved postures, which proves points reachable and starts their solution.
 
@@ -98,11 +42,13 @@ class ReachabilityMap:
         self._most_cells = np.asarray(GRID_SHAPE) - 1
         self._cells_per_metre = self._most_cells / (np.asarray(GRID_UPPER) - self._origin)
         points = np.stack(np.meshgrid(*self._axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self._solver = PostureSolver(robot, len(points))
+        self._robot = robot
+        scene = compose(Arms(robot, 1, Fingers.LOCKED))
+        self._simulation = Simulation(scene, len(points), persistent=False)
         guess = np.tile(np.asarray(robot.home), (len(points), 1))
         # With the base joint turned towards the point, few iterations are needed.
         guess[:, 0] -= np.arctan2(points[:, 1], points[:, 0])
-        joints, reached = self._solver.solve(points, guess, _COLD_ITERATIONS)
+        joints, reached = self._solved(points, guess, _COLD_ITERATIONS)
         self.postures = joints.reshape(*GRID_SHAPE, -1)
         self.vertex_reached = reached.reshape(GRID_SHAPE)
         corners = self.vertex_reached
@@ -152,10 +98,49 @@ class ReachabilityMap:
         index = bounded(vertices, 0, self._most_cells).astype(np.intp)
         joints = self.postures[index[:, 0], index[:, 1], index[:, 2]]
         reached = np.zeros(len(points), dtype=bool)
-        for start in range(0, len(points), self._solver.capacity):
-            part = slice(start, start + self._solver.capacity)
-            joints[part], reached[part] = self._solver.solve(points[part], joints[part], iterations)
+        for start in range(0, len(points), self._simulation.n):
+            part = slice(start, start + self._simulation.n)
+            joints[part], reached[part] = self._solved(points[part], joints[part], iterations)
         return joints, reached
+
+    def _solved(
+        self, targets: NDArray[np.float64], guess: NDArray[np.float64], iterations: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Find joint angles for tool positions by damped least squares.
+
+        Rows are independent: each stops when its own steps have become small.
+
+        :param targets: (k, 3) in the base frame, metres; k at most the number of simulations.
+        :param guess: (k, dof) joint angles to start from, radians.
+        :param iterations: greatest number of steps.
+        :return: joint angles (k, dof), radians, and which targets are reached (k,).
+        """
+        robot, joints = self._robot, np.array(guess)
+        moving = np.ones(len(targets), dtype=bool)
+        for _ in range(iterations):
+            error, jacobian = self._error(joints, targets)
+            step = least_squares_step(jacobian, error, _DAMPING)
+            step = bounded(step, -LARGEST_JOINT_STEP, LARGEST_JOINT_STEP)
+            moved = bounded(joints + step, np.array(robot.joint_lower), np.array(robot.joint_upper))
+            joints[moving] = moved[moving]
+            moving &= np.abs(step).max(axis=-1) > _STILL
+            if not moving.any():
+                break
+        error, _ = self._error(joints, targets)
+        reached = length(error[:, :3]) < POSITION_TOLERANCE
+        reached &= length(error[:, 3:]) < ORIENTATION_TOLERANCE
+        return joints, reached
+
+    def _error(
+        self, joints: NDArray[np.float64], targets: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return errors (k, rows) and Jacobians (k, rows, dof) of postures (k, dof)."""
+        simulation, ids = self._simulation, np.arange(len(targets))
+        simulation.qpos[ids[:, None], simulation.scene.joint_qpos[0]] = joints
+        simulation.refresh(ids)
+        holds = self._robot.holds_orientation
+        error, jacobian = tool_error(simulation.arm_state(ids), targets[:, None], holds)
+        return error[:, 0], jacobian[:, 0]
 
 
 @lru_cache(maxsize=8)

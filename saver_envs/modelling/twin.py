@@ -16,6 +16,7 @@ from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.mujoco_chain import links_of_model
 from saver_envs.modelling.newton_euler import inverse_dynamics
 from saver_envs.modelling.trajectories import Trajectory
+from saver_envs.robots.drives import torque_driven
 
 #: Physics, controller and torque log run at this rate, 500 Hz (s).
 TIME_STEP = 0.002
@@ -50,10 +51,10 @@ def nominal_model(name: str) -> mujoco.MjModel:
     :param name: the arm's name.
     :raises ValueError: for an arm without a torque-driven model.
     """
-    build = arm_named(name).torque_driven
-    if build is None:
+    arm = arm_named(name)
+    if arm.twin is None:
         raise ValueError(f"robot={name!r}: twins exist of {', '.join(arms_with_twins())}")
-    spec = build()
+    spec = torque_driven(arm.robot)
     for geom in list(spec.geoms):
         spec.delete(geom)
     spec.option.timestep = TIME_STEP

@@ -15,20 +15,8 @@ from numpy.typing import NDArray
 from saver_envs.validation import require
 
 
-class _Drawn:
-    """What can be drawn from a source of randomness."""
-
-    def draw(self, generator: np.random.Generator, size: int) -> NDArray[np.float64]:
-        """Return numbers (size,)."""
-        return self.at(generator.random(size))
-
-    def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the numbers below which these shares of the draws lie."""
-        raise NotImplementedError
-
-
 @dataclass(frozen=True)
-class Uniform(_Drawn):
+class Uniform:
     """Real numbers between two ends, all equally likely.
 
     :param low: lower end.
@@ -86,7 +74,7 @@ class LogUniform(Uniform):
 
 
 @dataclass(frozen=True)
-class Choice(_Drawn):
+class Choice:
     """One of several values, all equally likely; a value may be a distribution itself.
 
     :param values: numbers or distributions, at least one.

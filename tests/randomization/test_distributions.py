@@ -34,7 +34,7 @@ DISTRIBUTIONS = st.one_of(SPANS, CHOICES)
 @given(DISTRIBUTIONS, st.integers(0, 2**31))
 @settings(deadline=None, derandomize=True)
 def test_draws_lie_within_the_ends(distribution: Distribution, seed: int) -> None:
-    drawn = distribution.draw(np.random.default_rng(seed), 20)
+    drawn = distribution.at(np.random.default_rng(seed).random(20))
     low, high = distribution.ends
     assert drawn.shape == (20,)
     assert drawn.dtype == np.float64
@@ -50,7 +50,7 @@ def test_json_and_yaml_give_it_back(distribution: Distribution) -> None:
         again = parse_distribution("x", content)
         assert again.as_json() == distribution.as_json()
         assert again.ends == distribution.ends
-        one, other = (d.draw(np.random.default_rng(0), 9) for d in (distribution, again))
+        one, other = (d.at(np.random.default_rng(0).random(9)) for d in (distribution, again))
         np.testing.assert_array_equal(one, other)
 
 
@@ -63,13 +63,13 @@ def test_numpys_numbers_become_pythons() -> None:
 
 def test_moments() -> None:
     generator, n = np.random.default_rng(0), 20_000
-    uniform = Uniform(2, 6).draw(generator, n)
+    uniform = Uniform(2, 6).at(generator.random(n))
     assert uniform.mean() == pytest.approx(4, abs=0.05)
     assert uniform.std() == pytest.approx(4 / math.sqrt(12), rel=0.02)
-    logarithms = np.log(LogUniform(0.1, 10).draw(generator, n))
+    logarithms = np.log(LogUniform(0.1, 10).at(generator.random(n)))
     assert logarithms.mean() == pytest.approx(0, abs=0.05)
     assert logarithms.std() == pytest.approx(math.log(100) / math.sqrt(12), rel=0.02)
-    chosen = Choice((0, 1, Uniform(5, 6))).draw(generator, n)
+    chosen = Choice((0, 1, Uniform(5, 6))).at(generator.random(n))
     for share in ((chosen == 0).mean(), (chosen == 1).mean(), (chosen >= 5).mean()):
         assert share == pytest.approx(1 / 3, abs=0.02)
 

@@ -99,7 +99,6 @@ class KinematicArm:
     :param upper: (dof,) upper bounds of sampled joints.
     :param region: where tool targets are sampled.
     :param appendix_links: returns the inertia in Appendix A, for arms that it lists.
-    :param torque_driven: returns the arm as its maker describes it, driven by torques.
     :param twin: how the arm's twin differs from the maker's description.
     :param campaign: how data are recorded with the twin.
     :param collision_model: returns the model, always the same, against which way-points are checked
@@ -114,7 +113,6 @@ class KinematicArm:
     upper: FloatArray
     region: Region
     appendix_links: Callable[[], Links] | None = None
-    torque_driven: Callable[[], mujoco.MjSpec] | None = None
     twin: TwinParameters | None = None
     campaign: Campaign | None = None
     collision_model: Callable[[], mujoco.MjModel] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache, partial
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -123,7 +123,6 @@ def arm() -> KinematicArm:
         *within_one_turn(FETCH),
         region=Region((0.45, -0.60, 0.35), (0.95, 0.60, 1.30)),
         appendix_links=appendix_links,
-        torque_driven=partial(torque_driven, FETCH),
         twin=_TWIN,
         campaign=_CAMPAIGN,
         collision_model=_collision_model,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table, translation
 from saver_envs.modelling.newton_euler import Links
 from saver_envs.reachability import GRID_LOWER, GRID_UPPER
-from saver_envs.robots.drives import torque_driven
 from saver_envs.robots.mico import MICO
 
 _HALF_PI = math.pi / 2
@@ -120,7 +118,6 @@ def arm() -> KinematicArm:
         # The environments' box, limited to what the hand reaches.
         Region(GRID_LOWER, GRID_UPPER, reach=0.59),
         appendix_links,
-        partial(torque_driven, MICO),
         TWIN,
         _CAMPAIGN,
         idle_joints=(3,),

@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.models.base import History, InverseModel, Progress, Training
-from saver_envs.modelling.models.cuda_graphs import own_stream, updates_from
 from saver_envs.modelling.networks import (
     Float32,
     FrozenNetwork,
@@ -106,14 +105,11 @@ class NetworkModel(InverseModel):
         torch.manual_seed(training.seed)
         self._precision, self._device = training.precision, torch.device(training.device)
         history, kept = History(), None
-        with own_stream(self._device):
-            for weights in self._epochs(inputs[used], outputs[used], training):
-                self._frozen = self._frozen_of(weights)
-                if history.add(self._forward(inputs[held]) - outputs[held]):
-                    kept = {
-                        name: one.detach().to("cpu", copy=True) for name, one in weights.items()
-                    }
-                progress(len(history.validation_rmse) - 1, history.validation_rmse[-1])
+        for weights in self._epochs(inputs[used], outputs[used], training):
+            self._frozen = self._frozen_of(weights)
+            if history.add(self._forward(inputs[held]) - outputs[held]):
+                kept = {name: one.detach().to("cpu", copy=True) for name, one in weights.items()}
+            progress(len(history.validation_rmse) - 1, history.validation_rmse[-1])
         if kept is None:
             raise FloatingPointError(f"{self.name} diverged: no epoch has a finite error")
         self._weights, self._frozen = kept, self._frozen_of(kept)
@@ -126,7 +122,6 @@ class NetworkModel(InverseModel):
         x = torch.from_numpy(self._input_scale.forward(inputs)).to(self._device)
         y = torch.from_numpy(self._output_scale.forward(outputs)).to(self._device)
         network = self._prepare(training)
-        update = updates_from(self._update, x, y, training.batch_size)
         floor = training.learning_rate * training.decay
         schedules = [
             torch.optim.lr_scheduler.CosineAnnealingLR(one, training.epochs, eta_min=floor)
@@ -135,7 +130,7 @@ class NetworkModel(InverseModel):
         for _ in range(training.epochs):
             # Drawn on the CPU, the order is the same for both devices.
             for batch in torch.randperm(len(x)).to(self._device).split(training.batch_size):
-                update(batch)
+                self._update(x[batch], y[batch])
             for schedule in schedules:
                 schedule.step()
             yield network.state_dict()
@@ -194,16 +189,13 @@ def adam(
     training: Training,
     betas: tuple[float, float] = (0.9, 0.999),
 ) -> torch.optim.Adam:
-    """Return Adam over parameters; on a GPU one that works in a CUDA graph.
+    """Return Adam over parameters.
 
     :param parameters: on the training device.
-    :param training: gives learning rate and device.
+    :param training: gives the learning rate.
     :param betas: decay rates of the moments.
     """
-    on_gpu = training.device == "cuda"
-    # A graph would freeze a learning rate that is a Python number.
-    rate = torch.tensor(training.learning_rate, device="cuda") if on_gpu else training.learning_rate
-    return torch.optim.Adam(parameters, lr=rate, betas=betas, fused=True, capturable=on_gpu)
+    return torch.optim.Adam(parameters, lr=training.learning_rate, betas=betas, fused=True)
 
 
 def descend(

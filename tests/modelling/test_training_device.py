@@ -1,4 +1,4 @@
-"""Where the networks learn: on the CPU, or on a GPU that replays its updates."""
+"""Where the networks learn: on the CPU or on a GPU."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import torch
 
 from saver_envs.modelling.arms import arm_named
 from saver_envs.modelling.models import ADVERSARIAL, Training, new_model
-from saver_envs.modelling.models.cuda_graphs import own_stream, updates_from
 from saver_envs.modelling.networks import Device, MLPArchitecture
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
@@ -25,14 +24,6 @@ def learned(name: str, device: Device, sigma: float = 0.0) -> tuple[list[float],
     return history.validation_rmse, model.predict(inputs[:20], joints[:20])
 
 
-def test_on_the_cpu_every_update_is_of_the_rows_that_are_named() -> None:
-    seen = []
-    inputs = torch.arange(5.0)[:, None]
-    learn = updates_from(lambda x, y: seen.append(torch.cat([x, y], 1)), inputs, 10 * inputs, 2)
-    learn(torch.tensor([3, 0]))
-    assert seen[0].tolist() == [[3.0, 30.0], [0.0, 0.0]]
-
-
 @needs_gpu
 @pytest.mark.parametrize("name", ["mlp", *ADVERSARIAL, "conditional"])
 def test_a_gpu_learns_what_the_cpu_learns(name: str) -> None:
@@ -40,26 +31,6 @@ def test_a_gpu_learns_what_the_cpu_learns(name: str) -> None:
     same, other = learned(name, "cuda")
     assert same == pytest.approx(errors, rel=1e-3)
     assert other == pytest.approx(joints, abs=5e-3)
-
-
-@needs_gpu
-def test_a_cuda_graph_updates_once_per_call_with_fresh_noise() -> None:
-    inputs = torch.arange(6.0, device="cuda")[:, None]
-    count, drawn = (torch.zeros(1, device="cuda") for _ in range(2))
-
-    def update(x: torch.Tensor, y: torch.Tensor) -> None:
-        count.add_(x.sum())
-        drawn.copy_(torch.randn_like(drawn))
-
-    seen = set()
-    with own_stream(inputs.device):
-        learn = updates_from(update, inputs, inputs, 2)
-        for call in range(8):
-            rows = [call % 6] if call == 5 else [call % 6, 1]  # one batch is short
-            learn(torch.tensor(rows, device="cuda"))
-            seen.add(float(drawn))
-        assert float(count) == sum(call % 6 for call in range(8)) + 7
-    assert len(seen) == 8
 
 
 @needs_gpu
