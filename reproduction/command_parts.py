@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from saver_advisors.cli.arguments import add_folder, add_json, add_several, add_table
-from saver_advisors.cli.measured import hand_over, measured_or_read
 from saver_advisors.reporting.tables import link
 from saver_advisors.reporting.video import FPS, HOLD, Frame
 
@@ -102,30 +101,6 @@ def shares(processes: int) -> Iterator[Share]:
             return list(tqdm(results, title, total=len(jobs), unit="job", dynamic_ncols=True))
 
         yield share
-
-
-def measure_and_render(
-    args: argparse.Namespace,
-    kind: str,
-    measure: Callable[[], Mapping[str, Any]],
-    render: Callable[[dict[str, Any]], str],
-) -> int:
-    """Measure or read figures, print their page, and write the requested files.
-
-    Measurements run with one thread of linear algebra, as training does by default.
-
-    :param args: with the arguments of :func:`saver_advisors.cli.arguments.add_page`.
-    :param kind: the kind of the figures, as their JSON file names it.
-    :param measure: takes the measurements.
-    :param render: turns figures into a page.
-    :return: exit status.
-    :raises UsageError: if ``--from`` names a file without such figures.
-    """
-    from saver_advisors.training.threads import one_thread_of_algebra
-
-    figures = measured_or_read(args, kind, one_thread_of_algebra()(measure))
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
 
 
 def write_comparison(

@@ -13,9 +13,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.catalogue import sparse_ids
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.provenance import measured_at
 from saver_advisors.reporting.tables import rows_table
 

@@ -29,6 +29,7 @@ from reproduction.findings import success_resolution, verdict_of
 from reproduction.page_templates import page
 from saver_advisors.benchmark.run_tables import (
     NOTHING,
+    figure_text,
     origin,
     outcome_cell,
     skipped_list,
@@ -264,13 +265,13 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
         "row": row.name,
         "n": str(row.n),
         "steps": " or ".join(f"{one:,.0f}" for one in steps),
-        **{label: _told(final_rate(row, name), 3) for label, name in RATES.items()},
-        "deviation, mean mm": _told(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
-        "deviation, worst mm": _told(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
-        "cost per episode": _told(_estimate(costs), 2),
-        "cost in training": _told(_estimate(training), 0),
+        **{label: figure_text(final_rate(row, name), 3) for label, name in RATES.items()},
+        "deviation, mean mm": figure_text(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
+        "deviation, worst mm": figure_text(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
+        "cost per episode": figure_text(_estimate(costs), 2),
+        "cost in training": figure_text(_estimate(training), 0),
         "chosen checkpoint": "; ".join(outcome_cell(run.chosen) for run in row.runs),
-        "minutes": _told(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
+        "minutes": figure_text(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
     }
 
 
@@ -300,9 +301,9 @@ def equal_time_table(rows: Sequence[MethodRow]) -> str:
             [
                 row.name,
                 f"{limit / MINUTE:.0f}{on_threads(row)}",
-                _told(_estimate(steps), 0),
-                _told(_estimate([sum(one) / len(one) for one in success]), 3),
-                _told(_estimate([max(one) for one in success]), 3),
+                figure_text(_estimate(steps), 0),
+                figure_text(_estimate([sum(one) / len(one) for one in success]), 3),
+                figure_text(_estimate([max(one) for one in success]), 3),
             ]
         )
     return markdown(("row", "minutes", "steps until then", "mean SR", "highest SR"), cells)
@@ -338,7 +339,7 @@ def show_all(
     :param results: what was read.
     """
     cells = [
-        [row.name, str(row.n), *(_told(final_rate(row, name), 3) for name in RATES.values())]
+        [row.name, str(row.n), *(figure_text(final_rate(row, name), 3) for name in RATES.values())]
         for row in rows
         if row.n
     ]
@@ -353,7 +354,3 @@ def show_all(
 def _estimate(values: Sequence[float | None]) -> Estimate | None:
     known = [value for value in values if value is not None]
     return estimate(known) if known else None
-
-
-def _told(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
-    return NOTHING if figure is None else figure.text(digits, scale)

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from reproduction.page_templates import page
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import environment
 from saver_advisors.cli.arguments import add_page, add_peer_cache
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.provenance import REPOSITORY, measured_at
 
 EXAMPLES: Final = """\

@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from reproduction.learning.training_loops import (
     AS_CONFIGURED,
     UPDATE,
@@ -29,6 +29,7 @@ from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import Peer, install
 from saver_advisors.cli.arguments import add_count, add_page, add_peer_cache, add_several, env_id
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages, measured_at
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from reproduction.modelling.grid import (
     SAMPLES_A_SIZE,
     SIGMAS,
@@ -25,6 +25,7 @@ from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
 from reproduction.modelling.paper_claims import claims, little_data
 from saver_advisors.cli.arguments import add_count, add_page, add_path, add_several, at_least
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_envs.modelling.arms import TASK_NAMES, Task

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from reproduction.modelling.grid import PAPER_EPOCHS
 from saver_advisors.cli.arguments import add_count, add_path
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_envs.modelling.arms import Task
 from saver_envs.modelling.models import InverseModel, Training, load_model, read_card
@@ -92,7 +93,7 @@ def measure_models(
     measure: Measure,
     render: Callable[[dict[str, Any]], str],
 ) -> int:
-    """Measure models or read figures of them; see `reproduction.command_parts.measure_and_render`.
+    """Measure models or read figures of them; see `saver_advisors.cli.measured.measure_and_render`.
 
     :param args: with the arguments of :func:`add_arms_and_models`.
     :param kind: the kind of the figures.

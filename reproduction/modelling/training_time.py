@@ -14,11 +14,12 @@ from functools import partial
 from itertools import product
 from typing import Any, Final
 
-from reproduction.command_parts import add_choices, measure_and_render
+from reproduction.command_parts import add_choices
 from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
 from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.provenance import load_averages
 from saver_advisors.reporting.tables import Column

@@ -14,11 +14,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from reproduction.command_parts import measure_and_render
 from reproduction.page_templates import page
 from reproduction.transfer.attempts import EXPERT, TITLES, Attempt, Condition, Played, conditions
 from reproduction.transfer.failures import PICK_CAUSES, PUSH_CAUSES, WORDS, find_failure
 from saver_advisors.cli.arguments import add_count, add_folder, add_page
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.cli.policies import SIDE_BY_SIDE
 from saver_advisors.evaluation.statistics import success_interval
 from saver_advisors.pretrained import load_policy, shipped_policies

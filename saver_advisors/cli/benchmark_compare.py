@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.arguments import add_figure, add_json, add_path, add_table, write_json
 from saver_advisors.cli.measured import read_training
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.tables import link, rows_table, show
+from saver_advisors.reporting.tables import link, show
 from saver_advisors.reporting.templates import rendered
 
 if TYPE_CHECKING:
@@ -165,7 +165,6 @@ def page(
         "saver_advisors.benchmark",
         "comparison.md.j2",
         run_tables=run_tables,
-        table=rows_table,
         row_name=attrgetter("name"),
         deviations=attrgetter("off_protocol"),
         pairs=product,

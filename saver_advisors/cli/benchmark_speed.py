@@ -12,9 +12,8 @@ from typing import Any, Final
 from saver_advisors.benchmark.machine import progress
 from saver_advisors.benchmark.peers.process import PeerError
 from saver_advisors.benchmark.peers.suites import PEERS
-from saver_advisors.cli.measured import hand_over, measured_or_read
+from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.provenance import load_averages
-from saver_advisors.training.threads import one_thread_of_algebra
 from saver_envs.registration import TIMED_IDS
 
 EXAMPLES: Final = """\
@@ -60,12 +59,9 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.reporting.errors import UsageError
 
     try:
-        with one_thread_of_algebra():
-            figures = measured_or_read(args, "speed", lambda: measure(args))
+        return measure_and_render(args, "speed", lambda: measure(args), render)
     except (PeerError, OSError) as error:
         raise UsageError(str(error)) from error
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
 
 
 def measure(args: argparse.Namespace) -> dict[str, Any]:

@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from saver_advisors.cli.measured import hand_over, measured_or_read, read_measurement
+from saver_advisors.cli.measured import measure_and_render, read_measurement
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.training.threads import one_thread_of_algebra
 
 EXAMPLES: Final = """\
 examples:
@@ -40,16 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_page(parser)
 
 
-@one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Measure, print the table, and write the given files.
 
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    figures = measured_or_read(args, "worlds", lambda: measure(args))
-    hand_over(render(figures), figures, args.json, args.table)
-    return 0
+    return measure_and_render(args, "worlds", lambda: measure(args), render)
 
 
 def entrants(names: Sequence[str] | None, env: str | None) -> dict[str, tuple[str, dict[str, Any]]]:

@@ -86,3 +86,27 @@ def hand_over(
     if table is not None:
         table.write_text(page, encoding="utf-8")
         print(f"wrote {table}")
+
+
+def measure_and_render(
+    args: argparse.Namespace,
+    kind: str,
+    measure: Callable[[], Mapping[str, Any]],
+    render: Callable[[dict[str, Any]], str],
+) -> int:
+    """Measure or read figures, print their page, and write the requested files.
+
+    Measurements run with one thread of linear algebra, as training does by default.
+
+    :param args: with the arguments of :func:`saver_advisors.cli.arguments.add_page`
+    :param kind: the kind of the figures, as their JSON file names it
+    :param measure: takes the measurements
+    :param render: turns figures into a page
+    :return: exit status
+    :raises UsageError: if ``--from`` names a file without such figures
+    """
+    from saver_advisors.training.threads import one_thread_of_algebra
+
+    figures = measured_or_read(args, kind, one_thread_of_algebra()(measure))
+    hand_over(render(figures), figures, args.json, args.table)
+    return 0

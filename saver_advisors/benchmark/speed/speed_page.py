@@ -70,7 +70,6 @@ def render(figures: Mapping[str, Any]) -> str:
     return rendered(
         "saver_advisors.benchmark",
         "speed.md.j2",
-        table=rows_table,
         columns=_COLUMNS,
         peers=peers,
         rates=[*({**ours, **one} for one in peers["ours"]), *peers["peers"]] if peers else [],
