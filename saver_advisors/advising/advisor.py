@@ -409,10 +409,9 @@ def make_advisor(
     :raises ValueError: if parts do not match; the message names the sizes.
     """
     spendable = AdviceBudget(budget)
-    late = isinstance(strategy, str) and ":" in strategy
-    if isinstance(strategy, str) and not late:
+    if isinstance(strategy, str):
         strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
-    elif not late and (threshold is not None or correcting is not None or settings):
+    elif threshold is not None or correcting is not None or settings:
         raise ValueError(
             "threshold, correcting and settings belong to a strategy given by name: set them on "
             "the object instead"
@@ -430,9 +429,6 @@ def make_advisor(
                 f"divide the student's action of size {size}: choose a teacher of the same task"
             )
     mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
-    if isinstance(strategy, str):
-        # The name of code: it is imported once everything else is accepted.
-        strategy = make_strategy(strategy, threshold, correcting=correcting, settings=settings)
     advisor = Advisor(
         strategy,
         teachers,

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.type_aliases import MaybeCallback
 from stable_baselines3.common.utils import explained_variance, obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
@@ -28,6 +27,8 @@ from saver_advisors.safe_baselines.costs import Array, CostCritic, EpisodeCosts,
 from saver_envs.validation import require, require_share
 
 DEFAULT_COST_LIMIT = 1.0
+#: Position of ``tb_log_name`` among the optional arguments of SB3's ``learn``, from 1.
+_PLACE_OF_NAME = 3
 
 
 class CostConstrainedMixin(OnPolicyAlgorithm):
@@ -43,7 +44,6 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
     :param cost_key: the entry of ``info`` that holds a step's cost.
     :param cost_gamma: discount of costs in the cost critic and its advantages.
     :param cost_gae_lambda: of the generalized advantage estimates of costs.
-    :param cost_net_arch: widths of the cost critic's hidden layers; the value network's if None.
     :param n_cost_critic_updates: epochs of the cost critic on each rollout.
     :param kwargs: as for the algorithm.
     :raises ValueError: if an argument is out of range; when learning, if ``cost_key`` is missing in
@@ -63,7 +63,6 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         cost_key: str = "cost",
         cost_gamma: float = 0.99,
         cost_gae_lambda: float = 0.95,
-        cost_net_arch: Sequence[int] | None = None,
         n_cost_critic_updates: int = 10,
         **kwargs: Any,
     ) -> None:
@@ -72,7 +71,6 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         self.cost_key = cost_key
         self.cost_gamma = cost_gamma
         self.cost_gae_lambda = cost_gae_lambda
-        self.cost_net_arch = None if cost_net_arch is None else list(cost_net_arch)
         self.n_cost_critic_updates = n_cost_critic_updates
         self.mean_episode_cost = None
         self.mean_episode_length = None
@@ -91,7 +89,7 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
     def _setup_model(self) -> None:
         self._check_arguments()
         super()._setup_model()
-        self.cost_critic = CostCritic(self.policy, self.cost_net_arch, self.lr_schedule(1))
+        self.cost_critic = CostCritic(self.policy, self.lr_schedule(1))
         # Costs in place of rewards; observations and actions are in the algorithm's own buffer.
         nothing = spaces.Box(0.0, 1.0, (0,))
         self._cost_rollout = RolloutBuffer(
@@ -105,29 +103,17 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         )
         self._episode_costs = EpisodeCosts(self.n_envs)
 
-    def learn(
-        self,
-        total_timesteps: int,
-        callback: MaybeCallback = None,
-        log_interval: int = 1,
-        tb_log_name: str | None = None,
-        reset_num_timesteps: bool = True,
-        progress_bar: bool = False,
-    ) -> Self:
-        """Learn, as SB3's algorithms do.
+    def learn(self, total_timesteps: int, *args: Any, **kwargs: Any) -> Self:
+        """Learn, as SB3's algorithms do; TensorBoard's name of the run is by default the class's.
 
         :param total_timesteps: environment steps.
-        :param callback: called at every step.
-        :param log_interval: rollouts between two log entries.
-        :param tb_log_name: name of the run for TensorBoard; the algorithm's if None.
-        :param reset_num_timesteps: False to continue an earlier call.
-        :param progress_bar: whether to show one.
+        :param args: SB3's ``callback``, ``log_interval``, ``tb_log_name``, ...
+        :param kwargs: the same by name.
         :return: itself.
         """
-        name = type(self).__name__ if tb_log_name is None else tb_log_name
-        return super().learn(
-            total_timesteps, callback, log_interval, name, reset_num_timesteps, progress_bar
-        )
+        if len(args) < _PLACE_OF_NAME:
+            kwargs.setdefault("tb_log_name", type(self).__name__)
+        return super().learn(total_timesteps, *args, **kwargs)
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> tuple[int, BaseCallback]:
         before = self._last_episode_starts

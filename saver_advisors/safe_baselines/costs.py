@@ -97,17 +97,13 @@ class CostCritic(nn.Module):
 
     :param policy: provides observation space, features extractor and activation; no weight is
         shared, so that costs do not change the policy's features.
-    :param layers: widths of the hidden layers; the policy's value network's if None.
     :param learning_rate: of its Adam optimizer.
     """
 
-    def __init__(
-        self, policy: ActorCriticPolicy, layers: Sequence[int] | None, learning_rate: float
-    ) -> None:
+    def __init__(self, policy: ActorCriticPolicy, learning_rate: float) -> None:
         super().__init__()
-        if layers is None:
-            arch = policy.net_arch
-            layers = arch.get("vf", []) if isinstance(arch, dict) else arch
+        arch = policy.net_arch
+        layers = arch.get("vf", []) if isinstance(arch, dict) else arch
         self.observation_space: spaces.Space[Any] = policy.observation_space
         self.normalize_images = policy.normalize_images
         self.features_extractor = policy.make_features_extractor()

@@ -84,7 +84,7 @@ class PPOLagrangian(LagrangianMixin, PPO):
     """PPO-Lagrangian (Ray, Achiam and Amodei, 2019); constructor as PPO's.
 
     Additional arguments: ``cost_limit`` (mean undiscounted sum of ``info["cost"]`` over an
-    episode), ``cost_key``, ``cost_gamma``, ``cost_gae_lambda``, ``cost_net_arch``,
+    episode), ``cost_key``, ``cost_gamma``, ``cost_gae_lambda``,
     ``n_cost_critic_updates`` (see `CostConstrainedMixin`), ``multiplier_init``, ``multiplier_lr``
     and ``multiplier_gain`` (see `LagrangianMixin`).
     """
