@@ -23,7 +23,6 @@ from reproduction.command_parts import (
     write_comparison,
 )
 from reproduction.findings import (
-    ABBREVIATIONS,
     MIN_SEEDS,
     Finding,
     claims,
@@ -48,7 +47,7 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
 from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
-from saver_advisors.reporting.tables import Column, markdown, show, show_rows
+from saver_advisors.reporting.tables import Column, markdown, optional, row_cells, show, show_rows
 
 EXAMPLES: Final = """\
 examples:
@@ -68,6 +67,9 @@ NUMBERS: Final = {
 }
 
 COLUMNS: Final = ("row", "n", "IE", "RT", "MSR", "ELR")
+PAPER_COLUMNS: Final = {
+    f"paper: {name}": optional(name, "g" if name in ("IE", "RT") else ".4f") for name in COLUMNS[2:]
+}
 
 FEW_NAMES: Final = 3
 """Largest number of missing rows that are named; more are counted."""
@@ -201,9 +203,9 @@ def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures])
     :param paper: the paper's rows of that task.
     :return: Markdown.
     """
-    columns = [*COLUMNS, *(f"paper: {name}" for name in COLUMNS[2:])]
-    cells = [[row.name, *measured(row), *_paper_cells(paper.get(row.name))] for row in rows]
-    return markdown(columns, cells)
+    theirs = row_cells((paper.get(row.name, {}) for row in rows), PAPER_COLUMNS.values())
+    cells = [[row.name, *measured(row), *told] for row, told in zip(rows, theirs, strict=True)]
+    return markdown((*COLUMNS, *PAPER_COLUMNS), cells)
 
 
 def scratch_table(tasks: Mapping[str, Sequence[MethodRow]]) -> str:
@@ -225,14 +227,6 @@ def scratch_table(tasks: Mapping[str, Sequence[MethodRow]]) -> str:
                 [task, label, str(row.n), epochs, "never" if theirs is None else f"{theirs:g}"]
             )
     return markdown(("task", "arms", "n", "epochs to 0.9", "paper"), cells) if cells else ""
-
-
-def _paper_cells(one: PaperFigures | None) -> list[str]:
-    if one is None:
-        return ["-"] * 4
-    formats = {"inspired_epoch": "g", "rise_time": "g"}
-    values = [(getattr(one, name), formats.get(name, ".4f")) for name in ABBREVIATIONS]
-    return ["-" if value is None else format(value, how) for value, how in values]
 
 
 def _closest(finding: Finding) -> str:

@@ -17,16 +17,22 @@ from typing import Any, Final
 import numpy as np
 
 from reproduction.modelling.grid import prediction_speed
-from reproduction.modelling.model_arguments import add_arms_and_models, measure_models, origin
+from reproduction.modelling.model_arguments import (
+    Models,
+    add_arms_and_models,
+    measure_models,
+    origin,
+)
 from reproduction.page_templates import page
 from saver_advisors.benchmark.machine import median_ratio, timed
 from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.reporting.tables import Column
 from saver_envs.modelling.accuracy import accuracy, unseen_targets
+from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.kinematics import LearnedInverseKinematics
-from saver_envs.modelling.models import InverseModel, Training, new_model
 from saver_envs.modelling.shipped import shipped_model
 from saver_envs.modelling.workspace import workspace_samples
+from saver_envs.registration import make_episodes, task_and_settings
 
 EXAMPLES: Final = """\
 examples:
@@ -68,24 +74,29 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
-    return measure_models(args, "kinematics", "ik", (SHIPPED, SHIPPED_GAN), measure, render)
+
+    def samples(robot: str) -> tuple[FloatArray, FloatArray]:
+        data = workspace_samples(robot, args.samples, 0)
+        return data.targets, data.joints
+
+    taken = (SHIPPED, SHIPPED_GAN)
+    return measure_models(args, "kinematics", "ik", taken, samples, measure, render)
 
 
-def measure(
-    args: argparse.Namespace,
-    training: Mapping[str, Any],
-    before: Mapping[str, Mapping[str, InverseModel]],
-) -> dict[str, Any]:
+def measure(args: argparse.Namespace, models: Models) -> dict[str, Any]:
     """Take every measurement.
 
     :param args: see :func:`add_arguments`.
-    :param training: ``epochs``, ``precision`` and ``device`` of the training.
-    :param before: models of weight files, by arm and name.
+    :param models: trained models and those of weight files.
     :return: JSON-able: ``prediction``, ``cost``, ``accuracy`` and ``success``.
     """
     robots, episodes = args.robots, args.episodes
     inverses = {
-        robot: {**_inverses(robot, args.models, args.samples, training), **before[robot]}
+        robot: {
+            SHIPPED: shipped_model(robot),
+            SHIPPED_GAN: shipped_model(robot, adversarial=True),
+            **models[robot],
+        }
         for robot in robots
     }
     used = [robot for robot in robots if robot in ENVS]
@@ -111,7 +122,6 @@ def measure(
         "title": "Learned inverse kinematics in use",
         "kind": "kinematics",
         "samples": args.samples,
-        **training,
         "prediction": predictions,
         "accuracy": accuracies,
         "cost": cost,
@@ -131,24 +141,6 @@ def _in_use(robot: str, name: str) -> list[tuple[int | None, Sequence[str]]]:
     return [(0, POLICIES[robot][-1:])]
 
 
-def _inverses(
-    robot: str, names: Sequence[str], samples: int, training: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Load the shipped models, and train the others."""
-    from tqdm import tqdm
-
-    found: dict[str, Any] = {
-        SHIPPED: shipped_model(robot),
-        SHIPPED_GAN: shipped_model(robot, adversarial=True),
-    }
-    if names:
-        data = workspace_samples(robot, samples, 0)
-        for name in tqdm(names, desc=f"{robot}: training", unit="model"):
-            found[name] = new_model(name, robot, "ik")
-            found[name].fit(data.targets, data.joints, Training(**training))
-    return found
-
-
 def _prediction(robot: str, name: str, model: Any) -> dict[str, Any]:
     """Time a model alone, for one target and for each of many."""
     unseen = unseen_targets(robot)
@@ -163,7 +155,6 @@ def _cost(robot: str, model: Any, n_envs: int) -> dict[str, Any]:
     use: a second call in a row would find its data in the processor's caches.
     """
     from saver_envs.control import DampedLeastSquares
-    from saver_envs.registration import make_episodes
 
     episodes = make_episodes(ENVS[robot], n_envs)
     for index in range(n_envs):
@@ -214,22 +205,21 @@ def _success(
     import gymnasium
 
     from saver_advisors.cli.policies import resolve
-    from saver_advisors.evaluation.episodes import SingleEpisodeEnv, evaluate_policy, run_episodes
+    from saver_advisors.evaluation.episodes import N_ENVS, SingleEpisodeEnv, run_episodes
+    from saver_envs.envs.sb3_vec_env import SaverVecEnv
     from saver_envs.wrappers.learned_ik import LearnedIKAction
 
     env_id = ENVS[robot]
     predict = resolve(policy, env_id, {})
+    env: Any
     if wrapper:
-        joints: Any = gymnasium.make(f"saver_envs:{env_id}", control="joints")
-        with LearnedIKAction(joints, model, steps or 0) as env:
-            task = joints.unwrapped.episodes.task
-            single = SingleEpisodeEnv(env)
-            outcomes = run_episodes(predict, single, task, env_id=env_id, episodes=episodes)
+        joints = gymnasium.make(f"saver_envs:{env_id}", control="joints")
+        env = SingleEpisodeEnv(LearnedIKAction(joints, model, steps or 0))
     else:
-        kwargs = {}
-        if model is not None and steps is not None:
-            kwargs["inverse_kinematics"] = LearnedInverseKinematics(robot, model, steps)
-        outcomes = evaluate_policy(predict, env_id, episodes=episodes, env_kwargs=kwargs)
+        inverse = None if steps is None else LearnedInverseKinematics(robot, model, steps)
+        env = SaverVecEnv(env_id, min(episodes, N_ENVS), inverse_kinematics=inverse)
+    task = task_and_settings(env_id, {})[0]
+    outcomes = run_episodes(predict, env, task, env_id, episodes)
     return {
         "env": env_id,
         "policy": policy,

@@ -13,7 +13,8 @@ from saver_advisors.cli.arguments import add_count, add_path
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_envs.modelling.arms import Task
-from saver_envs.modelling.models import InverseModel, Training, load_model, read_card
+from saver_envs.modelling.chain import FloatArray
+from saver_envs.modelling.models import InverseModel, Training, load_model, new_model, read_card
 from saver_envs.modelling.networks import DEVICES, PRECISIONS
 
 ROBOTS: Final = ("mico", "fetch")
@@ -79,10 +80,8 @@ def training_of(args: argparse.Namespace) -> dict[str, Any]:
     return {"epochs": args.epochs, "precision": args.precision, "device": args.device}
 
 
-Measure = Callable[
-    [argparse.Namespace, dict[str, Any], dict[str, dict[str, "InverseModel"]]], dict[str, Any]
-]
-"""Takes the command's arguments, how models are trained, and the files' models by arm and name."""
+Models = Mapping[str, Mapping[str, InverseModel]]
+"""Models by arm and name."""
 
 
 def measure_models(
@@ -90,7 +89,8 @@ def measure_models(
     kind: str,
     task: Task,
     taken: Sequence[str],
-    measure: Measure,
+    samples: Callable[[str], tuple[FloatArray, FloatArray]],
+    measure: Callable[[argparse.Namespace, Models], dict[str, Any]],
     render: Callable[[dict[str, Any]], str],
 ) -> int:
     """Measure models or read figures of them; see `saver_advisors.cli.measured.measure_and_render`.
@@ -99,16 +99,25 @@ def measure_models(
     :param kind: the kind of the figures.
     :param task: task of the models.
     :param taken: names that no weight file may have, besides those of ``--models``.
-    :param measure: takes the measurements.
+    :param samples: returns the inputs and outputs that the models of an arm are trained on.
+    :param measure: takes the measurements, from the trained models and those of weight files.
     :param render: turns figures into a page.
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
     training = training_of(args)
-    before = trained_before(args.weights, args.robots, task, (*taken, *args.models))
+    models = trained_before(args.weights, args.robots, task, (*taken, *args.models))
 
     def figures() -> dict[str, Any]:
-        return measure(args, training, before) | cards_of(args.weights)
+        from tqdm import tqdm
+
+        for robot, before in models.items() if args.models else ():
+            data, trained = samples(robot), {}
+            for name in tqdm(args.models, desc=f"{robot}: training", unit="model"):
+                trained[name] = new_model(name, robot, task)
+                trained[name].fit(*data, Training(**training))
+            models[robot] = {**trained, **before}
+        return {**measure(args, models), **training, **cards_of(args.weights)}
 
     return measure_and_render(args, kind, figures, render)
 

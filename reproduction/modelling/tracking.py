@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any, Final
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from reproduction.modelling.model_arguments import (
     ROBOTS,
+    Models,
     add_arms_and_models,
     measure_models,
     origin,
@@ -19,9 +19,10 @@ from reproduction.page_templates import page
 from saver_advisors.cli.arguments import add_page
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.tables import Column
+from saver_envs.modelling.chain import FloatArray
 from saver_envs.modelling.datasets import campaign_of, samples_of
 from saver_envs.modelling.dynamics import LearnedInverseDynamics, tracking_error
-from saver_envs.modelling.models import InverseModel, Training, new_model
+from saver_envs.modelling.models import new_model
 from saver_envs.modelling.trajectories import random_trajectory
 from saver_envs.modelling.twin import Twin
 
@@ -32,7 +33,7 @@ examples:
   python -m reproduction tracking --weights mico-id.safetensors --robots mico"""
 
 MODELS: Final = ("mlp", "cgan", "lsgan", "bigan", "dualgan", "identified")
-UNTRAINED: Final = ("feedback alone", "analytic", "shipped")
+FEEDBACK, ANALYTIC, SHIPPED = UNTRAINED = ("feedback alone", "analytic", "shipped")
 """Feed-forwards that need no training."""
 GAINS: Final = (1.0, 0.25)
 _UNSEEN: Final = 1000
@@ -55,19 +56,18 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status.
     :raises UsageError: for weight files or a device that cannot be used.
     """
-    return measure_models(args, "tracking", "id", UNTRAINED, measure, render)
+
+    def samples(robot: str) -> tuple[FloatArray, FloatArray]:
+        return samples_of(prepare_data(robot).train, "id")
+
+    return measure_models(args, "tracking", "id", UNTRAINED, samples, measure, render)
 
 
-def measure(
-    args: argparse.Namespace,
-    training: Mapping[str, Any],
-    before: Mapping[str, Mapping[str, InverseModel]],
-) -> dict[str, Any]:
+def measure(args: argparse.Namespace, models: Models) -> dict[str, Any]:
     """Measure the tracking error of every arm and feed-forward.
 
     :param args: see :func:`add_arguments`.
-    :param training: ``epochs``, ``precision`` and ``device`` of the training.
-    :param before: models of weight files, by arm and name.
+    :param models: trained models and those of weight files.
     :return: JSON-able; ``rows`` has one row per arm, feed-forward and gain.
     """
     rows = []
@@ -78,9 +78,10 @@ def measure(
             random_trajectory(robot, _WAY_POINTS, interval, generator) for _ in range(_TRAJECTORIES)
         ]
         twin = Twin(robot)
-        models = {**_models(robot, args.models, training), **before[robot]}
-        feed_forwards: dict[str, Any] = {UNTRAINED[0]: None}
-        feed_forwards |= {name: LearnedInverseDynamics(robot, one) for name, one in models.items()}
+        # The shipped model is the default of learned dynamics.
+        several = {ANALYTIC: new_model("analytic", robot, "id"), SHIPPED: None, **models[robot]}
+        feed_forwards: dict[str, Any] = {FEEDBACK: None}
+        feed_forwards |= {name: LearnedInverseDynamics(robot, one) for name, one in several.items()}
         for (name, feed_forward), gain in product(feed_forwards.items(), GAINS):
             error = tracking_error(twin, ways, feed_forward, _UNSEEN, gain)
             rows.append(
@@ -92,21 +93,7 @@ def measure(
                     "per_joint": error.per_joint.tolist(),
                 }
             )
-    return {"title": "Tracking on the twins", "kind": "tracking", **training, "rows": rows}
-
-
-def _models(
-    robot: str, names: Sequence[str], training: Mapping[str, Any]
-) -> dict[str, InverseModel | None]:
-    """Return the analytic model, the shipped one, as None, and the trained ones."""
-    _, analytic, shipped = UNTRAINED
-    found: dict[str, Any] = {analytic: new_model("analytic", robot, "id"), shipped: None}
-    if names:
-        samples = samples_of(prepare_data(robot).train, "id")
-        for name in names:
-            found[name] = new_model(name, robot, "id")
-            found[name].fit(*samples, Training(**training))
-    return found
+    return {"title": "Tracking on the twins", "kind": "tracking", "rows": rows}
 
 
 def render(figures: dict[str, Any]) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Sequence
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from reproduction.command_parts import Share
 from reproduction.wrist_push.faults import FAULTS
 from reproduction.wrist_push.injections import ALLOWED, inject
 from saver_advisors.evaluation.statistics import success_interval
-from saver_advisors.integration.assembly import ControlLoop, LoopSettings, build_loop
+from saver_advisors.integration.assembly import LoopSettings, build_loop
 from saver_advisors.integration.messages import Message, Person
 from saver_advisors.integration.trial import PUSHING, REACHING, SUCCEEDED, run_trial
 from saver_advisors.integration.wrist_bench import WristBench
@@ -25,9 +25,6 @@ _CHUNK: Final = 5
 #: Largest number of durations that a job keeps of each stage.
 _KEPT: Final = 400
 
-Job = tuple[Mapping[str, Any], Sequence[int], str | None]
-"""The loop's settings, the seeds, and the name of the fault to inject or None."""
-
 
 @cache
 def _own_bench() -> Any:
@@ -36,20 +33,14 @@ def _own_bench() -> Any:
 
 
 @one_thread_of_algebra()
-def work(job: Job) -> dict[str, Any]:
-    """Play trials, or inject a fault into them.
-
-    :param job: see `Job`.
-    :return: JSON-able outcomes, and the durations of stages.
-    """
-    mapping, seeds, fault = job
-    settings, bench = LoopSettings.from_mapping(mapping), _own_bench()
-    if fault is None:
-        return _play(build_loop(settings, bench), seeds)
-    return {"injections": [inject(settings, bench, fault, one) for one in seeds]}
+def _inject(seed: int, settings: LoopSettings, fault: str) -> dict[str, Any]:
+    return inject(settings, _own_bench(), fault, seed)
 
 
-def _play(loop: ControlLoop, seeds: Sequence[int]) -> dict[str, Any]:
+@one_thread_of_algebra()
+def _play(seeds: Sequence[int], settings: LoopSettings) -> dict[str, Any]:
+    """Play trials, and return their outcomes and the durations of stages."""
+    loop = build_loop(settings, _own_bench())
     ages: list[float] = []
 
     def look(topic: str, message: Message, now: float) -> None:
@@ -78,7 +69,7 @@ def _thinned(values: Sequence[float]) -> list[float]:
     return list(values[::step])
 
 
-def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, Any]:
+def play_row(share: Share, settings: LoopSettings, trials: int, seed: int) -> dict[str, Any]:
     """Play the trials of a row.
 
     :param share: runs jobs, see :func:`~reproduction.command_parts.shares`.
@@ -90,7 +81,7 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
     seeds = range(seed, seed + trials)
     chunks = [seeds[first : first + _CHUNK] for first in range(0, trials, _CHUNK)]
     began = time.perf_counter()
-    results = share("trials", work, [(settings.to_mapping(), chunk, None) for chunk in chunks])
+    results = share("trials", partial(_play, settings=settings), chunks)
     elapsed = time.perf_counter() - began
     played = [one for result in results for one in result["trials"]]
     simulated = sum(one["seconds"] for one in played)
@@ -130,7 +121,7 @@ def play_row(share: Share, settings: Any, trials: int, seed: int) -> dict[str, A
 
 
 def fault_row(
-    share: Share, settings: Any, fault: str, injections: int, seed: int
+    share: Share, settings: LoopSettings, fault: str, injections: int, seed: int
 ) -> dict[str, Any]:
     """Inject a fault into trials, and summarise them.
 
@@ -141,8 +132,8 @@ def fault_row(
     :param seed: seed of the first trial.
     :return: JSON-able figures.
     """
-    jobs = [(settings.to_mapping(), (one,), fault) for one in range(seed, seed + injections)]
-    found = [one for result in share(fault, work, jobs) for one in result["injections"]]
+    work = partial(_inject, settings=settings, fault=fault)
+    found = share(fault, work, range(seed, seed + injections))
 
     def times(key: str) -> list[float]:
         return [1000 * one[key] for one in found if one[key] is not None]

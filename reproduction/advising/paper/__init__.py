@@ -13,20 +13,10 @@ NO_ADVICE: Final = "none"
 ONE_ARM: Final = {"push": "JacoPush-v0", "pick-and-place": "JacoPickAndPlace-v0"}
 
 
-@dataclass(frozen=True)
-class PaperFigures:
-    """Figures of one strategy in one task of Table 5.2, in the paper's epochs.
-
-    :param inspired_epoch: IE; None for the paper's NaN.
-    :param rise_time: RT; None for NaN.
-    :param maximum_success_rate: MSR.
-    :param effective_learning_rate: ELR; None for NaN.
-    """
-
-    inspired_epoch: float | None
-    rise_time: float | None
-    maximum_success_rate: float
-    effective_learning_rate: float | None
+PaperFigures = Mapping[str, float | None]
+"""Figures of one strategy in one task of Table 5.2 by the paper's abbreviations: IE, RT, MSR and
+ELR, in its epochs; None for its NaN.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,11 +52,7 @@ def table_5_2() -> PaperTable:
         tasks=content["tasks"],
         rows=list(rows),
         figures={
-            task: {
-                name: PaperFigures(*(row[task][key] for key in ("IE", "RT", "MSR", "ELR")))
-                for name, row in rows.items()
-            }
-            for task in content["tasks"]
+            task: {name: row[task] for name, row in rows.items()} for task in content["tasks"]
         },
         from_scratch=content["from_scratch"],
     )
