@@ -168,14 +168,9 @@ class PersonAddresses:
         self.force_sensor = np.array(forces, dtype=np.intp)
         #: Geoms whose friction with what they touch varies.
         self.limb_geoms = np.array([model.geom(name).id for name in limb_geoms()])
-        limbs = [name.removesuffix("_0") for name in limb_geoms()]
-        dofs = [
-            model.joint(name).dofadr[0] + offset
-            for name in limbs
-            for offset in range(3 if name.endswith("upper_arm") else 1)
-        ]
+        limbs = np.isin(model.dof_bodyid, model.geom_bodyid[self.limb_geoms])
         #: Degrees of freedom whose friction and damping vary.
-        self.limb_dofs = np.array(dofs, dtype=np.intp)
+        self.limb_dofs = np.flatnonzero(limbs)
 
     def _qpos(self, name: str) -> NDArray[np.intp]:
         joints = [self._model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
