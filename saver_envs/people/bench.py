@@ -133,23 +133,28 @@ class PersonAddresses:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._model = model = scene.model
+        model = scene.model
+
+        def qpos(name: str) -> NDArray[np.intp]:
+            return np.array([model.joint(f"{side}_{name}").qposadr[0] for side in SIDE_OF_ARM])
+
+        def sites(name: str) -> NDArray[np.intp]:
+            return np.array([model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM])
+
         #: (bodies, arms) geometry of the arm that arm i of the scene pushes.
         self.arms = tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES)
         #: (4,) of the trunk: along x, along y, its turn, how far it bends.
         self.trunk_qpos = np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS])
         #: (arms, 4) quaternions.
-        self.shoulder_qpos = self._qpos("upper_arm")[:, None] + np.arange(4)
+        self.shoulder_qpos = qpos("upper_arm")[:, None] + np.arange(4)
         #: (arms,).
-        self.elbow_qpos = self._qpos("forearm")
+        self.elbow_qpos = qpos("forearm")
         #: (arms,).
-        self.hand_qpos = self._qpos("hand")
+        self.wrist_site = sites("wrist")
         #: (arms,).
-        self.wrist_site = self._sites("wrist")
-        #: (arms,).
-        self.elbow_site = self._sites("elbow")
+        self.elbow_site = sites("elbow")
         #: (arms,) of the hip joint at that arm's side.
-        self.hip_site = self._sites("hip")
+        self.hip_site = sites("hip")
         #: Between the shoulders.
         self.neck_site = model.site("joint_neck").id
         starts = [
@@ -171,14 +176,6 @@ class PersonAddresses:
         limbs = np.isin(model.dof_bodyid, model.geom_bodyid[self.limb_geoms])
         #: Degrees of freedom whose friction and damping vary.
         self.limb_dofs = np.flatnonzero(limbs)
-
-    def _qpos(self, name: str) -> NDArray[np.intp]:
-        joints = [self._model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
-        return np.array([int(joint.qposadr[0]) for joint in joints])
-
-    def _sites(self, name: str) -> NDArray[np.intp]:
-        sites = [self._model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM]
-        return np.array(sites)
 
 
 #: The addresses of a scene, looked up once.

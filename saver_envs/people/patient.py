@@ -118,7 +118,6 @@ class Patient:
         simulation.qpos[rows[:, None], where.trunk_qpos] = trunk
         simulation.qpos[rows[:, None, None], where.shoulder_qpos] = people.shoulder
         simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
-        simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
         simulation.refresh(rows)
         for name, values in vars(people).items():
             memory[name][rows] = values

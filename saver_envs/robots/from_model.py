@@ -36,22 +36,22 @@ class ModelArm:
     :param base_body: name of the arm's root body.
     :param tool: name of the site or body that the tool point belongs to.
     :param tool_offset: (3,) of the tool point in that frame, metres.
-    :param tool_quaternion: (4,) of the tool's axes in that frame, w first.
     :param arm_joints: from base to wrist.
     :param finger_joints: of the hand.
     :param finger_closed: where locked fingers are held, rad or m.
     :param torque_limits: one per joint, N m.
+    :param tool_quaternion: (4,) of the tool's axes in that frame, w first.
     """
 
     source: Source
     base_body: str
     tool: str
     tool_offset: tuple[float, ...]
-    tool_quaternion: tuple[float, ...]
     arm_joints: tuple[str, ...]
     finger_joints: tuple[str, ...]
     finger_closed: float
     torque_limits: tuple[float, ...]
+    tool_quaternion: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
 
     def __call__(self, fingers: Fingers) -> mujoco.MjSpec:
         """Return a fresh specification of the arm."""
@@ -138,7 +138,6 @@ def robot_from_model(
         base_body=base_body,
         tool=tool,
         tool_offset=tuple(float(one) for one in tool_offset),
-        tool_quaternion=(1.0, 0.0, 0.0, 0.0),
         arm_joints=joints,
         finger_joints=tuple(finger_joints),
         finger_closed=finger_closed,
