@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saver_envs.cameras.off_screen import displays_named
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
-from saver_envs.control import InverseKinematics, checked_action
+from saver_envs.control import checked_action
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
 from saver_envs.envs.spaces import action_space, warn_if_short
 from saver_envs.episodes import Outcome
@@ -36,11 +36,10 @@ class SingleEpisode:
         width: int = DEFAULT_SIZE[0],
         height: int = DEFAULT_SIZE[1],
         camera_name: str = DEFAULT_CAMERA,
-        inverse_kinematics: InverseKinematics | None = None,
         **options: Any,
     ) -> None:
         self.render_mode = render_mode
-        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+        self.episodes = make_episodes(env_id, **options)
         self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
         if not displays_named():
             # Gymnasium's checker opens every mode that an environment offers.

@@ -169,8 +169,7 @@ class PoseTrainer:
         save_network(self.averaged(), self.folder / NETWORK, info)
 
     def _restore(self) -> None:
-        path = self.folder / CHECKPOINT
-        header, tensors = read_weights(path, RUN_KIND, may_be_infinite=None)
+        header, tensors = read_weights(self.folder / CHECKPOINT, RUN_KIND, may_be_infinite=None)
         self.frames, self.seconds = int(header["frames"]), float(header["seconds"])
         parts: dict[str, dict[str, Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
         for name, value in tensors.items():
