@@ -22,6 +22,7 @@ from saver_envs.people.manikin import (
     SIDES,
     TRUNK_FRICTION,
     add_manikin,
+    segment,
     total_mass,
 )
 from saver_envs.people.stretcher import add_stretcher
@@ -37,8 +38,8 @@ TABLE_DEPTH: Final = (-0.95, 1.55)
 RIGID: Final = ("head", "thigh", "shank", "foot")
 #: Arm i pushes the person's arm at its side: the first base stands at -y, on the right.
 SIDE_OF_ARM: Final = ("right", "left")
-#: Joints of the trunk: along x, along y, its turn, its bend.
-TRUNK_JOINTS: Final = ("slide_x", "slide_y", "turn", "torso")
+#: Joints that move the trunk: along x, along y, its turn.
+TRUNK_JOINTS: Final = ("slide_x", "slide_y", "turn")
 #: Geoms whose contact counts as pressing the torso.
 TORSO_GEOMS: Final = ("pelvis_0", "torso_0", "torso_1")
 #: Mean distance of the chest's weight from where the trunk bends (m): its lever of friction.
@@ -91,12 +92,9 @@ def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
     body, geom = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_GEOM
     bases = [arms.body(index) for index in range(2)]
     add_contact_sensor(spec, f"{COLLISION}arms", bases[0], body, bases[1])
-    elsewhere = [
-        one.name
-        for one in spec.geoms
-        if any(one.name.startswith(part) for part in ("pelvis", "torso", "head"))
-        or any(f"_{part}_" in one.name for part in ("thigh", "shank", "foot"))
-    ]
+    trunk = (*RIGID, "pelvis", "torso")
+    names = [one.name for one in spec.geoms]
+    elsewhere = [name for name in names if segment(name.rpartition("_")[0]) in trunk]
     for index, base in enumerate(bases):
         name = f"{COLLISION}arm{index}"
         add_contact_sensor(spec, f"{name}_table", base, geom, "table")
@@ -143,7 +141,7 @@ class PersonAddresses:
 
         #: (bodies, arms) geometry of the arm that arm i of the scene pushes.
         self.arms = tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES)
-        #: (4,) of the trunk: along x, along y, its turn, how far it bends.
+        #: (3,) of the trunk: along x, along y, its turn.
         self.trunk_qpos = np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS])
         #: (arms, 4) quaternions.
         self.shoulder_qpos = qpos("upper_arm")[:, None] + np.arange(4)

@@ -71,8 +71,8 @@ class Appearance:
         require_share("gender", self.gender)
         require_share("heaviness", self.heaviness)
         least, most = STATURE_RANGE
-        stature = self.stature
-        require("stature", stature, least <= stature <= most, f"between {least} and {most} m")
+        fits = least <= self.stature <= most
+        require("stature", self.stature, fits, f"between {least} and {most} m")
 
 
 AVERAGE_MAN: Final = Appearance()

@@ -197,7 +197,6 @@ class _SceneArm:
     def __init__(self, robot: Robot, prefix: str) -> None:
         self._robot = robot
         self._prefix = prefix
-        self._home = np.array(robot.home)
 
     def _put(self, data: mujoco.MjData, angles: NDArray[np.float64]) -> None:
         for joint, servo, angle in zip(
@@ -208,13 +207,13 @@ class _SceneArm:
 
     def park(self, data: mujoco.MjData) -> None:
         """Fold the arm above its base."""
-        self._put(data, self._home)
+        self._put(data, np.array(self._robot.home))
 
     def reach(self, data: mujoco.MjData, random: np.random.Generator, over: bool) -> None:
         """Take a random posture around the home posture; ``over``: turned towards the person."""
-        spread = np.full(len(self._home), 0.6)
+        spread = np.full(len(self._robot.home), 0.6)
         spread[0] = 0.35 if over else 1.0
-        angles = self._home + random.normal(0, 1, len(spread)) * spread
+        angles = self._robot.home + random.normal(0, 1, len(spread)) * spread
         self._put(data, np.clip(angles, self._robot.joint_lower, self._robot.joint_upper))
 
     def presses(self, model: mujoco.MjModel, data: mujoco.MjData) -> bool:
