@@ -52,6 +52,10 @@ class SingleEpisode:
             self.render()
         return outcome
 
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        """Return what the episode's agent sees: observation, achieved goal, desired goal."""
+        return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
+
     @property
     def model(self) -> mujoco.MjModel:
         """The model of the episode, with the fields that it has now; changing it has no effect."""
@@ -78,7 +82,7 @@ class SingleEpisode:
 
 
 class GymnasiumEpisode(SingleEpisode, gymnasium.Env[Any, Any]):
-    """Base of Gymnasium's adapters; subclasses say what is observed."""
+    """Base of Gymnasium's adapters."""
 
     def __init__(self, env_id: str, render_mode: str | None = None, **options: Any) -> None:
         super().__init__(env_id, render_mode, **options)
@@ -116,9 +120,6 @@ class GymnasiumEpisode(SingleEpisode, gymnasium.Env[Any, Any]):
         over = outcome.truncated if self.spec is None else outcome.diverged
         seen = self._observation()
         return seen, float(outcome.reward[0]), False, bool(over[0]), self._info(outcome)
-
-    def _observation(self) -> dict[str, NDArray[Any]]:
-        raise NotImplementedError
 
     def _info(self, outcome: Outcome) -> dict[str, Any]:
         return outcome.info_of(0)
