@@ -101,7 +101,7 @@ def _video(path: Path) -> None:
         data.xfrc_applied[hand, :3] = PUSH if pushed else 0.0
         mujoco.mj_step(model, data, round(1 / FPS / model.opt.timestep))
         mujoco.mj_forward(model, data)
-        writer.send(np.ascontiguousarray(camera.capture(data).rgb))
+        writer.send(np.ascontiguousarray(camera.capture(data)[0]))
     writer.close()
     camera.close()
 

@@ -167,18 +167,6 @@ def pose_of(data: mujoco.MjData, name: str) -> CameraPose:
     return CameraPose(camera.xpos.copy(), rotation)
 
 
-@dataclass(frozen=True)
-class RgbdFrame:
-    """A picture of the RGB-D camera.
-
-    :param rgb: (height, width, 3) uint8.
-    :param depth: (height, width) metres along the view; 0 where there is no measurement.
-    """
-
-    rgb: NDArray[np.uint8]
-    depth: NDArray[np.float32]
-
-
 class RgbdCamera(OffScreenView):
     """Takes pictures of a model; the first one opens the graphics context.
 
@@ -192,29 +180,23 @@ class RgbdCamera(OffScreenView):
         super().__init__(model, name, camera.width, camera.height)
         self.camera = camera
 
-    def pose(self, data: mujoco.MjData) -> CameraPose:
-        """Return where the camera is in the present state."""
-        return pose_of(data, self._camera)
-
     def capture(
         self,
         data: mujoco.MjData,
         random: np.random.Generator | None = None,
         shadows: bool = True,
-    ) -> RgbdFrame:
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Take a picture.
 
         :param data: with kinematics up to date.
         :param random: source of the depth's noise; ``None`` for none.
         :param shadows: whether lights cast shadows; without is faster.
+        :return: colour (height, width, 3), and depth (height, width) along the view, metres; 0
+            where there is no measurement.
         """
         rgb = self.draw(data, "rgb", shadows)
         exact = self.draw(data, "depth", shadows)
-        return RgbdFrame(rgb, measured_depth(exact, self.camera, random))
-
-    def segmentation(self, data: mujoco.MjData) -> NDArray[np.int32]:
-        """Return object ids and types (height, width, 2), for labels."""
-        return self.draw(data, "segmentation", shadows=False)
+        return rgb, measured_depth(exact, self.camera, random)
 
 
 def measured_depth(

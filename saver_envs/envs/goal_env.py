@@ -33,9 +33,6 @@ class SaverGoalEnv(GoalReward, GymnasiumEpisode):
         super().__init__(env_id, render_mode, **options)
         self.observation_space = observation_space(self.episodes)
 
-    def _observation(self) -> dict[str, NDArray[Any]]:
-        return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
-
     def compute_terminated(
         self,
         achieved_goal: NDArray[np.floating],

@@ -134,8 +134,7 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
         )
 
     def _observations(self) -> Arrays:
-        seen = self.episodes.observation()
-        return self._of_agents(seen.observation[0], seen.achieved_goal[0], seen.desired_goal[0])
+        return self._of_agents(*self._observation().values())
 
     def _of_agents(
         self, observation: NDArray[Any], achieved: NDArray[Any], desired: NDArray[Any]
@@ -162,8 +161,7 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, NDArray[np.float32], NDAr
 
     def state(self) -> NDArray[np.float32]:
         """Return what all agents together see: observation, achieved goal and desired goal."""
-        seen = self.episodes.observation()
-        return np.concatenate([seen.observation[0], seen.achieved_goal[0], seen.desired_goal[0]])
+        return np.concatenate(list(self._observation().values()))
 
 
 def parallel_env(env_id: str, **kwargs: Any) -> SaverParallelEnv:

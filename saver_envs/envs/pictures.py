@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from saver_envs.cameras.off_screen import camera_index, require_display
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE, SceneRenderer
 from saver_envs.episodes import Episodes
@@ -27,6 +30,7 @@ class Pictures:
     :param height: pixels of a picture.
     :param camera: name of a camera of the scene.
     :param valid_modes: the render modes of the adapter.
+    :param plain: see :class:`saver_envs.cameras.rendering.SceneRenderer`.
     :raises ValueError: for an unknown render mode or camera, where the message lists the valid
         ones, or a size out of range.
     :raises RuntimeError: for ``human`` without a display.
@@ -40,6 +44,7 @@ class Pictures:
         height: int = DEFAULT_SIZE[1],
         camera: str = DEFAULT_CAMERA,
         valid_modes: tuple[str, ...] = RENDER_MODES,
+        plain: bool = False,
     ) -> None:
         if render_mode is not None and render_mode not in valid_modes:
             raise ValueError(
@@ -57,7 +62,7 @@ class Pictures:
             require(name, pixels, 1 <= pixels <= most, f"1 to {most} pixels")
         self.render_mode = render_mode
         self._episodes = episodes
-        self._view = (width, height, camera)
+        self._view = (width, height, camera, plain)
         self._renderer: SceneRenderer | None = None
         self._viewer: Any = None
 
@@ -72,19 +77,28 @@ class Pictures:
         """
         if self.render_mode is None:
             return None
-        if self._renderer is None:
-            self._renderer = SceneRenderer(self._episodes.scene, *self._view)
-        self._renderer.update(self._episodes, index)
+        renderer = self.of(index)
         if self.render_mode == "rgb_array":
-            return self._renderer.rgb()
+            return renderer.rgb()
         if self.render_mode == "depth_array":
-            return self._renderer.depth()
+            return renderer.depth()
         if self._viewer is None:
             from mujoco import viewer  # opens a display: only when a window is asked for
 
-            self._viewer = viewer.launch_passive(self._renderer.model, self._renderer.data)
+            self._viewer = viewer.launch_passive(renderer.model, renderer.data)
         self._viewer.sync()
         return None
+
+    def of(self, index: int, qpos: NDArray[np.float64] | None = None) -> SceneRenderer:
+        """Return a renderer of the present state of episode ``index``.
+
+        :param index: which episode.
+        :param qpos: positions to draw instead of the current ones.
+        """
+        if self._renderer is None:
+            self._renderer = SceneRenderer(self._episodes.scene, *self._view)
+        self._renderer.update(self._episodes, index, qpos)
+        return self._renderer
 
     def close(self) -> None:
         """Close the window and free the graphics context."""

@@ -9,9 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from saver_envs.cameras.off_screen import camera_index
-from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, measured_depth
+from saver_envs.envs.pictures import Pictures
 from saver_envs.envs.single_episode import GymnasiumEpisode
 from saver_envs.episodes import Outcome
 from saver_envs.people.bench import CAMERA
@@ -47,7 +46,8 @@ class SaverPixelEnv(GymnasiumEpisode):
 
     def __init__(self, env_id: str, *, depth_noise: bool = True, **options: Any) -> None:
         super().__init__(env_id, **options)
-        camera_index(self.episodes.scene.model, CAMERA)
+        view = KINECT_V2.width, KINECT_V2.height, CAMERA
+        self._eye = Pictures(self.episodes, None, *view, plain=True)
         self.episodes.simulation.keep_samples = True
         size = (KINECT_V2.height, KINECT_V2.width)
         self.observation_space = spaces.Dict(
@@ -58,10 +58,6 @@ class SaverPixelEnv(GymnasiumEpisode):
         )
         self._depth_noise = depth_noise
         self._noise = np.random.default_rng()
-        self._eye: SceneRenderer | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_eye": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -93,13 +89,10 @@ class SaverPixelEnv(GymnasiumEpisode):
             since_action = taken - (now - ACTION_DURATION)
             sample = math.floor(since_action / ACTION_DURATION * CONTACT_SAMPLES + _ROUNDING)
             qpos = simulation.samples[sample, 0]
-        if self._eye is None:
-            size = KINECT_V2.width, KINECT_V2.height
-            self._eye = SceneRenderer(self.episodes.scene, *size, CAMERA, plain=True)
-        self._eye.update(self.episodes, 0, qpos)
-        exact = self._eye.depth()
+        picture = self._eye.of(0, qpos)
+        exact = picture.depth()
         depth = measured_depth(exact, KINECT_V2, self._noise if self._depth_noise else None)
-        return {"rgb": self._eye.rgb(), "depth": np.clip(depth, 0.0, KINECT_V2.farthest)}
+        return {"rgb": picture.rgb(), "depth": np.clip(depth, 0.0, KINECT_V2.farthest)}
 
     def _info(self, outcome: Outcome) -> dict[str, Any]:
         now, taken = self._times()
@@ -108,6 +101,4 @@ class SaverPixelEnv(GymnasiumEpisode):
     def close(self) -> None:
         """Free windows and graphics contexts."""
         super().close()
-        if self._eye is not None:
-            self._eye.close()
-            self._eye = None
+        self._eye.close()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saver_envs.cameras.off_screen import displays_named
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, DEFAULT_SIZE
-from saver_envs.control import InverseKinematics, checked_action
+from saver_envs.control import checked_action
 from saver_envs.envs.pictures import RENDER_FPS, RENDER_MODES, Pictures
 from saver_envs.envs.spaces import action_space, warn_if_short
 from saver_envs.episodes import Outcome
@@ -36,11 +36,10 @@ class SingleEpisode:
         width: int = DEFAULT_SIZE[0],
         height: int = DEFAULT_SIZE[1],
         camera_name: str = DEFAULT_CAMERA,
-        inverse_kinematics: InverseKinematics | None = None,
         **options: Any,
     ) -> None:
         self.render_mode = render_mode
-        self.episodes = make_episodes(env_id, 1, 1, inverse_kinematics, **options)
+        self.episodes = make_episodes(env_id, **options)
         self._pictures = Pictures(self.episodes, render_mode, width, height, camera_name)
         if not displays_named():
             # Gymnasium's checker opens every mode that an environment offers.
@@ -52,6 +51,10 @@ class SingleEpisode:
         if self.render_mode == "human":
             self.render()
         return outcome
+
+    def _observation(self) -> dict[str, NDArray[Any]]:
+        """Return what the episode's agent sees: observation, achieved goal, desired goal."""
+        return {name: rows[0] for name, rows in self.episodes.observation().as_dict().items()}
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -79,7 +82,7 @@ class SingleEpisode:
 
 
 class GymnasiumEpisode(SingleEpisode, gymnasium.Env[Any, Any]):
-    """Base of Gymnasium's adapters; subclasses say what is observed."""
+    """Base of Gymnasium's adapters."""
 
     def __init__(self, env_id: str, render_mode: str | None = None, **options: Any) -> None:
         super().__init__(env_id, render_mode, **options)
@@ -117,9 +120,6 @@ class GymnasiumEpisode(SingleEpisode, gymnasium.Env[Any, Any]):
         over = outcome.truncated if self.spec is None else outcome.diverged
         seen = self._observation()
         return seen, float(outcome.reward[0]), False, bool(over[0]), self._info(outcome)
-
-    def _observation(self) -> dict[str, NDArray[Any]]:
-        raise NotImplementedError
 
     def _info(self, outcome: Outcome) -> dict[str, Any]:
         return outcome.info_of(0)

@@ -22,6 +22,7 @@ from saver_envs.people.manikin import (
     SIDES,
     TRUNK_FRICTION,
     add_manikin,
+    segment,
     total_mass,
 )
 from saver_envs.people.stretcher import add_stretcher
@@ -37,8 +38,8 @@ TABLE_DEPTH: Final = (-0.95, 1.55)
 RIGID: Final = ("head", "thigh", "shank", "foot")
 #: Arm i pushes the person's arm at its side: the first base stands at -y, on the right.
 SIDE_OF_ARM: Final = ("right", "left")
-#: Joints of the trunk: along x, along y, its turn, its bend.
-TRUNK_JOINTS: Final = ("slide_x", "slide_y", "turn", "torso")
+#: Joints that move the trunk: along x, along y, its turn.
+TRUNK_JOINTS: Final = ("slide_x", "slide_y", "turn")
 #: Geoms whose contact counts as pressing the torso.
 TORSO_GEOMS: Final = ("pelvis_0", "torso_0", "torso_1")
 #: Mean distance of the chest's weight from where the trunk bends (m): its lever of friction.
@@ -91,12 +92,9 @@ def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
     body, geom = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_GEOM
     bases = [arms.body(index) for index in range(2)]
     add_contact_sensor(spec, f"{COLLISION}arms", bases[0], body, bases[1])
-    elsewhere = [
-        one.name
-        for one in spec.geoms
-        if any(one.name.startswith(part) for part in ("pelvis", "torso", "head"))
-        or any(f"_{part}_" in one.name for part in ("thigh", "shank", "foot"))
-    ]
+    trunk = (*RIGID, "pelvis", "torso")
+    names = [one.name for one in spec.geoms]
+    elsewhere = [name for name in names if segment(name.rpartition("_")[0]) in trunk]
     for index, base in enumerate(bases):
         name = f"{COLLISION}arm{index}"
         add_contact_sensor(spec, f"{name}_table", base, geom, "table")
@@ -133,23 +131,28 @@ class PersonAddresses:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._model = model = scene.model
+        model = scene.model
+
+        def qpos(name: str) -> NDArray[np.intp]:
+            return np.array([model.joint(f"{side}_{name}").qposadr[0] for side in SIDE_OF_ARM])
+
+        def sites(name: str) -> NDArray[np.intp]:
+            return np.array([model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM])
+
         #: (bodies, arms) geometry of the arm that arm i of the scene pushes.
         self.arms = tuple(tuple(arm_of(body, side) for side in SIDE_OF_ARM) for body in BODIES)
-        #: (4,) of the trunk: along x, along y, its turn, how far it bends.
+        #: (3,) of the trunk: along x, along y, its turn.
         self.trunk_qpos = np.array([model.joint(name).qposadr[0] for name in TRUNK_JOINTS])
         #: (arms, 4) quaternions.
-        self.shoulder_qpos = self._qpos("upper_arm")[:, None] + np.arange(4)
+        self.shoulder_qpos = qpos("upper_arm")[:, None] + np.arange(4)
         #: (arms,).
-        self.elbow_qpos = self._qpos("forearm")
+        self.elbow_qpos = qpos("forearm")
         #: (arms,).
-        self.hand_qpos = self._qpos("hand")
+        self.wrist_site = sites("wrist")
         #: (arms,).
-        self.wrist_site = self._sites("wrist")
-        #: (arms,).
-        self.elbow_site = self._sites("elbow")
+        self.elbow_site = sites("elbow")
         #: (arms,) of the hip joint at that arm's side.
-        self.hip_site = self._sites("hip")
+        self.hip_site = sites("hip")
         #: Between the shoulders.
         self.neck_site = model.site("joint_neck").id
         starts = [
@@ -168,22 +171,9 @@ class PersonAddresses:
         self.force_sensor = np.array(forces, dtype=np.intp)
         #: Geoms whose friction with what they touch varies.
         self.limb_geoms = np.array([model.geom(name).id for name in limb_geoms()])
-        limbs = [name.removesuffix("_0") for name in limb_geoms()]
-        dofs = [
-            model.joint(name).dofadr[0] + offset
-            for name in limbs
-            for offset in range(3 if name.endswith("upper_arm") else 1)
-        ]
+        limbs = np.isin(model.dof_bodyid, model.geom_bodyid[self.limb_geoms])
         #: Degrees of freedom whose friction and damping vary.
-        self.limb_dofs = np.array(dofs, dtype=np.intp)
-
-    def _qpos(self, name: str) -> NDArray[np.intp]:
-        joints = [self._model.joint(f"{side}_{name}") for side in SIDE_OF_ARM]
-        return np.array([int(joint.qposadr[0]) for joint in joints])
-
-    def _sites(self, name: str) -> NDArray[np.intp]:
-        sites = [self._model.site(f"joint_{side}_{name}").id for side in SIDE_OF_ARM]
-        return np.array(sites)
+        self.limb_dofs = np.flatnonzero(limbs)
 
 
 #: The addresses of a scene, looked up once.

@@ -112,13 +112,10 @@ class Patient:
         where, simulation = self._where, self._simulation
         self.give_bodies(rows, people)
         simulation.reset(rows, joints, np.zeros((len(rows), self._scene.n_arms, 0)))
-        trunk = np.zeros((len(rows), 4))
-        trunk[:, :2] = people.hips - HIPS[:2] + self._turned_off(people)
-        trunk[:, 2] = people.yaw
-        simulation.qpos[rows[:, None], where.trunk_qpos] = trunk
+        shift = people.hips - HIPS[:2] + self._turned_off(people)
+        simulation.qpos[rows[:, None], where.trunk_qpos] = np.column_stack([shift, people.yaw])
         simulation.qpos[rows[:, None, None], where.shoulder_qpos] = people.shoulder
         simulation.qpos[rows[:, None], where.elbow_qpos] = people.elbow
-        simulation.qpos[rows[:, None], where.hand_qpos] = 0.0
         simulation.refresh(rows)
         for name, values in vars(people).items():
             memory[name][rows] = values

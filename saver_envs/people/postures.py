@@ -146,12 +146,10 @@ def random_posture(
         low, high = joint.range
         qpos[address] = low + float(value) * (high - low)
 
-    def wide(spread: float) -> float:
-        return math.radians(random.normal(0, spread))
-
     put("torso", float(np.clip(random.normal(0.5, 0.1), 0, 1)))
     turn = random.uniform(-50, 50) if random.random() < 0.5 else random.normal(0, 12)
-    put("head", _then(_about((0, 1, 0), wide(6)), _about((1, 0, 0), math.radians(turn))))
+    nod = math.radians(random.normal(0, 6))
+    put("head", _then(_about((0, 1, 0), nod), _about((1, 0, 0), math.radians(turn))))
     for side in SIDES:
         sign = 1.0 if side == "left" else -1.0
         _random_arm(random, model, prefix, side, sign, put)

@@ -71,8 +71,8 @@ class Appearance:
         require_share("gender", self.gender)
         require_share("heaviness", self.heaviness)
         least, most = STATURE_RANGE
-        stature = self.stature
-        require("stature", stature, least <= stature <= most, f"between {least} and {most} m")
+        fits = least <= self.stature <= most
+        require("stature", self.stature, fits, f"between {least} and {most} m")
 
 
 AVERAGE_MAN: Final = Appearance()
@@ -202,7 +202,7 @@ def _colour(layer: str, appearance: Appearance) -> Colour:
 def _add_material(spec: mujoco.MjSpec, name: str, layer: str, appearance: Appearance) -> None:
     material = spec.add_material(name=name, specular=0.12, shininess=0.15)
     colour = _colour(layer, appearance)
-    pattern = getattr(appearance, f"{layer}_pattern", "plain")
+    pattern: Pattern = getattr(appearance, f"{layer}_pattern", "plain")
     if pattern == "plain":
         material.rgba = (*colour, 1)
         return

@@ -34,25 +34,20 @@ def export_onnx(network: PoseNetwork, path: Path, size: tuple[int, int] = NETWOR
     :param path: ending in ``.onnx``.
     :param size: fixed height and width of the pictures.
     """
-    import onnx
-
     # The exporter warns about every missing optional package.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     example = torch.zeros(1, 3, *size)
-    torch.onnx.export(
+    program = torch.onnx.export(
         _LastStage(network).eval(),
         (example,),
-        path,
         input_names=["pictures"],
         output_names=["fields"],
-        external_data=False,
         dynamo=True,
         verbose=False,
     )
-    content = onnx.load(path)
-    entry = content.metadata_props.add()
-    entry.key, entry.value = "limbs", json.dumps(network.limbs)
-    onnx.save(content, path)
+    assert program is not None  # as with every export by dynamo
+    program.model.metadata_props["limbs"] = json.dumps(network.limbs)
+    program.save(path, external_data=False)
 
 
 class OnnxNetwork:

@@ -134,17 +134,15 @@ class RenderedScene:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         shadows = bool(random.random() < self._options.shadow_share)
-        picture = self._camera.capture(data, random if depth_noise else None, shadows)
+        rgb, depth = self._camera.capture(data, random if depth_noise else None, shadows)
         positions = np.stack([joint_centres(model, data, prefix) for prefix in self._prefixes])
         pixels, distance = self._camera.camera.project(positions, pose)
         masks = self._masks()
         people = zip(pixels, distance, masks, strict=True)
-        visibility = np.stack([_visibility(*person, picture.depth) for person in people])
+        visibility = np.stack([_visibility(*person, depth) for person in people])
         edges = [Image.fromarray(mask).getbbox() or (0, 0, 0, 0) for mask in masks]
         boxes = np.array(edges, dtype=np.float64)
-        return LabelledPicture(
-            picture.rgb, picture.depth, pixels, visibility, positions, pose, boxes
-        )
+        return LabelledPicture(rgb, depth, pixels, visibility, positions, pose, boxes)
 
     def close(self) -> None:
         """Free the graphics context."""
@@ -187,7 +185,7 @@ class RenderedScene:
 
     def _masks(self) -> list[NDArray[np.bool_]]:
         """Return where each person is visible, (height, width) each."""
-        drawn = self._camera.segmentation(self._data)
+        drawn = self._camera.draw(self._data, "segmentation", shadows=False)
         is_skin = drawn[..., 1] == int(mujoco.mjtObj.mjOBJ_SKIN)
         person = np.where(is_skin, self._owners[np.where(is_skin, drawn[..., 0], 0)], -1)
         return [person == index for index in range(len(self._prefixes))]
@@ -199,7 +197,6 @@ class _SceneArm:
     def __init__(self, robot: Robot, prefix: str) -> None:
         self._robot = robot
         self._prefix = prefix
-        self._home = np.array(robot.home)
 
     def _put(self, data: mujoco.MjData, angles: NDArray[np.float64]) -> None:
         for joint, servo, angle in zip(
@@ -210,13 +207,13 @@ class _SceneArm:
 
     def park(self, data: mujoco.MjData) -> None:
         """Fold the arm above its base."""
-        self._put(data, self._home)
+        self._put(data, np.array(self._robot.home))
 
     def reach(self, data: mujoco.MjData, random: np.random.Generator, over: bool) -> None:
         """Take a random posture around the home posture; ``over``: turned towards the person."""
-        spread = np.full(len(self._home), 0.6)
+        spread = np.full(len(self._robot.home), 0.6)
         spread[0] = 0.35 if over else 1.0
-        angles = self._home + random.normal(0, 1, len(spread)) * spread
+        angles = self._robot.home + random.normal(0, 1, len(spread)) * spread
         self._put(data, np.clip(angles, self._robot.joint_lower, self._robot.joint_upper))
 
     def presses(self, model: mujoco.MjModel, data: mujoco.MjData) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -70,21 +70,6 @@ class PoseTrainingOptions:
     bfloat16: bool = True
     seed: int = 0
     augmentation: Augmentation = field(default_factory=Augmentation)
-
-
-def batch_tensors(
-    examples: Sequence[Example], limbs: Sequence[int], size: tuple[int, int]
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return pictures (n, 3, h, w), fields (n, limbs, 3, h/8, w/8) and mask (n, limbs, h/8, w/8).
-
-    :param examples: pictures of ``size``.
-    :param limbs: indices into :data:`~.skeleton.LIMBS`.
-    :param size: height and width.
-    """
-    pictures = np.stack([normalised(one.image, size)[0] for one in examples])
-    fields = np.stack([encode(one.joints, one.annotated, size, limbs) for one in examples])
-    masks = np.stack([loss_mask(one.annotated, one.boxes, size, limbs) for one in examples])
-    return torch.from_numpy(pictures), torch.from_numpy(fields), torch.from_numpy(masks)
 
 
 class PoseTrainer:
@@ -184,8 +169,7 @@ class PoseTrainer:
         save_network(self.averaged(), self.folder / NETWORK, info)
 
     def _restore(self) -> None:
-        path = self.folder / CHECKPOINT
-        header, tensors = read_weights(path, RUN_KIND, may_be_infinite=None)
+        header, tensors = read_weights(self.folder / CHECKPOINT, RUN_KIND, may_be_infinite=None)
         self.frames, self.seconds = int(header["frames"]), float(header["seconds"])
         parts: dict[str, dict[str, Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
         for name, value in tensors.items():
@@ -218,8 +202,13 @@ class PoseTrainer:
         self.network.train()
         for group in self._optimiser.param_groups:
             group["lr"] = self._learning_rate()
-        size = self._size()
-        pictures, fields, mask = batch_tensors(examples, self.network.limb_indices, size)
+        size, limbs = self._size(), self.network.limb_indices
+        arrays = (
+            [normalised(one.image, size)[0] for one in examples],
+            [encode(one.joints, one.annotated, size, limbs) for one in examples],
+            [loss_mask(one.annotated, one.boxes, size, limbs) for one in examples],
+        )
+        pictures, fields, mask = (torch.from_numpy(np.stack(rows)) for rows in arrays)
         pictures = pictures.to(memory_format=torch.channels_last)
         with torch.autocast("cpu", torch.bfloat16, enabled=options.bfloat16):
             stages = self.network(pictures, self._dropped())

@@ -15,11 +15,10 @@ from saver_envs.perception.skeleton import LIMB_NAMES, limb_indices
 from saver_envs.weights import Header, Shapes, read_header, read_weights, write_weights
 
 KIND: Final = "saver-pose"
-WEIGHTS_DIR: Final = Path(__file__).parent / "weights"
 #: What a header of other types or numbers raises.
 MALFORMED: Final = (LookupError, TypeError, ValueError, OverflowError, RecursionError)
 #: The network that ships.
-SHIPPED: Final = WEIGHTS_DIR / "light.safetensors"
+SHIPPED: Final = Path(__file__).parent / "weights" / "light.safetensors"
 
 
 def save_network(

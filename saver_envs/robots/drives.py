@@ -1,10 +1,13 @@
-"""Actuators of a robot's joints: position servos, or torque motors in their place."""
+"""Actuators of a robot's joints: position servos, torque motors in their place, or none."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from saver_envs.robots.description import Fingers, Robot, servo_of
 
@@ -64,3 +67,25 @@ def _add_actuator(spec: mujoco.MjSpec, name: str, joint: str, limit: float) -> m
         forcelimited=True,
         forcerange=(-limit, limit),
     )
+
+
+def lock_joint(spec: mujoco.MjSpec, name: str, position: float) -> None:
+    """Remove a joint and fix its body at the joint's position, rad or m."""
+    joint = spec.joint(name)
+    body, axis = joint.parent, np.asarray(joint.axis, dtype=float)
+    axis = axis / np.linalg.norm(axis)
+    if int(joint.type) == int(mujoco.mjtJoint.mjJNT_SLIDE):
+        shift = np.zeros(3)
+        mujoco.mju_rotVecQuat(shift, axis * position, np.asarray(body.quat, dtype=float))
+        body.pos = np.asarray(body.pos) + shift
+    else:
+        turn = np.concatenate([[math.cos(position / 2)], math.sin(position / 2) * axis])
+        body.quat = product(np.asarray(body.quat, dtype=float), turn)
+    spec.delete(joint)
+
+
+def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the product (4,) of two quaternions."""
+    result = np.zeros(4)
+    mujoco.mju_mulQuat(result, first, second)
+    return result

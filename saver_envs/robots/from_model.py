@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.robots.description import COLLISION_GROUP, VISUAL_GROUP, Fingers, Robot
-from saver_envs.robots.drives import add_servo
+from saver_envs.robots.drives import add_servo, lock_joint, product
 
 #: Name of the added site that set-points refer to.
 TOOL_SITE = "saver_tool"
@@ -36,22 +36,22 @@ class ModelArm:
     :param base_body: name of the arm's root body.
     :param tool: name of the site or body that the tool point belongs to.
     :param tool_offset: (3,) of the tool point in that frame, metres.
-    :param tool_quaternion: (4,) of the tool's axes in that frame, w first.
     :param arm_joints: from base to wrist.
     :param finger_joints: of the hand.
     :param finger_closed: where locked fingers are held, rad or m.
     :param torque_limits: one per joint, N m.
+    :param tool_quaternion: (4,) of the tool's axes in that frame, w first.
     """
 
     source: Source
     base_body: str
     tool: str
     tool_offset: tuple[float, ...]
-    tool_quaternion: tuple[float, ...]
     arm_joints: tuple[str, ...]
     finger_joints: tuple[str, ...]
     finger_closed: float
     torque_limits: tuple[float, ...]
+    tool_quaternion: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
 
     def __call__(self, fingers: Fingers) -> mujoco.MjSpec:
         """Return a fresh specification of the arm."""
@@ -73,7 +73,7 @@ class ModelArm:
         parent.add_site(
             name=TOOL_SITE,
             pos=position + offset,
-            quat=_product(quaternion, np.array(self.tool_quaternion)),
+            quat=product(quaternion, np.array(self.tool_quaternion)),
             size=(0.005, 0, 0),
             group=4,
         )
@@ -81,7 +81,7 @@ class ModelArm:
             add_servo(spec, joint, limit, _STIFFNESS * limit)
         for joint in self.finger_joints:
             if fingers is Fingers.LOCKED:
-                _lock(spec, joint, self.finger_closed)
+                lock_joint(spec, joint, self.finger_closed)
             else:
                 add_servo(spec, joint, _FINGER_FORCE, 50 * _FINGER_FORCE)
         return spec
@@ -138,7 +138,6 @@ def robot_from_model(
         base_body=base_body,
         tool=tool,
         tool_offset=tuple(float(one) for one in tool_offset),
-        tool_quaternion=(1.0, 0.0, 0.0, 0.0),
         arm_joints=joints,
         finger_joints=tuple(finger_joints),
         finger_closed=finger_closed,
@@ -337,24 +336,3 @@ def _frame(
     model = spec.copy().compile()
     index = model.site(name).id
     return site.parent, model.site_pos[index].copy(), model.site_quat[index].copy()
-
-
-def _lock(spec: mujoco.MjSpec, name: str, position: float) -> None:
-    """Remove a finger's joint and fix its body at the joint's position."""
-    joint = spec.joint(name)
-    body, axis = joint.parent, np.asarray(joint.axis, dtype=float)
-    axis = axis / np.linalg.norm(axis)
-    if int(joint.type) == int(mujoco.mjtJoint.mjJNT_SLIDE):
-        shift = np.zeros(3)
-        mujoco.mju_rotVecQuat(shift, axis * position, np.asarray(body.quat, dtype=float))
-        body.pos = np.asarray(body.pos) + shift
-    else:
-        turn = np.concatenate([[math.cos(position / 2)], math.sin(position / 2) * axis])
-        body.quat = _product(np.asarray(body.quat, dtype=float), turn)
-    spec.delete(joint)
-
-
-def _product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    result = np.zeros(4)
-    mujoco.mju_mulQuat(result, first, second)
-    return result

@@ -14,11 +14,10 @@ from functools import cache
 from importlib import resources
 
 import mujoco
-import numpy as np
 
 from saver_envs.robots import kinova
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
-from saver_envs.robots.drives import add_arm_servos
+from saver_envs.robots.drives import add_arm_servos, lock_joint
 
 FINGER_LOWER, FINGER_UPPER = 0.15, 1.35  # rad
 
@@ -101,17 +100,13 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     return hand
 
 
-def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
+def _add_fingers(hand: mujoco.MjsBody) -> None:
     for index, (position, quaternion) in enumerate(_FINGERS, start=1):
-        if fingers is Fingers.LOCKED:
-            quaternion = tuple(_turned_about_z(quaternion, JACO.finger_closed))
         proximal = hand.add_body(
             name=f"finger_proximal_{index}", pos=position, quat=quaternion, gravcomp=1
         )
-        if fingers is Fingers.ACTUATED:
-            kinova.add_finger_hinge(
-                proximal, JACO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER
-            )
+        name = JACO.finger_joints[index - 1]
+        kinova.add_finger_hinge(proximal, name, FINGER_LOWER, FINGER_UPPER)
         _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, kinova.LIGHT)
         name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
         kinova.add_capsule(proximal, name, start, end, 0.010, pad=True)
@@ -121,14 +116,6 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
         _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, kinova.LIGHT)
         name, start, end = f"distal_{index}", (0, -0.004, 0), (0.036, -0.005, 0)
         kinova.add_capsule(distal, name, start, end, 0.008, pad=True)
-
-
-def _turned_about_z(quaternion: tuple[float, ...], angle: float) -> np.ndarray:
-    """Return ``quaternion`` followed by a turn about its own z axis by ``angle`` radians."""
-    turn = np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)])
-    result = np.empty(4)
-    mujoco.mju_mulQuat(result, np.asarray(quaternion, dtype=float), turn)
-    return result
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -144,12 +131,15 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     for file in _mesh_bytes():
         spec.add_mesh(name=f"jaco_{file.removesuffix('.stl')}", file=file)
     hand = _add_arm(spec)
-    _add_fingers(hand, fingers)
+    _add_fingers(hand)
     for name, (body, start, end, radius) in _CAPSULES.items():
         kinova.add_capsule(spec.body(body), name, start, end, radius)
     add_arm_servos(spec, JACO, STIFFNESS)
     if fingers is Fingers.ACTUATED:
         kinova.add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
+    else:
+        for joint in JACO.finger_joints:
+            lock_joint(spec, joint, JACO.finger_closed)
     return spec
 
 

@@ -53,7 +53,8 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         self.kinematics = LearnedInverseKinematics(episodes.settings.robot, model, refinement)
         arms = episodes.task.n_arms
         self._gripper = episodes.action_size_per_arm - episodes.scene.joint_id.shape[1]
-        self.action_space = spaces.Box(-1.0, 1.0, (arms * (3 + self._gripper),), np.float32)
+        self._cartesian = spaces.Box(-1.0, 1.0, (arms * (3 + self._gripper),), np.float32)
+        self.action_space = self._cartesian
         self._error = np.zeros(arms)
         limits = np.asarray(episodes.settings.robot.joint_speed_limits)
         self._rated_step = limits / RATED_SPEED * ACTION_DURATION
@@ -64,7 +65,7 @@ class LearnedIKAction(gymnasium.ActionWrapper[Any, NDArray[np.float32], NDArray[
         :raises ValueError: for a wrong shape or a value that is not finite.
         """
         episodes = self._episodes
-        values = checked_action(action, self.action_space.shape)
+        values = checked_action(action, self._cartesian.shape)
         blocks = values.reshape(1, episodes.task.n_arms, -1)
         arms = episodes.simulation.arm_state()
         target = episodes.moved_set_point(blocks[..., :3])

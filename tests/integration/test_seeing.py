@@ -65,10 +65,10 @@ def test_one_drawing_gives_what_two_give(bench: WristBench) -> None:
     _, depth = camera.rgbd()
     slow = RgbdCamera(camera.model, CAMERA)
     slow.options.sitegroup[0] = 0  # as the loop's camera, which must not see the targets' marks
-    frame = slow.capture(camera.data, None, shadows=False)
+    slow_rgb, slow_depth = slow.capture(camera.data, None, shadows=False)
     slow.close()
-    np.testing.assert_allclose(depth, frame.depth, atol=1e-5)
-    assert (rgb != frame.rgb).any(axis=-1).mean() < 0.01
+    np.testing.assert_allclose(depth, slow_depth, atol=1e-5)
+    assert (rgb != slow_rgb).any(axis=-1).mean() < 0.01
 
 
 @pytest.mark.usefixtures("true_joints")

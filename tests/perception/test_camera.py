@@ -17,6 +17,7 @@ from saver_envs.cameras.rgbd import (
     CameraPose,
     RgbdCamera,
     measured_depth,
+    pose_of,
 )
 from saver_envs.people.manikin import add_manikin, joint_centres
 from saver_envs.perception.lifting import depth_at
@@ -44,14 +45,14 @@ def test_drawn_balls_are_where_projection_says() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     camera = RgbdCamera(model, "kinect")
-    drawn = camera.segmentation(data)
-    pixels, depth = KINECT_V2.project(np.array(balls), camera.pose(data))
-    frame = camera.capture(data)
+    drawn = camera.draw(data, "segmentation", shadows=False)
+    pixels, depth = KINECT_V2.project(np.array(balls), pose_of(data, "kinect"))
+    _, measured = camera.capture(data)
     for ball in range(len(balls)):
         rows, columns = np.nonzero(drawn[..., 0] == ball + 1)
         centre = np.array([columns.mean(), rows.mean()]) + 0.5
         assert np.abs(centre - pixels[ball]).max() < 0.4
-        seen = frame.depth[rows, columns].min()
+        seen = measured[rows, columns].min()
         assert seen == pytest.approx(depth[ball] - 0.02, abs=2e-3)
     camera.close()
 
@@ -80,8 +81,7 @@ def test_back_projection_undoes_projection_within_a_millimetre() -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     joints = joint_centres(model, data)
-    camera = RgbdCamera(model, "kinect")
-    pose = camera.pose(data)
+    pose = pose_of(data, "kinect")
     assert np.allclose(pose.rotation, BENCH_POSE.rotation)
     pixels, depth = KINECT_V2.project(joints, pose)
     back = KINECT_V2.back_project(pixels, depth, pose)
@@ -100,10 +100,10 @@ def test_depth_of_a_slope_is_right_to_a_millimetre() -> None:
     model.cam_pos[0], model.cam_quat[0] = pose.position, pose.quaternion()
     mujoco.mj_forward(model, data)
     camera = RgbdCamera(model, "kinect")
-    depth = camera.capture(data).depth
+    _, depth = camera.capture(data)
     rows, columns = np.indices(depth.shape)
     pixels = np.stack([columns, rows], axis=-1) + 0.5
-    points = KINECT_V2.back_project(pixels, depth, camera.pose(data))[depth > 0]
+    points = KINECT_V2.back_project(pixels, depth, pose_of(data, "kinect"))[depth > 0]
     assert len(points) > 100_000
     assert np.abs(points[:, 2]).max() < 2e-3
     assert np.abs(points[:, 2]).mean() < 1e-3

@@ -34,21 +34,21 @@ def test_a_person_on_the_bench_is_found_in_picture_and_space() -> None:
     mujoco.mj_step(model, data, 800)
     mujoco.mj_forward(model, data)
     camera = RgbdCamera(model, "kinect")
-    frame = camera.capture(data, np.random.default_rng(0))
+    rgb, depth = camera.capture(data, np.random.default_rng(0))
     camera.close()
     estimator = PoseEstimator.shipped(turn=2)
-    poses = estimator(frame.rgb)
+    poses = estimator(rgb)
     truth = joint_centres(model, data)
     pixels, _ = KINECT_V2.project(truth, BENCH_POSE)
     error = np.linalg.norm(poses.joints[0] - pixels, axis=-1)[SEEN]
     assert np.median(error) < 12.0
     assert error.max() < 40.0
-    space = lift(poses, frame.depth, KINECT_V2, BENCH_POSE)
+    space = lift(poses, depth, KINECT_V2, BENCH_POSE)
     apart = np.linalg.norm(space.positions[0] - truth, axis=-1)[SEEN]
     assert np.median(apart) < 0.05
     # Its arms alone: the same joints, and no others.
     arms = ["left_upper_arm", "left_forearm"]
-    part = PoseEstimator.shipped(arms, turn=2)(frame.rgb)
+    part = PoseEstimator.shipped(arms, turn=2)(rgb)
     assert part.found.any(axis=0).sum() <= 3
     elbow = JOINTS.index("left_elbow")
     assert np.linalg.norm(part.joints[0, elbow] - pixels[elbow]) < 40.0
