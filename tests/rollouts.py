@@ -68,7 +68,7 @@ def begun(env_id: str, n: int = 1, seed: int = 0, **options: Any) -> Episodes:
 def cubes_of(episodes: Episodes) -> FreeBodies:
     """Return the addresses of the cubes, one an arm."""
     assert isinstance(episodes.task, TableTask)
-    return free_bodies(episodes.scene, episodes.task.cubes.names)
+    return free_bodies(episodes.scene, episodes.task.resting)
 
 
 def objects_of(episodes: Episodes) -> ObjectState:

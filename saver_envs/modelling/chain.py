@@ -8,7 +8,6 @@ or moves along it. Results are in the frame of the arm's base, in metres and rad
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,42 +87,7 @@ class Chain:
 
     def position(self, joints: FloatArray) -> FloatArray:
         """Return the tool's position (n, 3), metres, at joints (n, dof)."""
-        return self._tool(joints, columns=1)[:, 0].T
-
-    def tool_pose(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the tool's position (n, 3), metres, and rotation (n, 3, 3) at joints (n, dof)."""
-        tool = self._tool(joints, columns=4)
-        return tool[:, 0].T, tool[:, 1:].transpose(2, 0, 1)
-
-    def _tool(self, joints: FloatArray, columns: int) -> FloatArray:
-        """Return the tool's position and, with 4 columns, axes: (3, columns, n).
-
-        They are transformed from the tool to the base, without any link's frame, which takes a
-        quarter of the time of :meth:`frames`.
-        """
-        moves = np.ascontiguousarray(self._checked(joints).T) * self.direction[:, None]
-        sines, cosines = np.sin(moves), np.cos(moves)
-        constant = (self.after[-1] @ self.tool)[:3, (3, 0, 1, 2)][:, :columns]
-        carried = np.repeat(constant[:, :, None], moves.shape[1], axis=2)
-        for index in reversed(range(self.dof)):
-            if self.prismatic[index]:
-                carried[2, 0] += moves[index]
-            else:
-                x = cosines[index] * carried[0] - sines[index] * carried[1]
-                carried[1] *= cosines[index]
-                carried[1] += sines[index] * carried[0]
-                carried[0] = x
-            fixed = self._between[index]
-            carried = (fixed[:3, :3] @ carried.reshape(3, -1)).reshape(carried.shape)
-            carried[:, 0] += fixed[:3, 3:]
-        return carried
-
-    @cached_property
-    def _between(self) -> FloatArray:
-        """Fixed transforms (dof, 4, 4) from each joint to the next."""
-        before = self.before.copy()
-        before[1:] = self.after[:-1] @ before[1:]
-        return before
+        return self.frames(joints).tool_position
 
     def jacobian(self, frames: Frames) -> FloatArray:
         """Return the tool's Jacobian (n, 6, dof): linear rows above angular ones."""

@@ -217,11 +217,8 @@ def _pose_error(target: FloatArray, orientation: FloatArray, frame: FloatArray) 
     error = np.zeros(len(target))
     error[:3] = target[:3] - frame[:, 3]
     if len(error) == 6:
-        for row in range(3):
-            a, b = (row + 1) % 3, (row + 2) % 3
-            for k in range(3):
-                error[3 + row] += frame[a, k] * orientation[b, k] - frame[b, k] * orientation[a, k]
-        error[3:] *= 0.5
+        for axis in range(3):
+            error[3:] += 0.5 * np.cross(frame[:, axis], orientation[:, axis])
     return error
 
 
@@ -234,10 +231,7 @@ def _jacobian(tool: FloatArray, axes: FloatArray, anchors: FloatArray, arm: _Joi
             columns[joint, :3] = axes[joint]
             continue
         columns[joint, 3:] = axes[joint]
-        lever = tool - anchors[joint]
-        for row in range(3):
-            a, b = (row + 1) % 3, (row + 2) % 3
-            columns[joint, row] = axes[joint, a] * lever[b] - axes[joint, b] * lever[a]
+        columns[joint, :3] = np.cross(axes[joint], tool - anchors[joint])
     return columns
 
 

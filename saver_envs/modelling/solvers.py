@@ -48,18 +48,15 @@ class Solution:
         return (self.error < POSITION_TOLERANCE) & (self.orientation_error < ORIENTATION_TOLERANCE)
 
 
-def pose_error(
-    position: FloatArray, rotation: FloatArray | None, targets: FloatArray
-) -> FloatArray:
+def pose_error(frames: Frames, targets: FloatArray) -> FloatArray:
     """Return the displacement from tools to targets.
 
-    :param position: (n, 3) of the tools, metres.
-    :param rotation: (n, 3, 3) of the tools; required for poses.
+    :param frames: of the arm in n configurations.
     :param targets: (n, 3) positions, or (n, 6) positions and rotation vectors from tool-down.
     :return: (n, 3) metres, or (n, 6) with the rotation in radians, exact to first order.
     """
-    error = targets[:, :3] - position
-    if rotation is None or targets.shape[1] == 3:
+    error, rotation = targets[:, :3] - frames.tool_position, frames.tool_rotation
+    if targets.shape[1] == 3:
         return error
     if targets[:, 3:].any():
         rotation = rotation @ rotation_of(targets[:, 3:]).swapaxes(-1, -2)
@@ -104,16 +101,12 @@ def newton(
 
 def _linearised(frames: Frames, targets: FloatArray, chain: Chain) -> tuple[FloatArray, FloatArray]:
     """Return the Jacobian's rows (n, 3 or 6, dof) for the targets, and the error (n, 3 or 6)."""
-    error = pose_error(frames.tool_position, frames.tool_rotation, targets)
-    return chain.jacobian(frames)[:, : targets.shape[1]], error
+    return chain.jacobian(frames)[:, : targets.shape[1]], pose_error(frames, targets)
 
 
 def evaluate(targets: FloatArray, joints: FloatArray, chain: Chain) -> Solution:
     """Return the errors at joints (n, dof) with respect to targets (n, 3 or 6)."""
-    if targets.shape[1] == 3:
-        error = pose_error(chain.position(joints), None, targets)
-    else:
-        error = pose_error(*chain.tool_pose(joints), targets)
+    error = pose_error(chain.frames(joints), targets)
     position, orientation = (np.linalg.norm(one, axis=1) for one in (error[:, :3], error[:, 3:]))
     return Solution(joints, position, orientation)
 
@@ -140,8 +133,7 @@ def nearest(arm: KinematicArm, targets: FloatArray, joints: FloatArray, chain: C
         stuck = ((joints <= lower) & (uphill < 0)) | ((joints >= upper) & (uphill > 0))
         step = least_squares_step(jacobian * ~stuck[:, None, :], error, damping)
         tried = bounded(joints + bounded(step, -_LARGEST_STEP, _LARGEST_STEP), lower, upper)
-        tried_frames = chain.frames(tried)
-        tried_error = pose_error(tried_frames.tool_position, tried_frames.tool_rotation, targets)
+        tried_error = pose_error(chain.frames(tried), targets)
         square = np.square(error).sum(axis=1, keepdims=True)
         better = np.square(tried_error).sum(axis=1, keepdims=True) < square
         damping = bounded(damping * np.where(better, _BETTER, _WORSE), _LEAST, _MOST)

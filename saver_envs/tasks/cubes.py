@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.randomization import Choice, LogUniform, Parameter, Uniform
-from saver_envs.randomization.presets import Values
+from saver_envs.randomization.parameters import require_allowed
 from saver_envs.scenes import (
     ARM_COLOURS,
     COLLISION,
     OBJECT_BIT,
     TARGET,
     Arms,
-    Content,
     add_contact_sensor,
     add_target,
     finger_geoms,
     free_bodies,
 )
 from saver_envs.simulation import Simulation
+from saver_envs.tasks.arm_and_object import ArmAndObjectTask
+from saver_envs.tasks.contract import Memory, Rows
 from saver_envs.world import TABLE_BIT, move_table
 
 #: What may differ between episodes; nominal values are those of the tasks' options.
@@ -84,56 +86,63 @@ def cube_name(index: int) -> str:
 
 
 @dataclass(frozen=True)
-class Cubes(Content):
-    """A cube and a target for each arm; all cubes are alike.
+class CubeTask(ArmAndObjectTask):
+    """Base of tasks with a cube and a target for each arm; all cubes are alike.
 
-    :param n: number of cubes.
-    :param size: edge length, metres.
-    :param mass: kilograms.
-    :param friction: sliding friction with the table, dimensionless.
-    :param finger_friction: sliding friction with the fingers; ``None`` for the greater of the
-        pads' own and ``friction``.
-    :param damping: viscous drag on the cube's motion, N s/m; 0 for free sliding. Its rotation is
-        damped, in N m s/rad, as if the drag acted on one face: by this times the mean squared
-        distance of the face's points from its centre, a sixth of the squared edge.
-    :param table_height: of its surface above the arms' bases, metres.
-    :param shape: one of :data:`SHAPES`.
+    :param object_size: edge of the cubes, m.
+    :param object_mass: mass of a cube, kg.
+    :param object_friction: sliding friction of cubes and table.
+    :param finger_friction: sliding friction of cubes and fingers; by default the greater of the
+        pads' own, 1.5, and ``object_friction``.
+    :param object_damping: linear damping of the cubes' motion, N s/m.
+    :param table_height: height of the table above the arms' bases, m.
+    :param object_shape: ``cube``, ``cylinder``, ``block`` (of 0.6 of the width along y) or ``post``
+        (of 0.6 of the width); all are as high as ``object_size``.
     """
 
-    n: int
-    size: float = 0.056
-    mass: float = 0.2
-    friction: float = 0.5
-    damping: float = 0.0
+    object_size: float = 0.056
+    object_mass: float = 0.2
+    object_friction: float = 0.5
     finger_friction: float | None = None
+    object_damping: float = 0.0
     table_height: float = 0.0
-    shape: str = "cube"
+    object_shape: str = "cube"
+
+    parameters: ClassVar[tuple[Parameter, ...]] = OBJECT_PARAMETERS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_allowed(self, self.parameters)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the bodies, and of their geoms."""
-        return tuple(cube_name(index) for index in range(self.n))
+    def resting(self) -> tuple[str, ...]:
+        """Names of the cubes' bodies, and of their geoms."""
+        return tuple(cube_name(index) for index in range(self.n_arms))
+
+    def scene_key(self) -> Hashable:
+        """Tasks with the same cubes share a scene."""
+        return "cubes", self.n_arms, *(getattr(self, name) for name in OBJECT_OPTIONS)
 
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
         """Add cubes, targets, and sensors that count collisions."""
-        for index, name in enumerate(self.names):
-            place = (_COMPILED_X, 0.1 * index, self.size / 2 + self.table_height)
+        for index, name in enumerate(self.resting):
+            place = (_COMPILED_X, 0.1 * index, self.object_size / 2 + self.table_height)
             body = spec.worldbody.add_body(name=name, pos=place)
             body.add_freejoint(name=f"{name}_joint")
-            if self.damping:
-                body.joints[0].damping = (self.damping, 0, 0)
+            if self.object_damping:
+                body.joints[0].damping = (self.object_damping, 0, 0)
             body.add_geom(
                 name=name,
-                type=SHAPES[self.shape][0],
-                size=geom_sizes(np.array([self.size]), [self.shape])[0],
-                mass=self.mass,
-                friction=(self.friction, 0.02, 0.001),
+                type=SHAPES[self.object_shape][0],
+                size=geom_sizes(np.array([self.object_size]), [self.object_shape])[0],
+                mass=self.object_mass,
+                friction=(self.object_friction, 0.02, 0.001),
                 condim=3,
                 contype=OBJECT_BIT,
                 conaffinity=TABLE_BIT | OBJECT_BIT,
                 rgba=(*ARM_COLOURS[index], 1),
             )
-            add_target(spec, index, self.size / 2, place)
+            add_target(spec, index, self.object_size / 2, place)
         _add_collision_counters(spec, arms)
         if self.finger_friction is not None:
             for index, pad in product(range(arms.n), finger_geoms(arms.robot, arms.fingers)):
@@ -144,23 +153,27 @@ class Cubes(Content):
     def compiled(self, model: mujoco.MjModel) -> None:
         """Set the damping of the cubes' rotation.
 
-        A free joint has one damping for all its motions, which would block rotation.
+        A free joint has one damping for all its motions, which would block rotation. It is damped,
+        in N m s/rad, as if the drag acted on one face: by ``object_damping`` times the mean squared
+        distance of the face's points from its centre, a sixth of the squared edge.
         """
-        for name in self.names:
+        for name in self.resting:
             turning = model.joint(f"{name}_joint").dofadr[0] + np.arange(3, 6)
-            model.dof_damping[turning] = self.damping * self.size**2 / 6
+            model.dof_damping[turning] = self.object_damping * self.object_size**2 / 6
 
-    def draw(self, model: mujoco.MjModel) -> None:
-        """Give a drawing model these cubes and this table."""
-        for index, name in enumerate(self.names):
+    def decorate(self, model: mujoco.MjModel, memory: Memory, row: int) -> None:
+        """Show cubes and table as they are in the episode."""
+        for index, name in enumerate(self.resting):
             geom, target = model.geom(name), model.site(f"{TARGET}{index}")
-            geom.type[:] = int(SHAPES[self.shape][0])
-            geom.size[:] = geom_sizes(np.array([self.size]), [self.shape])[0]
-            target.size[0] = self.size / 2
-            geom.rbound[:] = np.sqrt(3) * self.size / 2
+            geom.type[:] = int(SHAPES[self.object_shape][0])
+            geom.size[:] = geom_sizes(np.array([self.object_size]), [self.object_shape])[0]
+            target.size[0] = self.object_size / 2
+            geom.rbound[:] = np.sqrt(3) * self.object_size / 2
         move_table(model, self.table_height)
 
-    def vary(self, simulation: Simulation, rows: NDArray[np.intp], values: Values) -> None:
+    def vary(
+        self, simulation: Simulation, rows: Rows, values: Mapping[str, NDArray[np.float64]]
+    ) -> None:
         """Give some simulations cubes, pads and a table of their own.
 
         :param simulation: of a scene with these cubes.
@@ -168,19 +181,19 @@ class Cubes(Content):
         :param values: parameter -> (k, 1).
         """
         scene, field, every = simulation.scene, simulation.per_simulation, rows[:, None]
-        own, base = free_bodies(scene, self.names), scene.model
-        geoms = np.array([base.geom(name).id for name in self.names])
+        own, base = free_bodies(scene, self.resting), scene.model
+        geoms = np.array([base.geom(name).id for name in self.resting])
         bodies = base.geom_bodyid[geoms]
 
         def value(name: str, nominal: float) -> NDArray[np.float64]:
             return values.get(name, np.full((len(rows), 1), nominal))
 
-        size, mass = value("object_size", self.size), value("object_mass", self.mass)
+        size, mass = value("object_size", self.object_size), value("object_mass", self.object_mass)
         table = value("table_height", self.table_height)
-        damping = value("object_damping", self.damping)[..., None]
+        damping = value("object_damping", self.object_damping)[..., None]
         half = size / 2
         turning = damping * size[..., None] ** 2 / 6
-        shapes = [self.shape] * len(rows)
+        shapes = [self.object_shape] * len(rows)
         if "object_shape" in values:
             shapes = [list(SHAPES)[int(index)] for index in values["object_shape"][:, 0]]
             field("geom_type")[every, geoms] = np.array([[int(SHAPES[one][0])] for one in shapes])
@@ -193,7 +206,7 @@ class Cubes(Content):
         field("body_inertia")[every, bodies] = inertia[:, None]
         field("dof_damping")[every[..., None], own.dof[:, :3]] = damping
         field("dof_damping")[every[..., None], own.dof[:, 3:]] = turning
-        field("geom_friction")[every, geoms, 0] = value("object_friction", self.friction)
+        field("geom_friction")[every, geoms, 0] = value("object_friction", self.object_friction)
         field("geom_pos")[every, base.geom("table").id, 2] = table
         field("body_pos")[every, bodies, 2] = half + table
         for name in ("qpos0", "qpos_spring"):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from saver_envs.reachability import reachability_map
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, compose, free_bodies
-from saver_envs.tasks.cubes import Cubes
+from saver_envs.tasks.cubes import CubeTask
 
 _HAND_POSITION = (0.45, 0.0, 0.20)  # m, base frame: free of the table
 _SETTLING_STEPS = 500  # 1 s
@@ -34,16 +34,16 @@ class Grasp:
 
 
 @lru_cache(maxsize=64)
-def settled_grasp(robot: Robot, cube: Cubes) -> Grasp:
+def settled_grasp(robot: Robot, cube: CubeTask) -> Grasp:
     """Close the hand on a weightless cube between its fingers and read where both come to rest.
 
     :param robot: an arm with actuated fingers.
-    :param cube: one cube.
+    :param cube: a task with one cube.
     :return: the grasp.
     :raises RuntimeError: when the hand cannot hold such a cube.
     """
     scene = compose(Arms(robot, 1, Fingers.ACTUATED), cube)
-    address = free_bodies(scene, cube.names).qpos[0]
+    address = free_bodies(scene, cube.resting).qpos[0]
     model = copy.copy(scene.model)
     model.opt.gravity[:] = 0
     data = mujoco.MjData(model)
@@ -57,6 +57,6 @@ def settled_grasp(robot: Robot, cube: Cubes) -> Grasp:
     tool = data.site_xpos[scene.tool_site[0]]
     pose = data.qpos[address].copy()
     offset = pose[:3] - tool
-    if np.linalg.norm(offset) > cube.size:
-        raise RuntimeError(f"the {robot.name} hand does not hold a cube of {cube.size} m")
+    if np.linalg.norm(offset) > cube.object_size:
+        raise RuntimeError(f"the {robot.name} hand does not hold a cube of {cube.object_size} m")
     return Grasp(data.qpos[scene.finger_qpos[0]].copy(), offset, pose[3:])

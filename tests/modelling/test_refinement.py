@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def lack(arm: KinematicArm, joints: Floats, targets: Floats) -> Floats:
     """What the tool lacks (n, rows), by the code for whole data sets."""
-    return np.abs(pose_error(*arm.tool_chain.tool_pose(joints), targets))
+    return np.abs(pose_error(arm.tool_chain.frames(joints), targets))
 
 
 def misses(arm: KinematicArm, joints: Floats, targets: Floats) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from saver_envs.reachability import reachability_map
 from saver_envs.robots import ROBOTS, Robot
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, compose, free_bodies
-from saver_envs.tasks.cubes import Cubes
+from saver_envs.tasks.cubes import CubeTask
 from saver_envs.tasks.grasping import settled_grasp
 
 LIFT = np.array([0.40, 0.0, 0.20])  # m, base frame, clear of the table
@@ -26,9 +26,9 @@ def offset_in_tool_frame(data: mujoco.MjData, site: int, object_qpos: np.ndarray
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_a_gripped_cube_is_held_for_four_seconds(robot: Robot) -> None:
-    cubes = Cubes(1)
+    cubes = CubeTask(1)
     scene = compose(Arms(robot, 1, Fingers.ACTUATED), cubes)
-    address = free_bodies(scene, cubes.names).qpos[0]
+    address = free_bodies(scene, cubes.resting).qpos[0]
     model = copy.copy(scene.model)
     data = mujoco.MjData(model)
     posture = reachability_map(robot).postures_at(LIFT[None])[0]
@@ -52,7 +52,7 @@ def test_a_gripped_cube_is_held_for_four_seconds(robot: Robot) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
 def test_the_settled_grasp_centres_the_cube_between_the_fingers(robot: Robot) -> None:
-    grasp = settled_grasp(robot, Cubes(1))
+    grasp = settled_grasp(robot, CubeTask(1))
     assert np.linalg.norm(grasp.object_offset) < 0.01
     # The cube stops the fingers before they are closed.
     assert (grasp.finger_position < robot.finger_closed - 0.1).all()

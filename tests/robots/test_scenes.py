@@ -20,7 +20,7 @@ from saver_envs.scenes import (
     compose,
     free_bodies,
 )
-from saver_envs.tasks.cubes import Cubes
+from saver_envs.tasks.cubes import CubeTask
 from saver_envs.world import FRAMED_HEIGHT, TABLE_BIT
 
 
@@ -28,7 +28,7 @@ def with_cubes(
     name: str, n: int, fingers: Fingers = Fingers.ACTUATED, bases: Bases = "row"
 ) -> Scene:
     """Compose a scene with a cube for each arm."""
-    return compose(Arms(ROBOTS[name], n, fingers, bases), Cubes(n))
+    return compose(Arms(ROBOTS[name], n, fingers, bases), CubeTask(n))
 
 
 CASES = [
@@ -141,17 +141,17 @@ def test_cameras_frame_every_arm(name: str, n_arms: int, layout: Bases, camera: 
 
 
 def test_a_pushed_cube_slides_and_stops_as_friction_says() -> None:
-    cube = Cubes(1)
+    cube = CubeTask(1)
     scene = with_cubes("jaco", 1, Fingers.LOCKED)
     address = free_bodies(scene, ("object0",))
     data = mujoco.MjData(scene.model)
     data.qpos[scene.joint_qpos[0]] = data.ctrl[scene.arm_ctrl[0]] = ROBOTS["jaco"].home
-    data.qpos[address.qpos[0]] = (0.2, 0.5, cube.size / 2, 1, 0, 0, 0)
+    data.qpos[address.qpos[0]] = (0.2, 0.5, cube.object_size / 2, 1, 0, 0, 0)
     speed = 0.5
     data.qvel[address.dof[0, 0]] = speed
     mujoco.mj_step(scene.model, data, 500)
     travelled = data.qpos[address.qpos[0, 0]] - 0.2
-    assert travelled == pytest.approx(speed**2 / (2 * cube.friction * 9.81), rel=0.1)
+    assert travelled == pytest.approx(speed**2 / (2 * cube.object_friction * 9.81), rel=0.1)
     assert np.abs(data.qvel[address.dof[0]]).max() < 1e-3
 
 
