@@ -1,4 +1,4 @@
-"""Format tables for the terminal and in Markdown, and join the parts of a page."""
+"""Format tables for the terminal and in Markdown."""
 
 from __future__ import annotations
 
@@ -117,15 +117,6 @@ def row_cells(rows: Iterable[Any], columns: Iterable[Column]) -> list[list[str]]
         [one.format_map(row) if isinstance(one, str) else one(row) for one in columns]
         for row in rows
     ]
-
-
-def join_parts(parts: Iterable[str]) -> str:
-    """Join the parts of a page with one empty line between them; empty parts are left out.
-
-    :param parts: headings, paragraphs and tables.
-    :return: Markdown that ends with a line break.
-    """
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
 def link(figure: Path, folder: Path) -> str:

@@ -18,7 +18,7 @@ from saver_advisors.learner import GoalReplayBuffer
 from saver_advisors.training.defaults import default_settings
 from saver_advisors.training.settings import RunConfig
 from saver_advisors.variable_reward import ConstraintReplayBuffer, StagesCallback, TrainingStage
-from saver_advisors.zoo import ALGORITHMS, register_algorithms
+from saver_advisors.zoo.algorithms import ALGORITHMS, register_algorithms
 from saver_advisors.zoo.arguments import read_settings, ready_advice, settings_path
 from saver_advisors.zoo.manager import SaverExperimentManager
 from saver_advisors.zoo.vec_env import BatchedVecEnv
