@@ -48,7 +48,7 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
 from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
-from saver_advisors.reporting.tables import Column, markdown, show, show_rows
+from saver_advisors.reporting.tables import Column, markdown, show_records, show_rows
 
 EXAMPLES: Final = """\
 examples:
@@ -202,7 +202,7 @@ def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures])
     :return: Markdown.
     """
     columns = [*COLUMNS, *(f"paper: {name}" for name in COLUMNS[2:])]
-    cells = [[row.name, *measured(row), *_paper_cells(paper.get(row.name))] for row in rows]
+    cells = [[*measured(row).values(), *_paper_cells(paper.get(row.name))] for row in rows]
     return markdown(columns, cells)
 
 
@@ -263,8 +263,7 @@ def show_all(
     :param results: what was read.
     """
     for task, rows in tasks.items():
-        if cells := [[row.name, *measured(row)] for row in rows if row.n]:
-            show(COLUMNS, cells, title=task)
+        show_records([measured(row) for row in rows if row.n], task)
         if told := under_way_list(rows):
             print(told)
     if findings:

@@ -63,6 +63,16 @@ def show_rows(rows: Iterable[Any], columns: Mapping[str, Column], title: str | N
     show(list(columns), row_cells(rows, columns.values()), title)
 
 
+def show_records(records: Sequence[Mapping[str, str]], title: str) -> None:
+    """Print cells with their headings as a table; nothing without rows.
+
+    :param records: heading -> cell, one mapping per row.
+    :param title: above the table
+    """
+    if records:
+        show(list(records[0]), [list(row.values()) for row in records], title)
+
+
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in Markdown.
 
@@ -78,11 +88,11 @@ def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def records_table(records: Iterable[Mapping[str, str]]) -> str:
     """Render cells with their headings as a table in Markdown.
 
-    :param records: heading -> cell, one mapping per row; at least one.
-    :return: the lines, the last with a line break.
+    :param records: heading -> cell, one mapping per row.
+    :return: the lines, the last with a line break; empty without rows.
     """
     rows = list(records)
-    return markdown(list(rows[0]), [list(row.values()) for row in rows])
+    return markdown(list(rows[0]), [list(row.values()) for row in rows]) if rows else ""
 
 
 def rows_table(rows: Iterable[Any], columns: Mapping[str, Column]) -> str:

@@ -98,7 +98,8 @@ def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
 def test_the_stages_have_the_settings_of_the_method_as_written() -> None:
     entry, advice = read_settings(CONFIGS / "stages.yml", "DualJacoDistance-v0")
     grid = read_grid(CONFIGS / "constraints.yml")
-    compare(entry, advice, grid.named("distance-min-seed0").config)
+    [run] = grid.only(["distance-min-seed0"]).runs
+    compare(entry, advice, run.config)
 
 
 def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunConfig) -> None:
