@@ -47,7 +47,14 @@ from saver_advisors.evaluation.metrics import EPOCH_STEPS, SOLVED
 from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
-from saver_advisors.reporting.tables import Column, markdown, optional, row_cells, show, show_rows
+from saver_advisors.reporting.tables import (
+    Column,
+    markdown,
+    optional,
+    row_cells,
+    show_records,
+    show_rows,
+)
 
 EXAMPLES: Final = """\
 examples:
@@ -204,7 +211,7 @@ def strategy_table(rows: Sequence[MethodRow], paper: Mapping[str, PaperFigures])
     :return: Markdown.
     """
     theirs = row_cells((paper.get(row.name, {}) for row in rows), PAPER_COLUMNS.values())
-    cells = [[row.name, *measured(row), *told] for row, told in zip(rows, theirs, strict=True)]
+    cells = [[*measured(row).values(), *told] for row, told in zip(rows, theirs, strict=True)]
     return markdown((*COLUMNS, *PAPER_COLUMNS), cells)
 
 
@@ -257,8 +264,7 @@ def show_all(
     :param results: what was read.
     """
     for task, rows in tasks.items():
-        if cells := [[row.name, *measured(row)] for row in rows if row.n]:
-            show(COLUMNS, cells, title=task)
+        show_records([measured(row) for row in rows if row.n], task)
         if told := under_way_list(rows):
             print(told)
     if findings:

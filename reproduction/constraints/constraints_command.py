@@ -40,7 +40,7 @@ from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MINUTE, MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.tables import Column, markdown, records_table, show, show_rows
+from saver_advisors.reporting.tables import Column, markdown, records_table, show_records, show_rows
 
 #: Finds the number of threads in the command of `saver experiments run`.
 THREADS: Final = re.compile(r"--threads[ =](\d+)")
@@ -243,7 +243,7 @@ def comparison_page(
     return page(
         "constraints",
         best=PAPER_BEST,
-        methods=records_table(map(_method_cells, finished)) if finished else "",
+        methods=records_table(map(_method_cells, finished)),
         under_way=under_way_list(rows),
         references=results.references,
         of_references=REFERENCE_COLUMNS,
@@ -265,7 +265,7 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
         "row": row.name,
         "n": str(row.n),
         "steps": " or ".join(f"{one:,.0f}" for one in steps),
-        **{label: figure_text(final_rate(row, name), 3) for label, name in RATES.items()},
+        **_rate_cells(row),
         "deviation, mean mm": figure_text(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
         "deviation, worst mm": figure_text(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
         "cost per episode": figure_text(_estimate(costs), 2),
@@ -329,6 +329,10 @@ def draw_all(rows: Sequence[MethodRow], folder: Path) -> list[Drawn]:
     return drawn
 
 
+def _rate_cells(row: MethodRow) -> dict[str, str]:
+    return {label: figure_text(final_rate(row, name), 3) for label, name in RATES.items()}
+
+
 def show_all(
     rows: Sequence[MethodRow], findings: Sequence[Mapping[str, str]], results: Results
 ) -> None:
@@ -338,13 +342,8 @@ def show_all(
     :param findings: findings of chapter 6.
     :param results: what was read.
     """
-    cells = [
-        [row.name, str(row.n), *(figure_text(final_rate(row, name), 3) for name in RATES.values())]
-        for row in rows
-        if row.n
-    ]
-    if cells:
-        show(("row", "n", *RATES), cells, title=TASK)
+    cells = [{"row": row.name, "n": str(row.n), **_rate_cells(row)} for row in rows if row.n]
+    show_records(cells, TASK)
     if told := under_way_list(rows):
         print(told)
     show_rows(findings, FINDING_COLUMNS)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from statistics import median
+from typing import Any
 
 
 def timed(work: Callable[[], object]) -> float:
@@ -14,6 +15,18 @@ def timed(work: Callable[[], object]) -> float:
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
+
+
+def time_of_all(
+    work: Callable[[Any], object],
+    items: Iterable[Any],
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
+    """Return the duration (s) of calls with each of the items, by a clock."""
+    began = clock()
+    for item in items:
+        work(item)
+    return clock() - began
 
 
 def median_ratio(numerators: list[float], denominators: list[float]) -> float:

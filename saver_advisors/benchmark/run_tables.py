@@ -11,7 +11,7 @@ from saver_advisors.evaluation.statistics import Estimate, probability_of_improv
 from saver_advisors.experiments.summary import MINUTE, Censored, MethodRow
 from saver_advisors.experiments.training_runs import Skipped, TrainingRun
 from saver_advisors.reporting.evaluation_table import COLLISIONS_COLUMN, EVALUATION_COLUMNS
-from saver_advisors.reporting.tables import markdown, records_table, rows_table
+from saver_advisors.reporting.tables import records_table, rows_table
 
 NOTHING: Final = "-"
 
@@ -44,19 +44,19 @@ the other.
 """
 
 
-def measured(row: MethodRow) -> list[str]:
-    """Format the number of seeds and the four metrics of the paper's table.
+def measured(row: MethodRow) -> dict[str, str]:
+    """Format the number of seeds and the four metrics of the paper's table, by heading.
 
     :param row: of a task
-    :return: the cells n, IE, RT, MSR, ELR
     """
-    return [
-        str(row.n),
-        figure_text(row.inspired_epoch, 0),
-        figure_text(row.rise_time, 0),
-        figure_text(row.maximum_success_rate, 3),
-        figure_text(row.effective_learning_rate, 4),
-    ]
+    return {
+        "row": row.name,
+        "n": str(row.n),
+        "IE": figure_text(row.inspired_epoch, 0),
+        "RT": figure_text(row.rise_time, 0),
+        "MSR": figure_text(row.maximum_success_rate, 3),
+        "ELR": figure_text(row.effective_learning_rate, 4),
+    }
 
 
 def final_rates(row: MethodRow) -> dict[str, str]:
@@ -75,9 +75,7 @@ def metrics_table(rows: Sequence[MethodRow]) -> str:
     :param rows: of a task
     :return: Markdown
     """
-    return markdown(
-        ("row", "n", "IE", "RT", "MSR", "ELR"), [[row.name, *measured(row)] for row in rows]
-    )
+    return records_table(map(measured, rows))
 
 
 def beyond(rows: Sequence[MethodRow]) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 from saver_advisors.cli.arguments import add_figure, add_json, add_path, add_table, write_json
 from saver_advisors.cli.measured import read_training
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.tables import link, show
+from saver_advisors.reporting.tables import link, show_records
 from saver_advisors.reporting.templates import rendered
 
 if TYPE_CHECKING:
@@ -48,23 +48,17 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`
     :return: exit status
     """
-    from saver_advisors.benchmark import run_tables
+    from saver_advisors.benchmark.run_tables import final_rates, measured
 
     entries, baselines = read_training(args.results), read_training(args.baselines)
     check_worlds([*entries.runs, *baselines.runs], {run.task for run in entries.runs})
     tasks = compared(entries, baselines)
     for task, (own, others) in tasks.items():
-        columns = ("row", "n", "IE", "RT", "MSR", "ELR", *run_tables.FINAL_RATES, "off protocol")
         cells = [
-            [
-                row.name,
-                *run_tables.measured(row),
-                *run_tables.final_rates(row).values(),
-                row.off_protocol,
-            ]
+            {**measured(row), **final_rates(row), "off protocol": row.off_protocol}
             for row in (*own, *others)
         ]
-        show(columns, cells, title=task)
+        show_records(cells, task)
     for one in (*entries.skipped, *baselines.skipped):
         print(f"left out {one.file}: {one.reason}")
     if older := unknown_worlds(tasks):

@@ -9,6 +9,7 @@ import argparse
 import contextlib
 from collections.abc import Callable, Iterable
 from functools import partial
+from itertools import product
 from typing import Any, Final
 
 from saver_advisors.benchmark.machine import progress
@@ -116,17 +117,18 @@ def _accuracy(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _speed(args: argparse.Namespace) -> dict[str, Any]:
-    from saver_advisors.benchmark.pose.speed import LIMB_SETS, SIZES, parsing_rows, speed_rows
+    from saver_advisors.benchmark.pose.speed import LIMB_SETS, SIZES, parsing_rows, speed_row
     from saver_advisors.reporting.provenance import load_averages
     from saver_envs.perception.network import ARCHITECTURES
 
     before = load_averages()
     rows = []
-    total = len(ARCHITECTURES) * len(SIZES) * len(THREADS) * len(LIMB_SETS)
-    with progress("speed", total) as advance:
-        for architecture in ARCHITECTURES:
-            rounds = args.rounds if architecture == "light" else max(1, args.rounds // 3)
-            rows += speed_rows(architecture, rounds, THREADS, advance)
+    cases = list(product(ARCHITECTURES, SIZES, THREADS, LIMB_SETS))
+    with progress("speed", len(cases)) as advance:
+        for case in cases:
+            rounds = args.rounds if case[0] == "light" else max(1, args.rounds // 3)
+            rows.append(speed_row(*case, rounds))
+            advance()
     return {
         "speed": rows,
         "parsing": parsing_rows(args.rounds),

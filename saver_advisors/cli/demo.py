@@ -10,18 +10,20 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from saver_advisors.cli.arguments import add_count, add_folder, add_json, add_seconds
+from saver_advisors.cli.benchmark_worlds import entrants
 from saver_advisors.cli.catalogue import COLUMNS, entry, sparse_ids
-from saver_advisors.cli.demo_learning import learn
+from saver_advisors.cli.curves import summary
 from saver_advisors.cli.demo_page import ROBOT_VIDEO, jpeg_uri, render, video_uri
 from saver_advisors.cli.evaluate import measure, show
 from saver_advisors.evaluation.protocol import environment_text
+from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import provenance, write_json_atomic
 from saver_advisors.reporting.tables import row_cells
 from saver_advisors.training.threads import one_thread_of_algebra
-from saver_envs.registration import SHOWN_IDS, row_of
+from saver_envs.registration import ONE_ARM_ID, SHOWN_IDS, row_of
 
 EXAMPLES = """\
 examples:
@@ -29,6 +31,31 @@ examples:
   saver demo --output /tmp/demo --train-seconds 30 --episodes 16"""
 
 VIDEO_SIZE: Final = (480, 360)
+#: Teacher of the advised student.
+TEACHER: Final = "jaco-push"
+#: Small networks and frequent evaluations, for a run of two minutes (docs/decisions.md).
+LESSON_SETTINGS: Final = {
+    "net_arch": [128, 128, 128],
+    "gradient_steps": 120,
+    "eval_every": 1600,
+    "eval_episodes": 32,
+    # More steps than fit into the time limit, which ends the run.
+    "total_steps": 10_000_000,
+}
+#: Further settings of each student. One is advised in every step and imitates the teacher; the
+#: other learns from hindsight relabelling.
+STUDENTS: Final[dict[str, dict[str, Any]]] = {
+    "taught": {
+        "imitation_weight": 50,
+        "imitation_filter_start": 1_000_000_000,
+        "relabel_probability": 0,
+        "policy_delay": 1,
+        "advice": {"strategy": "early", "teacher": TEACHER, "budget": 1_000_000_000},
+    },
+    "alone": {"advice": None},
+}
+#: Time in which the students' processes start (s), which the training time does not include.
+START_UP: Final = 8.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     videos = _record(args, evaluations, robot["env"])
     scenes = [{"env": env, "picture": jpeg_uri(start_picture(env))} for env in SHOWN_IDS]
     print(f"[4/5] training two students for {args.train_seconds:.0f} s: with and without advice")
-    learning = learn(args)
+    learning = _learn(args)
     print("[5/5] writing the page")
     figures: dict[str, Any] = {
         "kind": "demo",
@@ -75,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         figures,
         videos=videos,
         scenes=scenes,
+        teacher=TEACHER,
         environment_columns=COLUMNS,
         environment_rows=row_cells(map(entry, sparse_ids()), COLUMNS.values()),
     )
@@ -115,45 +143,62 @@ def _whole_robot(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-class Player(NamedTuple):
-    """A policy and its environment.
+def _learn(args: argparse.Namespace) -> dict[str, Any]:
+    """Train the students in parallel until the time is up.
 
-    :param policy: a name that :func:`saver_advisors.cli.policies.resolve` accepts
-    :param env_id: id of the environment
-    :param env_kwargs: keyword arguments of the environment
+    :param args: arguments of ``saver demo``
+    :return: a summary of each student's curve; students without an evaluation are left out
+    :raises UsageError: if a student's process fails
     """
+    from saver_advisors.experiments.grid import ExperimentRun, Grid
+    from saver_advisors.experiments.progress import shown_progress
+    from saver_advisors.experiments.scheduler import LocalProcesses, Places, work_off
+    from saver_advisors.experiments.training_runs import read_training_runs
+    from saver_advisors.pretrained import shipped_policies
+    from saver_advisors.training.defaults import default_settings
+    from saver_advisors.training.settings import RunConfig
+    from saver_advisors.training.stopping import Stop
 
-    policy: str
-    env_id: str
-    env_kwargs: dict[str, Any]
+    students = [name for name in STUDENTS if name == "alone" or TEACHER in shipped_policies()]
+    common = {**default_settings(ONE_ARM_ID), **LESSON_SETTINGS, "seed": args.seed}
+    configs = {name: RunConfig.from_mapping({**common, **STUDENTS[name]}) for name in students}
+    grid = Grid("", tuple(ExperimentRun(one, "", one, configs[one]) for one in students))
+    # A new folder each time, so that no run is overwritten.
+    folder = args.output / "learning" / time.strftime("%Y%m%d-%H%M%S")
+    places = Places(folder, folder / "results")
+    backend, stop = LocalProcesses(places, len(students)), Stop(START_UP + args.train_seconds)
+    with shown_progress(grid, places) as look:
+        progress = work_off(grid, places, backend, stop, look)
+    for name, words in progress.failed.items():
+        raise UsageError(f"training failed: {name}: {words} (see {folder / name})")
+    runs = sorted(read_training_runs([places.results]).runs, key=lambda run: run.row != "taught")
+    return {
+        "seconds": args.train_seconds,
+        "students": students,
+        "runs": [summary(run) for run in runs],
+    }
 
-    @property
-    def environment(self) -> str:
-        """Id and keyword arguments of the environment, for tables."""
-        return environment_text(self.env_id, self.env_kwargs)
 
-
-def players() -> list[Player]:
+def players() -> list[tuple[str, str, dict[str, Any]]]:
     """Return the shipped policies, each in its environment, followed by the baselines.
 
     Those are side-by-side teachers for the multi-arm environments, and random actions.
-    """
-    from saver_advisors.pretrained import load_policy, shipped_policies
 
-    cards = {name: load_policy(name).card for name in shipped_policies()}
-    shipped = [Player(name, card.env_id, dict(card.env_kwargs)) for name, card in cards.items()]
+    :return: name of a policy, id and keyword arguments of the environment
+    """
+    shipped = [(name, *place) for name, place in entrants(None, None).items()]
     single = {
-        (row.task, row.robot): one.policy
-        for one in shipped
-        if (row := row_of(one.env_id)).n_arms == 1
+        (row.task, row.robot): policy
+        for policy, env_id, _ in shipped
+        if (row := row_of(env_id)).n_arms == 1
     }
     found = list(shipped)
-    for one in {one.environment: one for one in shipped}.values():
-        row = row_of(one.env_id)
+    for env_id, env_kwargs in {environment_text(*one[1:]): one[1:] for one in shipped}.values():
+        row = row_of(env_id)
         teacher = single.get((row.task, row.robot))
         if row.n_arms > 1 and teacher is not None:
-            found.append(one._replace(policy=f"side-by-side:{teacher}"))
-    return found + [one._replace(policy="random") for one in shipped[:1]]
+            found.append((f"side-by-side:{teacher}", env_id, env_kwargs))
+    return found + [("random", *one[1:]) for one in shipped[:1]]
 
 
 def best_shipped(

@@ -8,8 +8,9 @@ import io
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from saver_advisors.cli.curves import CURVE_COLUMNS, PANELS, draw
-from saver_advisors.cli.demo_learning import TEACHER
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.experiments.training_runs import drawn_run
 from saver_advisors.reporting.curve_style import COLOURS
@@ -47,7 +48,6 @@ def render(args: argparse.Namespace, figures: dict[str, Any], **parts: Any) -> s
         learning={
             **learning,
             "env": ONE_ARM_ID,
-            "teacher": TEACHER,
             "figure": _learning_figure(learning["runs"]),
             "columns": CURVE_COLUMNS,
             "rows": row_cells(learning["runs"], CURVE_COLUMNS.values()),
@@ -82,10 +82,7 @@ def _bars(evaluations: list[dict[str, Any]]) -> Any:
         f"{one['policy']}\n{environment_text(one['env'], one['env_kwargs'])}" for one in evaluations
     ]
     rates = [one["success_rate"] for one in evaluations]
-    margins = [
-        [rate - one["ci95"][0] for rate, one in zip(rates, evaluations, strict=True)],
-        [one["ci95"][1] - rate for rate, one in zip(rates, evaluations, strict=True)],
-    ]
+    margins = abs(np.array([one["ci95"] for one in evaluations]).T - rates)
     compared = [":" in one["policy"] or one["policy"] == "random" for one in evaluations]
     colours = ["0.65" if plain else COLOURS[0] for plain in compared]
     axes.barh(names, rates, xerr=margins, color=colours, height=0.62, error_kw={"capsize": 3})

@@ -31,7 +31,6 @@ examples:
 GRID_FILE: Final = "grid.yml"
 PLACES_FILE: Final = "places.json"
 RESULTS: Final = "results"
-LOG_FILE: Final = "worker.log"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,6 +114,7 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
     """
     from saver_advisors.experiments.progress import shown_progress
     from saver_advisors.experiments.scheduler import work_off
+    from saver_advisors.experiments.worker import LOG_FILE
     from saver_advisors.training.stopping import Stop
 
     stop = Stop(time_limit)
@@ -122,7 +122,7 @@ def execute(grid: Grid, places: Places, backend: Backend, time_limit: float | No
         progress = work_off(grid, places, backend, stop, look)
     if progress.failed:
         for name, words in progress.failed.items():
-            log = places.folder(grid.named(name)) / LOG_FILE
+            log = places.output / name / LOG_FILE
             print(f"saver: {name} failed: {words} (see {log})", file=sys.stderr)
         return 1
     # A requested time limit is a normal end; Ctrl-C is not.

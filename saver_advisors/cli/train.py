@@ -116,18 +116,17 @@ def _check_output(args: argparse.Namespace, config: Any) -> None:
 
 
 def _train(args: argparse.Namespace, config: Any) -> Any:
-    from saver_advisors.reporting.curve_logging import CurveLogs
+    from saver_advisors.reporting.curve_logging import curve_logs
     from saver_advisors.training.launch import open_run
 
-    logs = CurveLogs(_destinations(args, config))
     with contextlib.ExitStack() as stack:
-        stack.callback(logs.close)
+        log = stack.enter_context(curve_logs(_destinations(args, config)))
         with user_mistakes():
             run = stack.enter_context(open_run(config, args.output, args.threads))
 
         def update(*_: object) -> bool:
             """Send new points, after every step."""
-            logs.update(run.curve)
+            log(run.curve)
             return True
 
         try:
@@ -142,7 +141,7 @@ def _train(args: argparse.Namespace, config: Any) -> Any:
         except KeyboardInterrupt:
             print(f"stopped at once; from the last checkpoint: {_resume_command(args.output)}")
             raise
-        logs.update(run.curve)
+        log(run.curve)
         return result
 
 

@@ -91,10 +91,6 @@ class Grid:
     title: str
     runs: tuple[ExperimentRun, ...] = field(repr=False)
 
-    def named(self, name: str) -> ExperimentRun:
-        """Return the run with that name."""
-        return next(run for run in self.runs if run.name == name)
-
     def only(self, words: Sequence[str]) -> Grid:
         """Select the runs whose names contain at least one of some words.
 

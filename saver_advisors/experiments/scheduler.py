@@ -101,21 +101,18 @@ def work_off(grid: Grid, places: Places, backend: Backend, stop: Stop, look: Loo
     return progress
 
 
+@dataclass(frozen=True)
 class LocalProcesses:
     """Execute runs in processes of this machine.
 
     :param places: folders of runs and results
-    :param processes: number of simultaneous processes
+    :param processes: number of simultaneous processes, at least 1
     :param threads: per process, one core each
-    :raises ValueError: for fewer than one process
     """
 
-    def __init__(self, places: Places, processes: int, threads: int = 1) -> None:
-        if processes < 1:
-            raise ValueError(f"processes={processes} must be at least 1")
-        self.places = places
-        self.processes = processes
-        self.threads = threads
+    places: Places
+    processes: int
+    threads: int = 1
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Keep all processes busy; send them SIGTERM on a request to stop."""

@@ -73,33 +73,29 @@ def wandb_log(folder: Path, project: str, config: Mapping[str, Any]) -> Iterator
     run.finish()
 
 
-class CurveLogs:
+@contextmanager
+def curve_logs(
+    destinations: Sequence[AbstractContextManager[AddPoint]],
+) -> Iterator[Callable[[Sequence[Point]], None]]:
     """Send the points of a growing curve to several destinations, each point once.
 
-    :param opened: contexts of the destinations, entered at the first update.
+    :param destinations: contexts, entered at the first update.
+    :return: a context with a function that receives all points of the run so far.
     """
+    adders: list[AddPoint] = []
+    sent = 0
+    with ExitStack() as stack:
 
-    def __init__(self, opened: Sequence[AbstractContextManager[AddPoint]]) -> None:
-        self._opened = opened
-        self._stack = ExitStack()
-        self._adders: list[AddPoint] = []
-        self._sent = 0
+        def update(curve: Sequence[Point]) -> None:
+            nonlocal sent
+            if not adders:
+                adders.extend(map(stack.enter_context, destinations))
+            for point in curve[sent:]:
+                for add in adders:
+                    add(point)
+            sent = len(curve)
 
-    def update(self, curve: Sequence[Point]) -> None:
-        """Send the new points.
-
-        :param curve: all points of the run so far.
-        """
-        if not self._adders:
-            self._adders = [self._stack.enter_context(one) for one in self._opened]
-        for point in curve[self._sent :]:
-            for add in self._adders:
-                add(point)
-        self._sent = len(curve)
-
-    def close(self) -> None:
-        """Send what is still buffered."""
-        self._stack.close()
+        yield update
 
 
 def _figures(point: Point) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Format tables for the terminal and in Markdown, and join the parts of a page."""
+"""Format tables for the terminal and in Markdown."""
 
 from __future__ import annotations
 
@@ -63,6 +63,16 @@ def show_rows(rows: Iterable[Any], columns: Mapping[str, Column], title: str | N
     show(list(columns), row_cells(rows, columns.values()), title)
 
 
+def show_records(records: Sequence[Mapping[str, str]], title: str) -> None:
+    """Print cells with their headings as a table; nothing without rows.
+
+    :param records: heading -> cell, one mapping per row.
+    :param title: above the table
+    """
+    if records:
+        show(list(records[0]), [list(row.values()) for row in records], title)
+
+
 def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in Markdown.
 
@@ -78,11 +88,11 @@ def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def records_table(records: Iterable[Mapping[str, str]]) -> str:
     """Render cells with their headings as a table in Markdown.
 
-    :param records: heading -> cell, one mapping per row; at least one.
-    :return: the lines, the last with a line break.
+    :param records: heading -> cell, one mapping per row.
+    :return: the lines, the last with a line break; empty without rows.
     """
     rows = list(records)
-    return markdown(list(rows[0]), [list(row.values()) for row in rows])
+    return markdown(list(rows[0]), [list(row.values()) for row in rows]) if rows else ""
 
 
 def rows_table(rows: Iterable[Any], columns: Mapping[str, Column]) -> str:
@@ -117,15 +127,6 @@ def row_cells(rows: Iterable[Any], columns: Iterable[Column]) -> list[list[str]]
         [one.format_map(row) if isinstance(one, str) else one(row) for one in columns]
         for row in rows
     ]
-
-
-def join_parts(parts: Iterable[str]) -> str:
-    """Join the parts of a page with one empty line between them; empty parts are left out.
-
-    :param parts: headings, paragraphs and tables.
-    :return: Markdown that ends with a line break.
-    """
-    return "\n".join(part.rstrip("\n") + "\n" for part in parts if part)
 
 
 def link(figure: Path, folder: Path) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from commands import Saver, read_json, tiny_train
 
-from saver_advisors.reporting.curve_logging import CurveLogs
+from saver_advisors.reporting.curve_logging import curve_logs
 from saver_advisors.training.curve_file import read_curve
 
 
@@ -92,11 +92,10 @@ def test_points_are_sent_once_and_contexts_closed() -> None:
         yield lambda point: sent.append(point["steps"])
         closed.append(True)
 
-    logs = CurveLogs([destination()])
     curve: list[dict[str, Any]] = []
-    for steps in (1, 2):
-        curve.append({"steps": steps})
-        logs.update(curve)
-        logs.update(curve)
-    logs.close()
+    with curve_logs([destination()]) as log:
+        for steps in (1, 2):
+            curve.append({"steps": steps})
+            log(curve)
+            log(curve)
     assert (sent, closed) == ([1, 2], [True])

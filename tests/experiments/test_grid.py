@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tiny_grids import GridFile, tiny_grid
+from tiny_grids import GridFile, run_named, tiny_grid
 
 from saver_advisors.cli import main
 from saver_advisors.evaluation.protocol import EVALUATE_EVERY
@@ -154,7 +154,7 @@ def with_row(row: dict[str, Any], **settings: Any) -> dict[str, Any]:
 def test_a_row_with_an_algorithm_of_ones_own(grid_file: GridFile) -> None:
     row = {"algorithm": f"{ALGORITHMS}:Drifter", "algo_kwargs": {"speed": 0.25}, "seeds": [4]}
     grid = read_grid(grid_file(with_row({**row, "settings": {"n_envs": 3}, "teacher_steps": 7})))
-    run = grid.named("push-more-seed4")
+    run = run_named("push-more-seed4", grid)
     plan = run.config
     assert isinstance(plan, BenchmarkPlan)
     assert (plan.name, plan.row, plan.group) == ("push-more-seed4", "more", "push")
@@ -169,7 +169,7 @@ def test_a_row_with_an_algorithm_of_ones_own(grid_file: GridFile) -> None:
 def test_a_third_party_row_follows_the_protocol_by_default(grid_file: GridFile) -> None:
     content = with_row({"algorithm": f"{ALGORITHMS}:Drifter"})
     del content["groups"]["push"]["settings"]["eval_every"]
-    plan = read_grid(grid_file(content)).named("push-more-seed0").config
+    plan = run_named("push-more-seed0", read_grid(grid_file(content))).config
     assert plan.eval_every == EVALUATE_EVERY
 
 

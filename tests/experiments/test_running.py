@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from filelock import FileLock
-from tiny_grids import GridFile, tiny_grid
+from tiny_grids import GridFile, run_named, tiny_grid
 
 from saver_advisors.experiments import worker
 from saver_advisors.experiments.grid import ExperimentRun, Grid, read_grid
@@ -35,7 +35,7 @@ from saver_advisors.training.stopping import Stop
 @pytest.fixture
 def run(grid_file: GridFile) -> ExperimentRun:
     """An advised run of a second."""
-    return read_grid(grid_file(tiny_grid())).named("push-early-seed0")
+    return run_named("push-early-seed0", read_grid(grid_file(tiny_grid())))
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_a_result_of_other_settings_does_not_count(
 ) -> None:
     places.results.mkdir()
     worker.execute(run, places.folder(run), places.result(run))
-    longer = read_grid(grid_file(tiny_grid(total_steps=240))).named(run.name)
+    longer = run_named(run.name, read_grid(grid_file(tiny_grid(total_steps=240))))
     assert is_done(places.result(run), run)
     assert not is_done(places.result(longer), longer)
 
@@ -183,11 +183,6 @@ def test_more_threads_simulate_the_same(run: ExperimentRun, places: Places) -> N
     assert [point["training_cost"] for point in first["curve"]] == [
         point["training_cost"] for point in second["curve"]
     ]
-
-
-def test_no_processes() -> None:
-    with pytest.raises(ValueError, match="processes=0"):
-        LocalProcesses(Places(Path("a"), Path("b")), 0)
 
 
 def test_final_episodes_outlive_an_interruption(

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from saver_advisors.experiments.grid import ExperimentRun, Grid
+
 TINY_RUN: dict[str, Any] = {
     "total_steps": 160,
     "eval_every": 40,
@@ -40,3 +42,8 @@ def tiny_grid(**settings: Any) -> dict[str, Any]:
             }
         },
     }
+
+
+def run_named(name: str, grid: Grid) -> ExperimentRun:
+    """The run of a grid with that name."""
+    return next(run for run in grid.runs if run.name == name)

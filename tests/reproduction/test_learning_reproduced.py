@@ -77,7 +77,8 @@ def test_every_variant_can_be_built_for_an_advised_student(variant: Variant) -> 
 
 def test_the_papers_layers_are_those_of_the_row_that_was_trained() -> None:
     grid = read_grid(Path(__file__).resolve().parents[2] / "zoo_configs" / "constraints.yml")
-    assert grid.named("distance-min-eight-layers-seed0").config.net_arch == EIGHT_LAYERS
+    [run] = grid.only(["distance-min-eight-layers-seed0"]).runs
+    assert run.config.net_arch == EIGHT_LAYERS
 
 
 def test_the_parts_of_a_block_add_up() -> None:

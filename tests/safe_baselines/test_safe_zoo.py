@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from saver_advisors.cli import main
 from saver_advisors.safe_baselines import ALGORITHMS, LagrangianMixin
-from saver_advisors.zoo import register_algorithms
+from saver_advisors.zoo.algorithms import register_algorithms
 
 CONFIGS = Path(__file__).parents[2] / "zoo_configs"
 IDS = ("DualJacoDistance-v0", "DualJacoDistanceDense-v0")

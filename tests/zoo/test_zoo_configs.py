@@ -18,7 +18,7 @@ from saver_advisors.learner import GoalReplayBuffer
 from saver_advisors.training.defaults import default_settings
 from saver_advisors.training.settings import RunConfig
 from saver_advisors.variable_reward import ConstraintReplayBuffer, StagesCallback, TrainingStage
-from saver_advisors.zoo import ALGORITHMS, register_algorithms
+from saver_advisors.zoo.algorithms import ALGORITHMS, register_algorithms
 from saver_advisors.zoo.arguments import read_settings, ready_advice, settings_path
 from saver_advisors.zoo.manager import SaverExperimentManager
 from saver_advisors.zoo.vec_env import BatchedVecEnv
@@ -98,7 +98,8 @@ def test_the_goal_learner_has_the_settings_of_saver_train(env_id: str) -> None:
 def test_the_stages_have_the_settings_of_the_method_as_written() -> None:
     entry, advice = read_settings(CONFIGS / "stages.yml", "DualJacoDistance-v0")
     grid = read_grid(CONFIGS / "constraints.yml")
-    compare(entry, advice, grid.named("distance-min-seed0").config)
+    [run] = grid.only(["distance-min-seed0"]).runs
+    compare(entry, advice, run.config)
 
 
 def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunConfig) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from saver_advisors.reporting.tables import join_parts, markdown, rows_table
+from saver_advisors.reporting.tables import markdown, rows_table
 
 SETS: Final = {
     "test": "held-out people and patterns, arms in view",
@@ -63,7 +63,7 @@ def pose_page(figures: dict[str, Any]) -> str:
     if "speed" in figures:
         parts += ["## Milliseconds a frame", _speed(figures["speed"]), "## Parsing"]
         parts += [rows_table(figures["parsing"], _PARSING)]
-    return join_parts(parts)
+    return "\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
 
 def _number(value: float | None, digits: int) -> str:

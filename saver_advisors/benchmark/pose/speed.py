@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from itertools import product
@@ -31,27 +31,18 @@ LIMB_SETS: Final[tuple[tuple[str, ...], ...]] = (
 )
 
 
-def speed_rows(
-    architecture: str, rounds: int, threads: Sequence[int], advance: Callable[[], None]
-) -> list[dict[str, Any]]:
+def speed_row(
+    architecture: str, size: tuple[int, int], threads: int, limbs: tuple[str, ...], rounds: int
+) -> dict[str, Any]:
     """Time a network with random weights.
 
     :param architecture: ``light`` or ``vgg19``.
+    :param size: height and width of the picture.
+    :param threads: number of threads and cores.
+    :param limbs: of the network.
     :param rounds: number of interleaved rounds; the figures are medians.
-    :param threads: numbers of threads and cores.
-    :param advance: called after each row.
-    :return: JSON-able rows.
+    :return: a JSON-able row.
     """
-    rows = []
-    for size, count, limbs in product(SIZES, threads, LIMB_SETS):
-        rows.append(_row(architecture, size, count, limbs, rounds))
-        advance()
-    return rows
-
-
-def _row(
-    architecture: str, size: tuple[int, int], threads: int, limbs: tuple[str, ...], rounds: int
-) -> dict[str, Any]:
     network = PoseNetwork(ARCHITECTURES[architecture], limbs).eval()
     pictures = torch.randn(1, 3, *size, generator=torch.Generator().manual_seed(0))
     with cores(threads), torch.inference_mode(), threads_of_algebra(threads):

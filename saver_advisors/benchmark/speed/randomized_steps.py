@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.benchmark.machine import cores, median_ratio
-from saver_advisors.benchmark.speed.steps import STAGES, memory_per_env
-from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
+from saver_advisors.benchmark.machine import cores, median_ratio, time_of_all
+from saver_advisors.benchmark.speed.steps import (
+    STAGES,
+    memory_per_env,
+    step_and_observe,
+    step_raw,
+)
 
 if TYPE_CHECKING:
-    from saver_envs.episodes import Episodes, EpisodesState
+    from saver_envs.episodes import EpisodesState
 
 #: Number of environments, unless fewer are timed.
 N_ENVS: Final = 64
@@ -75,7 +79,7 @@ class _Bench:
                 episodes.set_generator(index, np.random.default_rng((seed, index)))
             times[f"{name} reset"] = _processor_time(episodes.reset, [None] * _RESETS)
             starts[name] = episodes.get_state()
-            times[name] = _processor_time(partial(_step, episodes), actions)
+            times[name] = _processor_time(partial(step_and_observe, episodes), actions)
             ends[name] = episodes.simulation.get_state(), episodes.observation().observation
         pairs = zip(ends["default"], ends["nominal"], strict=True)
         same = all(np.array_equal(one, other) for one, other in pairs)
@@ -99,23 +103,13 @@ class _Bench:
         raw.forward(stage=STAGES[-1])
 
         def step(control: NDArray[np.float64], damped: NDArray[np.float64]) -> None:
-            raw.ctrl, damping[:] = control, damped
-            for stage in STAGES:
-                raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
+            damping[:] = damped
+            step_raw(raw, control)
 
         return _processor_time(lambda one: step(*one), driven)
 
 
-def _step(episodes: Episodes, action: NDArray[np.float32]) -> None:
-    episodes.step(action)
-    episodes.observation()
-
-
-def _processor_time(work: Callable[[Any], object], items: Iterable[Any]) -> float:
-    began = time.process_time()
-    for item in items:
-        work(item)
-    return time.process_time() - began
+_processor_time = partial(time_of_all, clock=time.process_time)
 
 
 def randomized_row(

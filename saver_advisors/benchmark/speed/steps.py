@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from mujoco import mjtStage
 from numpy.typing import NDArray
 
-from saver_advisors.benchmark.machine import cores, median_ratio
+from saver_advisors.benchmark.machine import cores, median_ratio, time_of_all
 from saver_envs.simulation import CONTACT_SAMPLES, SUBSTEPS
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
+
+    from saver_envs.episodes import Episodes
 
 #: The simulator alone, the core, and the two vector environments of users -> prefix of its figures.
 WAYS: Final = {"raw": "raw_", "core": "core_", "gymnasium": "", "sb3": "sb3_"}
@@ -81,30 +88,27 @@ class _Bench:
         # Sampling the same starts in each of them would take longer than the timed steps.
         for episodes in (core, vector.episodes, sb3.episodes):
             episodes.set_state(start)
-        times = {"core": _per_item(self._step_core, actions)}
-        times["gymnasium"] = _per_item(vector.step, actions)
-        times["sb3"] = _per_item(sb3.step, actions)
         self._raw.state[:] = start.simulation
-        times["raw"] = _per_item(self._step_raw, controls)
-        return times
-
-    def _step_core(self, action: NDArray[np.float32]) -> None:
-        self._core.step(action)
-        self._core.observation()
-
-    def _step_raw(self, control: NDArray[np.float64]) -> None:
-        """Make only the simulator's calls of one action."""
-        self._raw.ctrl = control
-        for stage in STAGES:
-            self._raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
+        times = {
+            "core": time_of_all(partial(step_and_observe, core), actions),
+            "gymnasium": time_of_all(vector.step, actions),
+            "sb3": time_of_all(sb3.step, actions),
+            "raw": time_of_all(partial(step_raw, self._raw), controls),
+        }
+        return {way: duration / len(actions) for way, duration in times.items()}
 
 
-def _per_item(work: Callable[[Any], object], items: Collection[Any]) -> float:
-    """Return the mean duration of ``work`` (s)."""
-    began = time.perf_counter()
-    for item in items:
-        work(item)
-    return (time.perf_counter() - began) / len(items)
+def step_and_observe(episodes: Episodes, action: NDArray[np.float32]) -> None:
+    """Do a step of the core, without an adapter."""
+    episodes.step(action)
+    episodes.observation()
+
+
+def step_raw(raw: Batch, control: NDArray[np.float64]) -> None:
+    """Make only the simulator's calls of one action."""
+    raw.ctrl = control
+    for stage in STAGES:
+        raw.step(None, SUBSTEPS // CONTACT_SAMPLES, stage)
 
 
 def step_rows(
@@ -131,9 +135,7 @@ def step_rows(
         with cores(count):  # threads inherit the cores of the thread that starts them
             benches[count] = _Bench(env_id, n_envs, count)
             benches[count].round(0, seconds)
-    times: dict[int, dict[str, list[float]]] = {
-        count: {way: [] for way in WAYS} for count in threads
-    }
+    times: dict[int, dict[str, list[float]]] = {count: defaultdict(list) for count in threads}
     for index in range(rounds):
         for count, bench in benches.items():
             with cores(count):
@@ -173,10 +175,8 @@ def reset_row(env_id: str, rounds: int) -> dict[str, Any]:
         repeats = max(1, 40 // n_envs) * rounds
         with cores(1):
             episodes.reset()
-            began = time.perf_counter()
-            for _ in range(repeats):
-                episodes.reset()
-            found[str(n_envs)] = (time.perf_counter() - began) / (repeats * n_envs) * 1e3
+            spent = time_of_all(episodes.reset, [None] * repeats)
+            found[str(n_envs)] = spent / (repeats * n_envs) * 1e3
     return {"env": env_id, "milliseconds_per_episode": found}
 
 
