@@ -79,10 +79,6 @@ class _Correcting(_BuiltIn):
     def __post_init__(self) -> None:
         check_fields(self)
 
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        return {"threshold": float(self.threshold)}
-
 
 @dataclass(frozen=True)
 class MistakeCorrectingQ(_Correcting):
