@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from numbers import Integral, Real
 from types import ModuleType, NoneType
-from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
+from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,7 @@ UnitFloat: TypeAlias = Annotated[float, "in [0, 1]", lambda value: 0 <= value <=
 FloatBelowOne: TypeAlias = Annotated[float, "in [0, 1)", lambda value: 0 <= value < 1]
 
 #: Type of a field -> the types of its values, in Python and in words.
-Types = Mapping[Any, tuple[Any, str]]
-_TYPES: Types = {
+_TYPES: Mapping[Any, tuple[Any, str]] = {
     str: (str, "a text"),
     int: (int, "a whole number"),
     bool: (bool, "true or false"),
@@ -82,12 +81,11 @@ def require_kind(name: str, value: Any, annotation: object) -> None:
     require(name, value, holds and (kind != "float" or abs(value) < math.inf), valid)
 
 
-def check_fields(config: Any, prefix: str = "", more: Types | None = None) -> None:
+def check_fields(config: Any, prefix: str = "") -> None:
     """Check each value of a dataclass against the type and the range that its field declares.
 
-    :param config: the dataclass.
+    :param config: the dataclass; a field may hold another one, or a tuple of them.
     :param prefix: of the fields' names in messages.
-    :param more: further types that its fields have.
     :raises TypeError: for a value of the wrong type.
     :raises ValueError: for a number out of range, or one that is not finite.
     """
@@ -100,7 +98,7 @@ def check_fields(config: Any, prefix: str = "", more: Types | None = None) -> No
             continue
         hint = get_args(hint)[0] if optional else hint
         limits = getattr(hint, "__metadata__", ())
-        types, words = {**_TYPES, **(more or {})}[get_args(hint)[0] if limits else hint]
+        types, words = _types(get_args(hint)[0] if limits else hint)
         if not isinstance(value, types) or (isinstance(value, bool) and types is not bool):
             words += " or null" if optional else ""
             if isinstance(value, str) and types == float | int:
@@ -112,6 +110,14 @@ def check_fields(config: Any, prefix: str = "", more: Types | None = None) -> No
             wanted, within = limits
             if not within(value):
                 raise ValueError(f"{given} {wanted}")
+
+
+def _types(hint: Any) -> tuple[Any, str]:
+    if hint in _TYPES:
+        return _TYPES[hint]
+    # Files hold a dataclass as a mapping.
+    several = get_origin(hint) is tuple
+    return (tuple, "a list of mappings") if several else (hint, "a mapping of settings")
 
 
 def import_named(subject: str, module: str) -> ModuleType:

@@ -52,7 +52,7 @@ class PolicyCard:
     networks: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self, "card: ", {NetworkSpec: (NetworkSpec, "a description of networks")})
+        check_fields(self, "card: ")
 
     @property
     def environment(self) -> str:

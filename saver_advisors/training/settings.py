@@ -76,7 +76,7 @@ class AdviceConfig:
     warm_start: bool = False
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_fields(self, "advice.")
         paid = self.demonstration_steps <= self.budget
         wanted = f"at most advice.budget={self.budget}, which pays for them"
         _require(paid, self, "demonstration_steps", wanted)
@@ -105,7 +105,7 @@ class StageConfig:
     until: str | None = None
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_fields(self, "stages.")
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class RunConfig:
     checkpoint_every: PositiveInt = 50_000
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_fields(self)
         for name in ("env_kwargs", "train_env_kwargs"):
             object.__setattr__(self, name, plain_options(getattr(self, name)))
         if self.algorithm not in ALGORITHM_NAMES:
@@ -346,15 +346,6 @@ def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
         for name, value in values.items()
     }
     return cls(**given)
-
-
-def _check(config: RunConfig | AdviceConfig | StageConfig) -> None:
-    """Check each value against the type and the range that its field declares."""
-    more = {
-        tuple[StageConfig, ...]: (tuple, "a list of stages"),
-        AdviceConfig: (AdviceConfig, "a mapping of advice settings"),
-    }
-    check_fields(config, _PREFIXES[type(config).__name__], more)
 
 
 def _require(
