@@ -62,9 +62,8 @@ def with_tables(readme: str, output: Path) -> str:
 
 def weights_page() -> str:
     """Render the cards of the shipped policies."""
-    from saver_advisors.policies import WEIGHTS_DIR, shipped_policies
     from saver_advisors.policies.cards import rate_text
-    from saver_advisors.policies.files import read_networks
+    from saver_advisors.policies.files import WEIGHTS_DIR, read_networks, shipped_policies
 
     rows = [
         {"name": name, "card": read_networks(WEIGHTS_DIR / f"{name}.safetensors")[1]}

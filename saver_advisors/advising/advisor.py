@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from os import PathLike
@@ -187,7 +186,10 @@ class Advisor:
             wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
-            self._log_comparison(context)
+            self._log("disagreement", context.disagreement)
+            # Reading this cached property would compute it; do so only if the strategy has.
+            if "q_gap" in vars(context):
+                self._log("q_gap", context.q_gap)
             if mask.any():
                 advised = np.where(mask[..., np.newaxis], context.teacher_actions, by_arm)
                 actions = self.mapping.join_actions(advised).astype(
@@ -273,21 +275,16 @@ class Advisor:
             self.strategy.student_evaluated(success_rate)
 
     def _count(self, mask: Mask) -> None:
-        advised = mask.sum(axis=0)
-        self.advised_per_arm = self.advised_per_arm + advised
-        self._window_per_arm += advised
+        self.advised_per_arm = self.advised_per_arm + mask.sum(axis=0)
         self._transitions += len(mask)
-        self._window["transitions"] += len(mask)
-        self._window["advised"] += int(mask.any(axis=1).sum())
+        self._log("share", np.any(mask, axis=1))
+        for arm in range(self.mapping.n_arms):
+            self._log(f"share_arm_{arm}", mask[:, arm])
 
-    def _log_comparison(self, context: AdviceContext) -> None:
-        compared = {"disagreement": context.disagreement}
-        # Reading this cached property would compute it; do so only if the strategy has.
-        if "q_gap" in vars(context):
-            compared["q_gap"] = context.q_gap
-        for name, values in compared.items():
-            self._window[name] += float(values.sum())
-            self._window[f"{name}_arms"] += values.size
+    def _log(self, name: str, values: NDArray[Any]) -> None:
+        """Add values to a mean of `log_values`."""
+        total, count = self._window.get(name, (0.0, 0))
+        self._window[name] = total + float(values.sum()), count + values.size
 
     def log_values(self) -> dict[str, float]:
         """Return values for SB3's logger: totals, and means over the time since `start_window`.
@@ -296,24 +293,14 @@ class Advisor:
             `advice/disagreement` (mean norm2(a_tr - a_st), in action units) and, if the strategy
             reads Q values, `advice/q_gap`.
         """
-        window = self._window
-        values: dict[str, float] = {
-            "advice/spent": self.budget.spent,
-            "advice/remaining": self.budget.remaining,
-        }
-        if window["transitions"]:
-            values["advice/share"] = window["advised"] / window["transitions"]
-            for arm, count in enumerate(self._window_per_arm):
-                values[f"advice/share_arm_{arm}"] = float(count) / window["transitions"]
-        for name in ("disagreement", "q_gap"):
-            if window[f"{name}_arms"]:
-                values[f"advice/{name}"] = window[name] / window[f"{name}_arms"]
-        return values
+        means = {f"advice/{name}": total / n for name, (total, n) in self._window.items()}
+        totals = {"advice/spent": self.budget.spent, "advice/remaining": self.budget.remaining}
+        return {**totals, **means}
 
     def start_window(self) -> None:
         """Restart the means of `log_values`."""
-        self._window: defaultdict[str, float] = defaultdict(float)
-        self._window_per_arm = np.zeros(self.mapping.n_arms, dtype=np.int64)
+        #: Sum and number of the values of each mean.
+        self._window: dict[str, tuple[float, int]] = {}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the JSON-able state: the advice so far, its strategy and its teachers."""

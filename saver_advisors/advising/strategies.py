@@ -10,7 +10,7 @@ import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Annotated, Any, ClassVar, Final, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -22,20 +22,16 @@ from saver_advisors.advising.context import (
     RunPlan,
 )
 from saver_advisors.learner.imitation import better_by_arm
-from saver_envs.validation import import_named, require, require_kind
+from saver_envs.validation import NonNegativeInt, PositiveInt, check_fields, import_named
 
 DEFAULT_THRESHOLD: Final = 0.1
 """Default of t_I and alpha: the largest of the paper's 0.01, 0.05, 0.1, which advises least."""
 
 
-def _check_rate(name: str, value: Any) -> None:
-    require_kind(name, value, "float | None")
-    require(name, value, value is None or 0.0 < value <= 1.0, "a number in (0, 1]")
-
-
-def _check_whole(name: str, value: Any, least: int) -> None:
-    require_kind(name, value, "int | None")
-    require(name, value, value is None or value >= least, f"at least {least}")
+Rate: TypeAlias = Annotated[float, "in (0, 1]", lambda value: 0 < value <= 1]
+Threshold: TypeAlias = Annotated[
+    float, "at least 0 (the paper uses 0.01, 0.05 and 0.1)", lambda value: value >= 0
+]
 
 
 class _BuiltIn:
@@ -74,19 +70,14 @@ class _Correcting(_BuiltIn):
     """Base of the mistake-correcting strategies.
 
     :param threshold: t_I or alpha; finite and not negative.
-    :raises ValueError: if it is negative, infinite or not a number.
+    :raises ValueError: if it is negative or infinite.
+    :raises TypeError: if it is not a number.
     """
 
-    threshold: float = DEFAULT_THRESHOLD
+    threshold: Threshold = DEFAULT_THRESHOLD
 
     def __post_init__(self) -> None:
-        require_kind("threshold", self.threshold, float)
-        wanted = "at least 0 (the paper uses 0.01, 0.05 and 0.1)"
-        require("threshold", self.threshold, self.threshold >= 0.0, wanted)
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        return {"threshold": float(self.threshold)}
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -170,12 +161,11 @@ class RandomAdvising(_BuiltIn):
     """
 
     name: ClassVar[str] = "random"
-    probability: float | None = None
-    seed: int | None = None
+    probability: Rate | None = None
+    seed: NonNegativeInt | None = None
 
     def __post_init__(self) -> None:
-        _check_rate("probability", self.probability)
-        _check_whole("seed", self.seed, 0)
+        check_fields(self)
         self._random = np.random.default_rng(self.seed)
 
     def begin(self, run: RunPlan, budget: AdviceBudget) -> None:
@@ -247,14 +237,12 @@ class JumpStart(_BuiltIn):
     """
 
     name: ClassVar[str] = "jump-start"
-    stages: int = 10
-    success: float | None = None
-    horizon: int | None = None
+    stages: PositiveInt = 10
+    success: Rate | None = None
+    horizon: PositiveInt | None = None
 
     def __post_init__(self) -> None:
-        _check_whole("stages", self.stages, 1)
-        _check_whole("horizon", self.horizon, 1)
-        _check_rate("success", self.success)
+        check_fields(self)
         self._horizon: int | None = self.horizon
         self._reached = 0
 

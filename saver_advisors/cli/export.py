@@ -76,7 +76,7 @@ def shipped_path(name: str) -> Path:
     :param name: name of the policy
     :raises UsageError: outside a clone of the repository, or for an invalid name
     """
-    from saver_advisors.policies import WEIGHTS_DIR
+    from saver_advisors.policies.files import WEIGHTS_DIR
     from saver_advisors.reporting.provenance import REPOSITORY
 
     if not (REPOSITORY / "pyproject.toml").is_file():

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
-from saver_advisors.integration.health import STOPPED, Cause, Health
+from saver_advisors.integration.health import STOPPED, Event, Health
 from saver_advisors.integration.messages import (
     Action,
     ArmReading,
@@ -251,7 +251,7 @@ class ServoStage(LoopStage):
         """Clear targets and causes."""
         self._held: Floats | None = None
         self._moving = np.zeros(1)
-        self._cause: Cause | None = None
+        self._cause: Event | None = None
         self._stopped = -1.0
         self._sequence = 0
         self._accepted: Message | None = None
@@ -266,12 +266,12 @@ class ServoStage(LoopStage):
         targets = inputs.boxes["joint_targets"].latest
         cause = self._health.cause(now)
         if self._emergency.pressed:
-            cause = Cause("emergency stop", self._emergency.reason)
+            cause = Event(now, STOPPED, "emergency stop", self._emergency.reason)
         if cause is None:
             if targets is None or targets.stamp.time <= self._stopped:
                 return None if self._cause is None else self._hold(stamp, self._cause)
             if reason := self._refusal(targets, inputs, now):
-                cause = Cause(targets.stamp.source, reason)
+                cause = Event(now, STOPPED, targets.stamp.source, reason)
         if cause is not None:
             self._stopped = now
             return self._hold(stamp, cause)
@@ -322,11 +322,11 @@ class ServoStage(LoopStage):
         self._moving = np.where(turned, 0.0, self._moving)
         return np.where(turned, position, held)
 
-    def _hold(self, stamp: Stamp, cause: Cause) -> ServoCommand:
+    def _hold(self, stamp: Stamp, cause: Event) -> ServoCommand:
         self._held = self._braked(self._held)
         if self._cause is None or self._cause.stage != cause.stage:
-            self._health.note(stamp.time, STOPPED, cause.stage, cause.reason)
+            self._health.note(stamp.time, cause.kind, cause.stage, cause.reason)
         self._cause = cause
         self._bench.command(self._held)
         self._last = self._held
-        return ServoCommand(stamp, self._held, True, str(cause))
+        return ServoCommand(stamp, self._held, True, f"{cause.stage}: {cause.reason}")

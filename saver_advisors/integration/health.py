@@ -37,21 +37,6 @@ class Event:
         return f"{self.time:8.3f} s  {self.kind:<9} {self.stage}: {self.reason}"
 
 
-@dataclass(frozen=True)
-class Cause:
-    """Why the arms hold still.
-
-    :param stage: the first stage from the sensors that is faulty or silent.
-    :param reason: in words.
-    """
-
-    stage: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.stage}: {self.reason}"
-
-
 class Health:
     """Collect faults and silences, and name the first cause between sensors and servos.
 
@@ -82,17 +67,18 @@ class Health:
         if len(self.log) < LONGEST_LOG:
             self.log.append(Event(now, kind, stage, reason))
 
-    def cause(self, now: float) -> Cause | None:
-        """Return the first stage from the sensors that is faulty or silent, None if all are well.
+    def cause(self, now: float) -> Event | None:
+        """Return why the arms must hold still: the first stage from the sensors that is faulty or
+        silent; None if all are well.
 
         A faulty stage is silent because of its fault, and the stages after it are silent because
         they get no input, so the first one is the cause.
         """
         for stage in self._order:
             if stage in self.faults:
-                return Cause(stage, self.faults[stage])
+                return Event(now, STOPPED, stage, self.faults[stage])
             if stage in self._heard:
                 silent = now - self._heard[stage]
                 if silent > self._silence[stage] + _TOLERANCE:
-                    return Cause(stage, f"nothing for {1000 * silent:.0f} ms")
+                    return Event(now, STOPPED, stage, f"nothing for {1000 * silent:.0f} ms")
         return None

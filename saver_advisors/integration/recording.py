@@ -35,9 +35,8 @@ FRAME_SIZE: Final = (
 #: Seconds of a trial after which frames are recorded without a picture: the camera has failed.
 _LONGEST_WAIT: Final = 1.0
 #: Colours of the right and left arm, as in the skeleton.
-COLOURS: Final = ((213, 94, 0), (0, 114, 178))
-_INK, _LINE, _LIMIT, _FORCE = (60, 66, 74), (216, 221, 227), (190, 60, 50), (90, 60, 120)
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 14, 30, 26
+COLOURS: Final = ("#d55e00", "#0072b2")
+_LIMIT, _FORCE = "#be3c32", "#5a3c78"
 
 
 class VideoRecorder:
@@ -138,7 +137,7 @@ def plot(
     title: str,
     times: NDArray[np.float64],
     lines: list[NDArray[np.float64]],
-    colours: tuple[tuple[int, int, int], ...],
+    colours: tuple[str, ...],
     seconds: float,
     scale: tuple[float, float],
 ) -> Frame:
@@ -152,28 +151,21 @@ def plot(
     :param scale: least height of the vertical axis, and the limit that is marked.
     :return: (height, width, 3) of `PLOT_SIZE`.
     """
-    from PIL import Image, ImageDraw
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    width, height = PLOT_SIZE
-    picture = Image.new("RGB", PLOT_SIZE, (255, 255, 255))
-    draw, small = ImageDraw.Draw(picture), video.font(12)
     least, limit = scale
-    highest = max(least, 1.05 * max(float(line.max()) for line in lines))
-
-    def place(time: float, value: float) -> tuple[float, float]:
-        x = _LEFT + (width - _LEFT - _RIGHT) * time / seconds
-        return x, height - _BOTTOM - (height - _TOP - _BOTTOM) * value / highest
-
-    draw.text((_LEFT, 8), title, fill=_INK, font=video.font(13))
-    for fraction in (0.0, 0.5, 1.0):
-        value, time = fraction * highest, fraction * seconds
-        draw.line((*place(0, value), *place(seconds, value)), fill=_LINE)
-        draw.text((8, place(0, value)[1] - 7), f"{value:.0f}", fill=_INK, font=small)
-        left = place(time, 0)[0] - 22 * fraction
-        draw.text((left, height - 20), f"{time:g} s", fill=_INK, font=small)
-    draw.line((*place(0, limit), *place(seconds, limit)), fill=_LIMIT)
+    width, height = PLOT_SIZE
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100)
+    canvas: Any = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.1, 0.14, 0.87, 0.7))
+    axes.set_title(title, fontsize=10, loc="left")
     for line, colour in zip(lines, colours, strict=True):
-        points = [place(float(t), float(v)) for t, v in zip(times, line, strict=True)]
-        if len(points) > 1:
-            draw.line(points, fill=colour, width=2)
-    return np.asarray(picture)
+        axes.plot(times, line, color=colour)
+    axes.axhline(limit, color=_LIMIT, linewidth=1)
+    axes.set(xlim=(0, seconds), ylim=(0, max(least, 1.05 * np.max(lines))))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.xaxis.set_major_formatter("{x:g} s")
+    axes.tick_params(labelsize=8)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]

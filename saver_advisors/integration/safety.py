@@ -13,7 +13,7 @@ from saver_advisors.integration.messages import ArmReading, Floats
 from saver_envs.control import LEAD_LIMIT, bounded
 from saver_envs.episodes import RATED_SPEED
 from saver_envs.simulation import ACTION_DURATION
-from saver_envs.validation import require
+from saver_envs.validation import NonNegativeFloat, PositiveFloat, check_fields
 
 #: Limit of the contact force at a hand of the robot (N), less than half of the quasi-static limit
 #: of ISO/TS 15066 for a person's lower arm, which is 160 N.
@@ -50,15 +50,13 @@ class SafetyLimits:
     :raises ValueError: for an invalid limit.
     """
 
-    max_speed: float = RATED_SPEED
-    torso_force: float = TORSO_FORCE
-    hand_force: float = HAND_FORCE
-    clearance: float = CLEARANCE
+    max_speed: PositiveFloat = RATED_SPEED
+    torso_force: PositiveFloat = TORSO_FORCE
+    hand_force: PositiveFloat = HAND_FORCE
+    clearance: NonNegativeFloat = CLEARANCE
 
     def __post_init__(self) -> None:
-        for name in ("max_speed", "torso_force", "hand_force"):
-            require(name, getattr(self, name), 0 < getattr(self, name) < np.inf, "above 0")
-        require("clearance", self.clearance, 0 <= self.clearance < np.inf, "0 m or more")
+        check_fields(self)
 
     @property
     def longest(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from saver_advisors.integration.messages import ArmReading, Floats, Person, Spac
 from saver_advisors.integration.stage import Inputs, LoopStage, StageFault
 from saver_envs.people.patient import heading
 from saver_envs.perception.skeleton import JOINTS
-from saver_envs.validation import require
+from saver_envs.validation import NonNegativeFloat, PositiveFloat, check_fields
 
 #: The person's side at each arm: the right arm's base is at negative y, on the right of a person
 #: who lies on the back with the head towards -x.
@@ -21,6 +21,7 @@ SIDES: Final = ("right", "left")
 WRISTS: Final = tuple(JOINTS.index(f"{side}_wrist") for side in SIDES)
 ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
+Gain: TypeAlias = Annotated[float, "above 0, at most 1", lambda value: 0 < value <= 1]
 #: Least confidence of a joint.
 LEAST_SCORE: Final = 0.05
 #: Distance from a tool to the arm's elbow along the hand (m).
@@ -48,25 +49,19 @@ class FilterSettings:
     :raises ValueError: for a value out of range.
     """
 
-    wrist_gain: float = 0.6
-    wrist_speed_gain: float = 0.15
-    hip_gain: float = 0.15
-    jump: float = 0.08
-    top_speed: float = 0.5
-    reacquire: float = 1.0
-    hold: float = 0.0
-    hold_hidden: float = 0.0
-    hold_hip: float = 2.0
-    arm_radius: float = 0.10
+    wrist_gain: Gain = 0.6
+    wrist_speed_gain: NonNegativeFloat = 0.15
+    hip_gain: Gain = 0.15
+    jump: PositiveFloat = 0.08
+    top_speed: PositiveFloat = 0.5
+    reacquire: PositiveFloat = 1.0
+    hold: NonNegativeFloat = 0.0
+    hold_hidden: NonNegativeFloat = 0.0
+    hold_hip: NonNegativeFloat = 2.0
+    arm_radius: PositiveFloat = 0.10
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if name in ("wrist_gain", "hip_gain"):
-                require(name, value, 0 < value <= 1, "above 0, at most 1")
-            elif name in ("jump", "top_speed", "reacquire", "arm_radius"):
-                require(name, value, 0 < value < np.inf, "above 0")
-            else:
-                require(name, value, 0 <= value < np.inf, "0 or more")
+        check_fields(self)
 
 
 @dataclass

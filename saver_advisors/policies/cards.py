@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, Final
+from typing import Any
 
 from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.policies.networks import NetworkSpec
-from saver_envs.validation import require, require_share
+from saver_envs.validation import NonNegativeFloat, NonNegativeInt, UnitFloat, check_fields
 
 
 @dataclass(frozen=True)
@@ -32,36 +31,28 @@ class PolicyCard:
     :param env_kwargs: keyword arguments of that environment.
     :param notes: anything else, shown in the readable card.
     :param networks: shapes and activations; filled in by `save_policy`.
-    :raises ValueError: if a value is out of range.
+    :raises TypeError: for a value of the wrong type.
+    :raises ValueError: for a value out of range.
     """
 
     env_id: str
     algorithm: str
     command: str
-    steps: int
-    wall_clock_s: float
+    steps: NonNegativeInt
+    wall_clock_s: NonNegativeFloat
     seed: int
     commit: str
-    success: float
-    success_episodes: int = 100
-    safe_success: float | None = None
-    success_2cm: float | None = None
+    success: UnitFloat
+    success_episodes: NonNegativeInt = 100
+    safe_success: UnitFloat | None = None
+    success_2cm: UnitFloat | None = None
     task: str = ""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     notes: Mapping[str, Any] = field(default_factory=dict)
     networks: NetworkSpec | None = None
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            types, words = _TYPES[str(one.type)]
-            valid = isinstance(value, types) and not isinstance(value, bool)
-            require(f"card: {one.name}", value, valid, words)
-        for name in ("steps", "success_episodes", "wall_clock_s"):
-            value = getattr(self, name)
-            require(f"card: {name}", value, 0 <= value < math.inf, "at least 0")
-        for name in ("success", "safe_success", "success_2cm"):
-            require_share(f"card: {name}", getattr(self, name) or 0.0)
+        check_fields(self, "card: ")
 
     @property
     def environment(self) -> str:
@@ -105,16 +96,6 @@ class PolicyCard:
         if not isinstance(values, dict):
             raise ValueError("card: not a JSON object")
         return cls.from_dict(values)
-
-
-_TYPES: Final[Mapping[str, tuple[tuple[type, ...], str]]] = {
-    "str": ((str,), "a text"),
-    "int": ((int,), "a whole number"),
-    "float": ((float, int), "a number"),
-    "float | None": ((float, int, type(None)), "a number or null"),
-    "Mapping[str, Any]": ((Mapping,), "a mapping"),
-    "NetworkSpec | None": ((NetworkSpec, type(None)), "a description of networks"),
-}
 
 
 def card_markdown(name: str, card: PolicyCard) -> str:

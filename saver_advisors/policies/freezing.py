@@ -24,6 +24,7 @@ from saver_advisors.learner.arms import ArmBlocks
 from saver_advisors.learner.policies import NormalizedGoalFeatures
 from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmFeatures
 from saver_advisors.policies.expanding import joint_columns, joint_layers, single_arm_layers
+from saver_advisors.policies.mapping import flat_size
 from saver_advisors.policies.networks import ACTIVATIONS, NetworkSpec, PolicyNetworks
 
 Layers = Sequence[tuple[Tensor, Tensor]]
@@ -46,7 +47,7 @@ def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
     extractor = actor.features_extractor
     wrapper = _wrapper(model, extractor)
     assert isinstance(model.observation_space, spaces.Dict), "checked by _parts"
-    sizes = {key: _flat_size(key, space) for key, space in model.observation_space.items()}
+    sizes = {key: flat_size(key, space) for key, space in model.observation_space.items()}
     given = [_leaves(getattr(actor, "latent_pi", nn.Sequential()), actor.mu)]
     # TD3's last layer is the tanh; `FrozenPolicy` applies it in any case.
     given = [given[0][:-1] if isinstance(given[0][-1], nn.Tanh) else given[0]]
@@ -209,12 +210,12 @@ def _parts(model: OffPolicyAlgorithm) -> tuple[Any, Any, spaces.Box]:
         )
     if not isinstance(model.observation_space, spaces.Dict):
         raise TypeError("only policies of goal environments (Dict observation) can be frozen")
-    if not isinstance(model.action_space, spaces.Box) or len(model.action_space.shape) != 1:
-        raise TypeError(f"only flat Box actions can be frozen, not {model.action_space}")
+    flat_size("action", model.action_space)
     if getattr(actor, "use_sde", False):
         raise TypeError(
             "policies trained with gSDE (use_sde=True) cannot be frozen: train with use_sde=False"
         )
+    assert isinstance(model.action_space, spaces.Box), "it is flat"
     return actor, critic, model.action_space
 
 
@@ -267,12 +268,6 @@ def _wrapper(model: OffPolicyAlgorithm, extractor: nn.Module) -> VecNormalize | 
             "CombinedExtractor or saver_advisors.learner.NormalizedGoalFeatures"
         )
     return wrapper
-
-
-def _flat_size(key: str, space: spaces.Space[Any]) -> int:
-    if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-        raise TypeError(f"the observation's {key!r} is {space}: only flat Boxes can be frozen")
-    return int(space.shape[0])
 
 
 def _copy_statistics(wrapper: VecNormalize, networks: PolicyNetworks) -> None:

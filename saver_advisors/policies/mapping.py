@@ -147,5 +147,5 @@ def flat_size(name: str, space: spaces.Space[Any] | None) -> int:
     :raises TypeError: for a space of another kind.
     """
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
-        raise TypeError(f"advice needs a flat Box {name!r}, not {space}")
+        raise TypeError(f"a flat Box {name!r} is needed, not {space}")
     return int(space.shape[0])

@@ -1,5 +1,6 @@
 """The policies that ship: weights as safetensors, with a card each."""
 
-from saver_advisors.policies import load_policy, load_teacher, shipped_policies, side_by_side
+from saver_advisors.policies.files import load_policy, load_teacher, shipped_policies
+from saver_advisors.policies.frozen import side_by_side
 
 __all__ = ["load_policy", "load_teacher", "shipped_policies", "side_by_side"]

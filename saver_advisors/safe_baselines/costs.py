@@ -37,12 +37,10 @@ def read_costs(infos: Sequence[dict[str, Any]], key: str) -> Array:
         try:
             costs[index] = np.asarray(info[key], np.float64).item()
         except (TypeError, ValueError):
-            raise ValueError(
-                f"info[{key!r}]={info[key]!r} of environment {index} must be one number"
-            ) from None
+            costs[index] = np.nan
         if not np.isfinite(costs[index]):
             raise ValueError(
-                f"info[{key!r}]={info[key]!r} of environment {index} must be a finite number"
+                f"info[{key!r}]={info[key]!r} of environment {index} must be one number, and finite"
             )
     return costs
 

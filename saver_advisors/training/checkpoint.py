@@ -223,11 +223,6 @@ def _load_optimizer(
         if name.startswith(prefix):
             number, moment = name.removeprefix(prefix).split("/")
             moments.setdefault(int(number), {})[moment] = tensor
-    parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
-    for index, named in moments.items():
-        for moment, tensor in named.items():
-            if tensor.dim() > 0 and tensor.shape != parameters[index].shape:
-                raise ValueError(f"{prefix}{index}/{moment} is {tuple(tensor.shape)}")
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": moments, "param_groups": groups})
 

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
-from types import NoneType
-from typing import Annotated, Any, Final, TypeAlias, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar
 
 from saver_advisors.evaluation.protocol import check_selection, training_seed
 from saver_advisors.variable_reward.replay import RELABELLINGS
 from saver_envs.randomization.presets import plain_options
+from saver_envs.validation import (
+    FloatBelowOne,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    UnitFloat,
+    check_fields,
+)
 
 ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
-
-# Numbers in a range, in words and as a condition, which `_check_fields` checks.
-PositiveInt: TypeAlias = Annotated[int, "positive", lambda value: value > 0]
-NonNegativeInt: TypeAlias = Annotated[int, "0 or more", lambda value: value >= 0]
-PositiveFloat: TypeAlias = Annotated[float, "positive", lambda value: value > 0]
-NonNegativeFloat: TypeAlias = Annotated[float, "0 or more", lambda value: value >= 0]
-UnitFloat: TypeAlias = Annotated[float, "in [0, 1]", lambda value: 0 <= value <= 1]
-FloatBelowOne: TypeAlias = Annotated[float, "in [0, 1)", lambda value: 0 <= value < 1]
 
 #: Prefixes of the settings' names in messages, as in `--set advice.budget=0`.
 _PREFIXES = {"RunConfig": "", "AdviceConfig": "advice.", "StageConfig": "stages."}
@@ -77,7 +76,7 @@ class AdviceConfig:
     warm_start: bool = False
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self, "advice.")
         paid = self.demonstration_steps <= self.budget
         wanted = f"at most advice.budget={self.budget}, which pays for them"
         _require(paid, self, "demonstration_steps", wanted)
@@ -106,7 +105,7 @@ class StageConfig:
     until: str | None = None
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self, "stages.")
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,7 @@ class RunConfig:
     checkpoint_every: PositiveInt = 50_000
 
     def __post_init__(self) -> None:
-        _check_fields(self)
+        check_fields(self)
         for name in ("env_kwargs", "train_env_kwargs"):
             object.__setattr__(self, name, plain_options(getattr(self, name)))
         if self.algorithm not in ALGORITHM_NAMES:
@@ -347,41 +346,6 @@ def _build(cls: type[Config], values: Mapping[str, Any]) -> Config:
         for name, value in values.items()
     }
     return cls(**given)
-
-
-def _check_fields(config: RunConfig | AdviceConfig | StageConfig) -> None:
-    """Check each value against the type and the range that its field declares."""
-    for name, hint in get_type_hints(type(config), include_extras=True).items():
-        value = getattr(config, name)
-        optional = NoneType in get_args(hint)
-        if optional and value is None:
-            continue
-        hint = get_args(hint)[0] if optional else hint
-        limits = getattr(hint, "__metadata__", ())
-        types, words = _TYPES[get_args(hint)[0] if limits else hint]
-        if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
-            words += " or null" if optional else ""
-            if isinstance(value, str) and float in types:
-                words += "; YAML reads 1e-3 as text, write 1.0e-3"
-            raise TypeError(f"{_PREFIXES[type(config).__name__]}{name}={value!r} must be {words}")
-        if isinstance(value, float):
-            _require(math.isfinite(value), config, name, "finite")
-        if limits:
-            wanted, within = limits
-            _require(within(value), config, name, wanted)
-
-
-_TYPES: Final[dict[Any, tuple[tuple[type, ...], str]]] = {
-    str: ((str,), "a text"),
-    int: ((int,), "a whole number"),
-    bool: ((bool,), "true or false"),
-    float: ((float, int), "a number"),
-    dict[str, Any]: ((dict,), "a mapping"),
-    tuple[int, ...]: ((tuple,), "a list of whole numbers"),
-    str | tuple[str, ...]: ((str, tuple), "a text or a list of texts"),
-    tuple[StageConfig, ...]: ((tuple,), "a list of stages"),
-    AdviceConfig: ((AdviceConfig,), "a mapping of advice settings"),
-}
 
 
 def _require(

@@ -142,14 +142,14 @@ def test_a_run_by_success_resumes(tmp_path: Path) -> None:
         ({"stages": 1.5}, "stages=1.5"),
         ({"stages": True}, "stages=True"),
         ({"horizon": 0}, "horizon=0"),
-        ({"success": 0.0}, r"success=0.0: must be a number in \(0, 1\]"),
+        ({"success": 0.0}, r"success=0.0 must be in \(0, 1\]"),
         ({"success": 1.1}, "success=1.1"),
         ({"success": float("nan")}, "success=nan"),
         ({"stage": 3}, "'jump-start' takes no stage=3; its settings are stages, success, horizon"),
     ],
 )
 def test_senseless_settings_are_refused(wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         make_advisor("jump-start", make_teacher(), 1, n_arms=2, settings=wrong, horizon=10)
 
 

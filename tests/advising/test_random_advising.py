@@ -79,7 +79,7 @@ def test_seeds_make_the_times() -> None:
 
 @pytest.mark.parametrize("wrong", [0, 0.0, -0.1, 1.5, float("nan"), "0.1", True])
 def test_senseless_probabilities_are_refused(wrong: object) -> None:
-    with pytest.raises(ValueError, match="probability="):
+    with pytest.raises((TypeError, ValueError), match="probability="):
         make_advisor("random", make_teacher(), 1, n_arms=2, settings={"probability": wrong})
 
 

@@ -22,7 +22,8 @@ from saver_advisors.advising import make_advisor
 from saver_advisors.cli import main
 from saver_advisors.learner import GoalTD3
 from saver_advisors.learner.algorithms import GoalSAC, GoalTQC
-from saver_advisors.policies import Teacher, load_teacher
+from saver_advisors.policies.files import load_teacher
+from saver_advisors.policies.teacher import Teacher
 from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.envs.sb3_vec_env import SaverVecEnv

@@ -12,7 +12,7 @@ from safetensors.torch import load_file
 from tiny_runs import outcomes
 from toy_arms import make_teacher, make_vec_env
 
-from saver_advisors.policies import save_policy
+from saver_advisors.policies.files import save_policy
 from saver_advisors.training.curve_file import OF_THE_MACHINE
 from saver_advisors.training.launch import train
 from saver_advisors.training.run import RunResult

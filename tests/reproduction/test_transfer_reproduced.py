@@ -26,7 +26,7 @@ from reproduction.transfer.transfer_command import (
     paper_rows,
     render,
 )
-from saver_advisors.policies import WEIGHTS_DIR, load_policy
+from saver_advisors.policies.files import WEIGHTS_DIR, load_policy
 from saver_advisors.reporting.errors import UsageError
 from saver_envs.registration import make_episodes
 
