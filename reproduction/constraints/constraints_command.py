@@ -28,7 +28,7 @@ from reproduction.command_parts import (
 from reproduction.findings import success_resolution, verdict_of
 from reproduction.page_templates import page
 from saver_advisors.benchmark.run_tables import (
-    NOTHING,
+    figure_text,
     origin,
     outcome_cell,
     skipped_list,
@@ -39,7 +39,14 @@ from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MINUTE, MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.tables import Column, markdown, records_table, show, show_rows
+from saver_advisors.reporting.tables import (
+    Column,
+    markdown,
+    optional,
+    records_table,
+    show,
+    show_rows,
+)
 
 #: Finds the number of threads in the command of `saver experiments run`.
 THREADS: Final = re.compile(r"--threads[ =](\d+)")
@@ -78,14 +85,10 @@ CAPTIONS: Final = {
 MILLIMETRES: Final = 1000.0
 
 
-def _rate(name: str) -> Column:
-    return lambda one: NOTHING if one.get(name) is None else f"{one[name]:.3f}"
-
-
 REFERENCE_COLUMNS: Final[Mapping[str, Column]] = {
     "policy": "{policy}",
     "episodes": "{episodes}",
-    **{label: _rate(name) for label, name in RATES.items()},
+    **{label: optional(name, ".3f") for label, name in RATES.items()},
 }
 FINDING_COLUMNS: Final = {
     "finding": "{text}",
@@ -152,21 +155,18 @@ def evaluated(rows: Sequence[MethodRow]) -> list[dict[str, str]]:
         about missing rows cannot be told.
     """
     named = {row.name: row for row in rows if row.n}
-
-    def evaluate(text: str, name: str, rule: Rule) -> dict[str, str]:
-        if name not in named:
-            return {"text": text, "verdict": verdict_of(None), "evidence": "no finished run"}
-        holds, figures = rule(named[name])
-        evidence = f"{figures} (n = {named[name].n})"
-        return {"text": text, "verdict": verdict_of(holds), "evidence": evidence}
-
     succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
     decays = "Advising without the third stage rises a little and decays"
-    return [
-        evaluate(succeed, METHOD, _succeeds),
-        *(evaluate(f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
-        evaluate(decays, NO_EXPLORING, _decays),
+    claims: list[tuple[str, str, Rule]] = [
+        (succeed, METHOD, _succeeds),
+        *((f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
+        (decays, NO_EXPLORING, _decays),
     ]
+    found = []
+    for text, name, rule in claims:
+        holds, evidence = rule(named[name]) if name in named else (None, "no finished run")
+        found.append({"text": text, "verdict": verdict_of(holds), "evidence": evidence})
+    return found
 
 
 def _bests(row: MethodRow) -> list[float]:
@@ -177,12 +177,12 @@ def _bests(row: MethodRow) -> list[float]:
 def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
     near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
-    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
+    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best (n = {row.n})"
 
 
 def _never(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
-    return best <= NEVER, f"SR {best:.2f} at best"
+    return best <= NEVER, f"SR {best:.2f} at best (n = {row.n})"
 
 
 def _decays(row: MethodRow) -> tuple[bool | None, str]:
@@ -191,7 +191,7 @@ def _decays(row: MethodRow) -> tuple[bool | None, str]:
     last = float(np.mean([_last(run) for run in row.runs]))
     resolved = best - last > success_resolution(best, row.runs[0].episodes)
     holds = False if max(_bests(row)) <= NEVER else resolved or None
-    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter"
+    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter (n = {row.n})"
 
 
 def _last(run: TrainingRun) -> float:
@@ -264,13 +264,13 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
         "row": row.name,
         "n": str(row.n),
         "steps": " or ".join(f"{one:,.0f}" for one in steps),
-        **{label: _told(final_rate(row, name), 3) for label, name in RATES.items()},
-        "deviation, mean mm": _told(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
-        "deviation, worst mm": _told(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
-        "cost per episode": _told(_estimate(costs), 2),
-        "cost in training": _told(_estimate(training), 0),
+        **{label: figure_text(final_rate(row, name), 3) for label, name in RATES.items()},
+        "deviation, mean mm": figure_text(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
+        "deviation, worst mm": figure_text(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
+        "cost per episode": figure_text(_estimate(costs), 2),
+        "cost in training": figure_text(_estimate(training), 0),
         "chosen checkpoint": "; ".join(outcome_cell(run.chosen) for run in row.runs),
-        "minutes": _told(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
+        "minutes": figure_text(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
     }
 
 
@@ -300,9 +300,9 @@ def equal_time_table(rows: Sequence[MethodRow]) -> str:
             [
                 row.name,
                 f"{limit / MINUTE:.0f}{on_threads(row)}",
-                _told(_estimate(steps), 0),
-                _told(_estimate([sum(one) / len(one) for one in success]), 3),
-                _told(_estimate([max(one) for one in success]), 3),
+                figure_text(_estimate(steps), 0),
+                figure_text(_estimate([sum(one) / len(one) for one in success]), 3),
+                figure_text(_estimate([max(one) for one in success]), 3),
             ]
         )
     return markdown(("row", "minutes", "steps until then", "mean SR", "highest SR"), cells)
@@ -338,7 +338,7 @@ def show_all(
     :param results: what was read.
     """
     cells = [
-        [row.name, str(row.n), *(_told(final_rate(row, name), 3) for name in RATES.values())]
+        [row.name, str(row.n), *(figure_text(final_rate(row, name), 3) for name in RATES.values())]
         for row in rows
         if row.n
     ]
@@ -353,7 +353,3 @@ def show_all(
 def _estimate(values: Sequence[float | None]) -> Estimate | None:
     known = [value for value in values if value is not None]
     return estimate(known) if known else None
-
-
-def _told(figure: Estimate | None, digits: int, scale: float = 1.0) -> str:
-    return NOTHING if figure is None else figure.text(digits, scale)

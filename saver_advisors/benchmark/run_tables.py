@@ -52,10 +52,10 @@ def measured(row: MethodRow) -> list[str]:
     """
     return [
         str(row.n),
-        _text(row.inspired_epoch, 0),
-        _text(row.rise_time, 0),
-        _text(row.maximum_success_rate, 3),
-        _text(row.effective_learning_rate, 4),
+        figure_text(row.inspired_epoch, 0),
+        figure_text(row.rise_time, 0),
+        figure_text(row.maximum_success_rate, 3),
+        figure_text(row.effective_learning_rate, 4),
     ]
 
 
@@ -66,7 +66,7 @@ def final_rates(row: MethodRow) -> dict[str, str]:
     :return: an entry for each of :data:`FINAL_RATES`
     """
     rates = (row.final_success, row.final_safe_success, row.final_success_2cm)
-    return {name: _text(rate, 3) for name, rate in zip(FINAL_RATES, rates, strict=True)}
+    return {name: figure_text(rate, 3) for name, rate in zip(FINAL_RATES, rates, strict=True)}
 
 
 def metrics_table(rows: Sequence[MethodRow]) -> str:
@@ -93,17 +93,17 @@ def beyond(rows: Sequence[MethodRow]) -> str:
         {
             "row": row.name,
             "n": str(row.n),
-            "steps to 0.9": _text(row.steps_to_solved),
-            "minutes to 0.9": _text(row.seconds_to_solved, 1, 1 / MINUTE),
-            "all steps to 0.9": _text(row.all_steps_to_solved),
+            "steps to 0.9": figure_text(row.steps_to_solved),
+            "minutes to 0.9": figure_text(row.seconds_to_solved, 1, 1 / MINUTE),
+            "all steps to 0.9": figure_text(row.all_steps_to_solved),
             **{name: text for name, text in final_rates(row).items() if name in shown},
-            "mean success": _text(row.area, 3),
+            "mean success": figure_text(row.area, 3),
             "advice used": _value(row.advice_spent, 0),
-            "advice over by": _text(row.advice_over, 0),
+            "advice over by": figure_text(row.advice_over, 0),
             "steps before the run": " or ".join(f"{one:,}" for one in row.steps_before)
             or "unknown",
             "minutes in all": _value(row.wall_clock_s, 1, 1 / MINUTE),
-            "collisions per episode": _text(row.collisions, 2),
+            "collisions per episode": figure_text(row.collisions, 2),
         }
         for row in rows
     )
@@ -236,7 +236,14 @@ def origin(runs: Sequence[TrainingRun]) -> str:
     return " ".join(parts)
 
 
-def _text(figure: Estimate | Censored | None, digits: int = 0, scale: float = 1.0) -> str:
+def figure_text(figure: Estimate | Censored | None, digits: int = 0, scale: float = 1.0) -> str:
+    """Format a figure with its interval.
+
+    :param figure: of a row, or None
+    :param digits: after the decimal point
+    :param scale: factor of all numbers
+    :return: the text; a dash without a figure
+    """
     return NOTHING if figure is None else figure.text(digits, scale)
 
 
