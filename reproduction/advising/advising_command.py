@@ -183,7 +183,8 @@ def comparison_page(
 def _task(task: str, rows: Sequence[MethodRow]) -> dict[str, Any]:
     """Everything about one environment."""
     finished = [row for row in rows if row.n]
-    paper = table_5_2().of_environment(task)
+    ours = {env: name for name, env in table_5_2().tasks.items()}
+    paper = table_5_2().figures[ours[task]] if task in ours else {}
     references = [row for row in finished if row.name == NO_ADVICE]
     return {
         "name": task,

@@ -119,11 +119,9 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
     rows, faults = [], []
     for one in measured:
         policy = one["settings"]["policy"]
-        for name in ("limits", "filter", "latencies"):
-            if one["settings"][name] != first["settings"][name]:
+        for name in ("limits", "filter", "latencies", "seed"):
+            if {**one, **one["settings"]}[name] != {**first, **first["settings"]}[name]:
                 raise UsageError(f"argument --from: the files differ in {name}")
-        if one["seed"] != first["seed"]:
-            raise UsageError("argument --from: the files differ in seed")
         told = {} if policy == first["settings"]["policy"] else {"policy": policy}
         rows += [{**row, **told} for row in one["rows"]]
         faults += one["faults"]
