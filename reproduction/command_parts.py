@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from saver_advisors.cli.arguments import add_folder, add_json, add_several, add_table
+from saver_advisors.cli.arguments import add, add_folder, add_json, add_several, add_table
 from saver_advisors.reporting.tables import link
 from saver_advisors.reporting.video import FPS, HOLD, Frame
 
@@ -51,16 +51,11 @@ def add_choices(
     :param nargs: ``*`` where none is a valid selection.
     """
     chosen = list(choices if default is None else default)
-    parser.add_argument(
-        flag,
-        nargs=nargs,
-        type=type(choices[0]),
-        choices=choices,
-        default=chosen,
-        metavar="NAME" if isinstance(choices[0], str) else "N",
-        help=f"{purpose}: any of {' '.join(map(str, choices))} "
-        f"(default: {' '.join(map(str, chosen)) or 'none'})",
-    )
+    kind = type(choices[0])
+    text = f"{purpose}: any of {' '.join(map(str, choices))}"
+    text += "" if chosen else " (default: none)"
+    metavar = "NAME" if kind is str else "N"
+    add(parser, flag, text, chosen, nargs=nargs, type=kind, choices=choices, metavar=metavar)
 
 
 def add_result_arguments(parser: argparse.ArgumentParser, results: Path) -> None:

@@ -123,21 +123,12 @@ def render(figures: Mapping[str, Any]) -> str:
     return f"{rows_table(figures['rows'], columns)}\n{measured_at(figures)}\n"
 
 
-def in_words(env_id: str, results: Sequence[Mapping[str, Any]]) -> str:
-    """Say on an environment's page in how many steps its joints are too fast.
+def measured_row(env_id: str, results: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Find what was measured on an environment.
 
-    :param env_id: of the page.
+    :param env_id: id of the environment.
     :param results: result files, of which one may be of this command.
-    :return: a sentence; empty if the environment has not been measured.
+    :return: its row, see :func:`row_of`; None if the environment has not been measured.
     """
-    rows = [row for one in results if one.get("kind") == KIND for row in one["rows"]]
-    for row in rows:
-        if row["env"] == env_id:
-            return (
-                f"in {row['default_share']:.0%} of the steps of `{row['policy']}` "
-                f"({row['episodes']} episodes) a joint is more than 5% faster than its maker "
-                f"allows, up to {row['default_highest']:.1f} times; with `rated=True`, which "
-                f"limits the joints' targets, in {row['rated_share']:.1%}, up to "
-                f"{row['rated_highest']:.1f} times"
-            )
-    return ""
+    rows = (row for one in results if one.get("kind") == KIND for row in one["rows"])
+    return next((row for row in rows if row["env"] == env_id), None)

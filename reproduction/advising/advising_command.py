@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     return write_comparison(
         args,
         figures(tasks, findings, results),
-        lambda folder: draw_all(results, folder),
+        lambda folder: draw_all(tasks, folder),
         lambda pictures: comparison_page(tasks, findings, results, pictures),
     )
 
@@ -190,7 +190,8 @@ def comparison_page(
 def _task(task: str, rows: Sequence[MethodRow]) -> dict[str, Any]:
     """Everything about one environment."""
     finished = [row for row in rows if row.n]
-    paper = table_5_2().of_environment(task)
+    ours = {env: name for name, env in table_5_2().tasks.items()}
+    paper = table_5_2().figures[ours[task]] if task in ours else {}
     references = [row for row in finished if row.name == NO_ADVICE]
     return {
         "name": task,
@@ -230,9 +231,8 @@ def scratch_table(tasks: Mapping[str, Sequence[MethodRow]]) -> str:
                 continue
             theirs = paper.from_scratch[task][label]
             epochs = row.steps_to_solved.text(scale=1 / EPOCH_STEPS)
-            cells.append(
-                [task, label, str(row.n), epochs, "never" if theirs is None else f"{theirs:g}"]
-            )
+            paper_epochs = "never" if theirs is None else f"{theirs:g}"
+            cells.append([task, label, str(row.n), epochs, paper_epochs])
     return markdown(("task", "arms", "n", "epochs to 0.9", "paper"), cells) if cells else ""
 
 
@@ -272,40 +272,44 @@ def show_all(
     print_skipped(results)
 
 
-def draw_all(results: Results, folder: Path) -> list[Drawn]:
+Runs = Mapping[str, Sequence[TrainingRun]]
+"""Finished runs by row."""
+
+
+def draw_all(tasks: Mapping[str, Sequence[MethodRow]], folder: Path) -> list[Drawn]:
     """Draw all figures for which there are runs.
 
-    :param results: the training runs.
+    :param tasks: rows by environment id.
     :param folder: folder of the pictures.
     :return: the figures, in the paper's order.
     """
     caption = "Learning from scratch, with one arm and with two (as Figure 5.4)."
-    drawn = save_panels(from_scratch(results), "success_rate", folder / "figure-5-4.png", caption)
-    tasks = table_5_2().tasks
+    found = {task: {row.name: row.runs for row in rows if row.n} for task, rows in tasks.items()}
+    drawn = save_panels(from_scratch(found), "success_rate", folder / "figure-5-4.png", caption)
+    by_task = {task: found.get(env, {}) for task, env in table_5_2().tasks.items()}
     for (task, column), number in NUMBERS.items():
         what = "Success" if column == "success_rate" else "The student's mean Q"
         caption = f"{what} in {task}, by strategy and threshold (as Figure {number})."
         path = folder / f"figure-{number.replace('.', '-')}.png"
-        drawn += save_panels(strategies(results.of_task(tasks[task])), column, path, caption)
-    panels = [panel for task in tasks if (panel := baselines(task, results.of_task(tasks[task])))]
+        drawn += save_panels(strategies(by_task[task]), column, path, caption)
+    panels = [panel for task, runs in by_task.items() if (panel := baselines(task, runs))]
     caption = "Baselines that the dissertation does not have."
     return drawn + save_panels(panels, "success_rate", folder / "figure-baselines.png", caption)
 
 
-def from_scratch(results: Results) -> list[Panel]:
+def from_scratch(found: Mapping[str, Runs]) -> list[Panel]:
     """Return one panel per task: learning without advice, with one arm and with two."""
     panels = []
     for task, two_arms in table_5_2().tasks.items():
-        rows = {}
-        for label, env in (("one arm", ONE_ARM[task]), ("two arms", two_arms)):
-            if runs := _finished(results.of_task(env).get(NO_ADVICE, ())):
-                rows[label] = runs
-        if rows:
-            panels.append(Panel(task, rows))
-    return panels
+        envs = {"one arm": ONE_ARM[task], "two arms": two_arms}
+        of_env = {label: found.get(env, {}) for label, env in envs.items()}
+        panels.append(
+            Panel(task, {one: by[NO_ADVICE] for one, by in of_env.items() if NO_ADVICE in by})
+        )
+    return [panel for panel in panels if panel.rows]
 
 
-def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
+def strategies(by_row: Runs) -> list[Panel]:
     """Return a panel of strategies, and one per correcting strategy with its thresholds."""
     panels = [Panel("strategies", _chosen(by_row, STRATEGIES), grey=NO_ADVICE)]
     for name in THRESHOLDS:
@@ -316,21 +320,13 @@ def strategies(by_row: Mapping[str, Sequence[TrainingRun]]) -> list[Panel]:
     return [panel for panel in panels if panel.rows]
 
 
-def baselines(task: str, by_row: Mapping[str, Sequence[TrainingRun]]) -> Panel | None:
+def baselines(task: str, by_row: Runs) -> Panel | None:
     """Return a panel of the rows beyond Table 5.2, with early and no advising for comparison."""
     beyond = sorted(row for row in by_row if row not in table_5_2().rows)
-    rows = _chosen(by_row, beyond)
-    if not rows:
+    if not beyond:
         return None
-    return Panel(task, {**_chosen(by_row, (NO_ADVICE, "early")), **rows}, grey=NO_ADVICE)
+    return Panel(task, _chosen(by_row, (NO_ADVICE, "early", *beyond)), grey=NO_ADVICE)
 
 
-def _chosen(
-    by_row: Mapping[str, Sequence[TrainingRun]], names: Sequence[str]
-) -> dict[str, Sequence[TrainingRun]]:
-    found = {name: _finished(by_row.get(name, ())) for name in names}
-    return {name: runs for name, runs in found.items() if runs}
-
-
-def _finished(runs: Sequence[TrainingRun]) -> list[TrainingRun]:
-    return [run for run in runs if run.finished]
+def _chosen(by_row: Runs, names: Sequence[str]) -> Runs:
+    return {name: by_row[name] for name in names if name in by_row}

@@ -28,7 +28,6 @@ from reproduction.command_parts import (
 from reproduction.findings import success_resolution, verdict_of
 from reproduction.page_templates import page
 from saver_advisors.benchmark.run_tables import (
-    NOTHING,
     figure_text,
     origin,
     outcome_cell,
@@ -40,7 +39,14 @@ from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MINUTE, MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
 from saver_advisors.reporting.errors import UsageError
-from saver_advisors.reporting.tables import Column, markdown, records_table, show_records, show_rows
+from saver_advisors.reporting.tables import (
+    Column,
+    markdown,
+    optional,
+    records_table,
+    show_records,
+    show_rows,
+)
 
 #: Finds the number of threads in the command of `saver experiments run`.
 THREADS: Final = re.compile(r"--threads[ =](\d+)")
@@ -79,14 +85,10 @@ CAPTIONS: Final = {
 MILLIMETRES: Final = 1000.0
 
 
-def _rate(name: str) -> Column:
-    return lambda one: NOTHING if one.get(name) is None else f"{one[name]:.3f}"
-
-
 REFERENCE_COLUMNS: Final[Mapping[str, Column]] = {
     "policy": "{policy}",
     "episodes": "{episodes}",
-    **{label: _rate(name) for label, name in RATES.items()},
+    **{label: optional(name, ".3f") for label, name in RATES.items()},
 }
 FINDING_COLUMNS: Final = {
     "finding": "{text}",
@@ -153,21 +155,18 @@ def evaluated(rows: Sequence[MethodRow]) -> list[dict[str, str]]:
         about missing rows cannot be told.
     """
     named = {row.name: row for row in rows if row.n}
-
-    def evaluate(text: str, name: str, rule: Rule) -> dict[str, str]:
-        if name not in named:
-            return {"text": text, "verdict": verdict_of(None), "evidence": "no finished run"}
-        holds, figures = rule(named[name])
-        evidence = f"{figures} (n = {named[name].n})"
-        return {"text": text, "verdict": verdict_of(holds), "evidence": evidence}
-
     succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
     decays = "Advising without the third stage rises a little and decays"
-    return [
-        evaluate(succeed, METHOD, _succeeds),
-        *(evaluate(f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
-        evaluate(decays, NO_EXPLORING, _decays),
+    claims: list[tuple[str, str, Rule]] = [
+        (succeed, METHOD, _succeeds),
+        *((f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
+        (decays, NO_EXPLORING, _decays),
     ]
+    found = []
+    for text, name, rule in claims:
+        holds, evidence = rule(named[name]) if name in named else (None, "no finished run")
+        found.append({"text": text, "verdict": verdict_of(holds), "evidence": evidence})
+    return found
 
 
 def _bests(row: MethodRow) -> list[float]:
@@ -178,12 +177,12 @@ def _bests(row: MethodRow) -> list[float]:
 def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
     near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
-    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best"
+    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best (n = {row.n})"
 
 
 def _never(row: MethodRow) -> tuple[bool | None, str]:
     best = max(_bests(row))
-    return best <= NEVER, f"SR {best:.2f} at best"
+    return best <= NEVER, f"SR {best:.2f} at best (n = {row.n})"
 
 
 def _decays(row: MethodRow) -> tuple[bool | None, str]:
@@ -192,7 +191,7 @@ def _decays(row: MethodRow) -> tuple[bool | None, str]:
     last = float(np.mean([_last(run) for run in row.runs]))
     resolved = best - last > success_resolution(best, row.runs[0].episodes)
     holds = False if max(_bests(row)) <= NEVER else resolved or None
-    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter"
+    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter (n = {row.n})"
 
 
 def _last(run: TrainingRun) -> float:

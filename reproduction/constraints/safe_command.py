@@ -87,14 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     add_choices(parser, "--algorithms", NAMES, "algorithms")
     add_several(parser, "--seeds", at_least(0), SEEDS, "seeds, one run each")
-    parser.add_argument(
-        "--steps",
-        type=at_least(1),
-        metavar="N",
-        help="environment steps of a run (default: "
-        + ", ".join(f"{name} {steps:,}" for name, steps in STEPS.items())
-        + ")",
-    )
+    usual = ", ".join(f"{name} {steps:,}" for name, steps in STEPS.items())
+    add_count(parser, "--steps", None, f"environment steps of a run (default: {usual})")
     add_count(parser, "--processes", 1, "runs at a time, one core each")
     add_page(parser)
 

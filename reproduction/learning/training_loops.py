@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from saver_advisors.learner.algorithms import episode_horizon
@@ -33,12 +33,12 @@ class Variant:
     """Our learner with one change.
 
     :param name: name of the change.
-    :param settings: fields of the run's configuration that differ; floats are factors.
+    :param settings: maps the run's configuration to the fields that differ.
     :param prepare: function that changes the model.
     """
 
     name: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Callable[[Any], dict[str, Any]] = lambda config: {}
     prepare: Callable[[Any], None] | None = None
 
 
@@ -68,12 +68,12 @@ VARIANTS: Final = (
     Variant(AS_CONFIGURED),
     Variant("bfloat16", prepare=in_bfloat16),
     Variant("torch.compile", prepare=compiled),
-    Variant("half the batch", {"batch_size": 0.5}),
-    Variant("half the updates", {"gradient_steps": 0.5}),
-    Variant("actor every 4th update", {"policy_delay": 4}),
-    Variant("half the width", {"net_arch": 0.5}),
-    Variant("no LayerNorm", {"layer_norm": False}),
-    Variant("the paper's eight layers", {"net_arch": EIGHT_LAYERS}),
+    Variant("half the batch", lambda config: {"batch_size": config.batch_size // 2}),
+    Variant("half the updates", lambda config: {"gradient_steps": config.gradient_steps // 2}),
+    Variant("actor every 4th update", lambda config: {"policy_delay": 4}),
+    Variant("half the width", lambda config: {"net_arch": tuple(w // 2 for w in config.net_arch)}),
+    Variant("no LayerNorm", lambda config: {"layer_norm": False}),
+    Variant("the paper's eight layers", lambda config: {"net_arch": EIGHT_LAYERS}),
 )
 
 
@@ -96,16 +96,7 @@ def settings_of(env_id: str, variant: Variant) -> Any:
             config.advice, strategy="early", budget=config.total_steps, warm_start=False
         )
         config = replace(config, advice=advised)
-    changes = {
-        name: _changed(getattr(config, name), value) for name, value in variant.settings.items()
-    }
-    return replace(config, **changes)
-
-
-def _changed(old: Any, value: Any) -> Any:
-    if isinstance(value, float) and isinstance(old, tuple):
-        return tuple(round(value * width) for width in old)
-    return round(value * old) if isinstance(value, float) else value
+    return replace(config, **variant.settings(config))
 
 
 class Stopwatch:
@@ -165,7 +156,6 @@ class TimedLoop:
     """
 
     def __init__(self, model: Any, config: Any) -> None:
-
         self.model = model
         self.steps = config.n_envs * episode_horizon(model.get_env())
         self.updates = config.gradient_steps
@@ -199,10 +189,7 @@ def our_loop(env_id: str, variant: Variant, by_part: bool) -> TimedLoop:
     if variant.prepare is not None:
         variant.prepare(model)
     loop = TimedLoop(model, config)
-    if not by_part:
-        loop.watch.watch(model, "train", UPDATE)
-        return loop
-    for owner, method, part in PARTS:
+    for owner, method, part in PARTS if by_part else (("", "train", UPDATE),):
         watched = getattr(model, owner, None) if owner else model
         if watched is not None:
             loop.watch.watch(watched, method, part)

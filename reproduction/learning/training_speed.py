@@ -28,7 +28,14 @@ from reproduction.page_templates import page
 from saver_advisors.benchmark.machine import cores, median_ratio
 from saver_advisors.benchmark.peers.process import PeerError, PeerProcess
 from saver_advisors.benchmark.peers.suites import Peer, install
-from saver_advisors.cli.arguments import add_count, add_page, add_peer_cache, add_several, env_id
+from saver_advisors.cli.arguments import (
+    add_count,
+    add_flag,
+    add_page,
+    add_peer_cache,
+    add_several,
+    env_id,
+)
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.reporting.provenance import load_averages, measured_at
@@ -56,11 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_choices(parser, "--variants", names, "single changes to measure", nargs="*")
     add_choices(parser, "--stock", STOCK, "SB3's algorithms, with its hindsight replay", nargs="*")
     add_count(parser, "--rounds", 7, "measured blocks of each loop")
-    parser.add_argument(
-        "--sbx",
-        action="store_true",
-        help="also time gradient steps of SBX, in a virtual environment created at the first use",
-    )
+    text = "also time gradient steps of SBX, in a virtual environment created at the first use"
+    add_flag(parser, "--sbx", text)
     add_peer_cache(parser)
     add_page(parser)
 

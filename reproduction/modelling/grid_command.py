@@ -24,7 +24,15 @@ from reproduction.modelling.grid import (
 from reproduction.modelling.grid_page import render
 from reproduction.modelling.model_arguments import ROBOTS, add_training, training_of
 from reproduction.modelling.paper_claims import claims, little_data
-from saver_advisors.cli.arguments import add_count, add_page, add_path, add_several, at_least
+from saver_advisors.cli.arguments import (
+    add,
+    add_count,
+    add_flag,
+    add_page,
+    add_path,
+    add_several,
+    at_least,
+)
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.errors import UsageError, user_mistakes
@@ -47,12 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments; the command's name is the task."""
     task: Task = "ik" if parser.prog.split()[-1] == "ik" else "id"
     parser.set_defaults(task=task)
-    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="arm (default: mico)")
+    add(parser, "--robot", "arm", "mico", choices=ROBOTS)
     add_choices(parser, "--models", MODELS[task], "models")
     add_choices(parser, "--sizes", SIZES, "the first N x 10,000 samples")
-    add_choices(
-        parser, "--sigmas", SIGMAS, "standard deviations of the fake inputs of adversarial models"
-    )
+    text = "standard deviations of the fake inputs of adversarial models"
+    add_choices(parser, "--sigmas", SIGMAS, text)
     add_several(parser, "--seeds", at_least(0), [0], "seeds of split, weights and noise")
     text = (
         "weights of a squared error in the adversarial losses, which the paper's equations do not "
@@ -60,22 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_several(parser, "--supervised-weight", float, [0.0], text, "W")
     add_training(parser)
-    add_count(
-        parser,
-        "--processes",
-        1,
-        "number of cells trained at once, one core each; with --device cuda they share the GPU",
-    )
+    text = "number of cells trained at once, one core each; with --device cuda they share the GPU"
+    add_count(parser, "--processes", 1, text)
     text = f"folder of the cells' files (default: {RESULTS})"
     add_path(parser, "--results", text, metavar="DIR", default=RESULTS)
-    parser.add_argument(
-        "--any-hardware",
-        action="store_true",
-        help="accept results of any device and precision, for a grid that moves between machines",
-    )
-    parser.add_argument(
-        "--no-training", action="store_true", help="show only the cells that have results"
-    )
+    text = "accept results of any device and precision, for a grid that moves between machines"
+    add_flag(parser, "--any-hardware", text)
+    add_flag(parser, "--no-training", "show only the cells that have results")
     add_page(parser)
 
 

@@ -47,21 +47,16 @@ def render(figures: Mapping[str, Any]) -> str:
         groups[label, cell["size"], cell["sigma"]].append(cell)
     order = {name: index for index, name in enumerate((*_MODELS, *_PEERS))}
     keys = sorted(groups, key=lambda one: (one[1], order[one[0].split()[0]], one[2], one[0]))
-    content = {
-        "little_data": [],
-        "provenance": None,
-        **figures,
-        "unit": _UNIT[task],
-        "training": _training(figures),
-        "comparison": _comparison(figures["robot"], task, groups),
-        "groups": [
+    return page(
+        "modelling",
+        unit=_UNIT[task],
+        training=_training(figures),
+        comparison=_comparison(figures["robot"], task, groups),
+        groups=[
             {"model": key[0], "size": key[1], "sigma": key[2], "results": groups[key]}
             for key in keys
         ],
-        "paper": paper(),
-    }
-    return page(
-        "modelling",
+        paper=paper(),
         of_claims={
             "the paper's claim": "{claim}",
             "by its table": _evaluated("paper"),
@@ -69,7 +64,7 @@ def render(figures: Mapping[str, Any]) -> str:
         },
         of_little_data=_LITTLE_DATA,
         of_groups=_columns(task),
-        **content,
+        **{"little_data": [], "provenance": None, **figures},
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from reproduction.command_parts import add_choices
 from reproduction.modelling.grid import PAPER_EPOCHS
-from saver_advisors.cli.arguments import add_count, add_path
+from saver_advisors.cli.arguments import add, add_count, add_path
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_envs.modelling.arms import Task
@@ -44,12 +44,8 @@ def add_training(parser: argparse.ArgumentParser) -> None:
     """
     add_count(parser, "--epochs", PAPER_EPOCHS, "epochs of training")
     add_precision(parser)
-    parser.add_argument(
-        "--device",
-        choices=DEVICES,
-        default="cpu",
-        help="device that trains the networks; predictions run on the CPU (default: cpu)",
-    )
+    text = "device that trains the networks; predictions run on the CPU"
+    add(parser, "--device", text, "cpu", choices=DEVICES)
 
 
 def add_precision(parser: argparse.ArgumentParser) -> None:
@@ -57,15 +53,12 @@ def add_precision(parser: argparse.ArgumentParser) -> None:
 
     :param parser: the command's parser.
     """
-    parser.add_argument(
-        "--precision",
-        choices=PRECISIONS,
-        default="float32",
-        metavar="NAME",
-        help="precision of the matrix products between hidden layers during training: float32, or "
+    text = (
+        "precision of the matrix products between hidden layers during training: float32, or "
         "bfloat16, which takes two thirds of the time on processors that support it and much "
-        "longer on others (default: float32)",
+        "longer on others"
     )
+    add(parser, "--precision", text, "float32", choices=PRECISIONS, metavar="NAME")
 
 
 def training_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -168,13 +161,11 @@ def origin(figures: Mapping[str, Any]) -> str:
     :param figures: with or without what :func:`cards_of` returns.
     :return: a sentence; empty if no card says so.
     """
-    by_training: dict[str, list[str]] = {}
+    # Mappings as ordered sets: networks of several arms may have the same name.
+    by_training: dict[str, dict[str, None]] = {}
     for card in figures.get("weights", []):
-        if "training" not in card:
-            continue
-        how = f"{card['training']['epochs']} epochs of {card['samples']:,} samples"
-        names, name = by_training.setdefault(how, []), f"`{card['name']}`"
-        if name not in names:  # the same network of another arm
-            names.append(name)
+        if "training" in card:
+            how = f"{card['training']['epochs']} epochs of {card['samples']:,} samples"
+            by_training.setdefault(how, {})[f"`{card['name']}`"] = None
     said = [f"{', '.join(names)}: {how}" for how, names in by_training.items()]
     return f" Trained before: {'; '.join(said)}." if said else ""

@@ -117,10 +117,7 @@ def render(figures: dict[str, Any]) -> str:
         "per joint": lambda one: " ".join(f"{joint * 1e3:.2f}" for joint in one["per_joint"]),
     }
     before = {card["name"] for card in figures.get("weights", [])}
-    content = {
-        **figures,
-        "rows": sorted(rows, key=lambda one: (one["robot"], -one["gain"])),
-        "trained": {one["feed_forward"] for one in rows} & set(MODELS) - before,
-        "origin": origin(figures),
-    }
+    trained = {one["feed_forward"] for one in rows} & set(MODELS) - before
+    ordered = sorted(rows, key=lambda one: (one["robot"], -one["gain"]))
+    content = {**figures, "rows": ordered, "trained": trained, "origin": origin(figures)}
     return page("tracking", columns=columns, **content)

@@ -18,7 +18,7 @@ from reproduction.command_parts import add_choices
 from reproduction.modelling.grid import PAPER_EPOCHS, SAMPLES_A_SIZE
 from reproduction.modelling.model_arguments import ROBOTS, add_precision
 from reproduction.page_templates import page
-from saver_advisors.cli.arguments import add_count, add_page
+from saver_advisors.cli.arguments import add, add_count, add_page
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.cli.model import prepare_data
 from saver_advisors.reporting.provenance import load_averages
@@ -46,7 +46,7 @@ any operator as *Python*."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--robot", choices=ROBOTS, default="mico", help="arm (default: mico)")
+    add(parser, "--robot", "arm", "mico", choices=ROBOTS)
     add_choices(parser, "--tasks", TASKS, "tasks", ["ik"])
     add_choices(parser, "--models", NETWORKS, "networks", ["mlp", "cgan"])
     add_count(parser, "--samples", 60_000, "samples of the data set", least=100)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from reproduction.joint_speeds import in_words
+from reproduction.joint_speeds import measured_row
 from reproduction.page_templates import page
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, dense_twin, pixel_ids
@@ -61,7 +61,7 @@ def environment_page(one: Mapping[str, Any], results: list[dict[str, Any]]) -> s
         twin=dense_twin(one["env_id"]),
         duration=ACTION_DURATION,
         max_speed=episodes.settings.max_speed,
-        joint_speeds=in_words(one["env_id"], results),
+        speeds=measured_row(one["env_id"], results),
         observation=_layout_table(task.observation_layout, _unit),
         indices=_indices,
         action_size=episodes.action_size_per_arm,

@@ -18,15 +18,18 @@ from reproduction.pages.results import read_result_files, results_page, success_
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
+from saver_advisors.reporting.errors import user_mistakes
 from saver_advisors.reporting.tables import Column
 from saver_envs.files import read_json
 
 
-def all_pages(output: Path) -> dict[str, str]:
-    """Render all generated pages.
+def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
+    """Render all generated pages, and insert tables between the README's markers.
 
     :param output: folder of the documentation; its ``results/*.json`` are read.
-    :return: text by path within that folder.
+    :param readme: the README next to that folder; None to leave it out.
+    :return: text by path.
+    :raises UsageError: if the README cannot be read or lacks a marker.
     """
     results = read_result_files(output / "results")
     entries = [entry(name) for name in sparse_ids()]
@@ -38,26 +41,17 @@ def all_pages(output: Path) -> dict[str, str]:
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(read_json(pose))
-    return pages
-
-
-def with_tables(readme: str, output: Path) -> str:
-    """Insert the tables of environments and of success rates between the README's markers.
-
-    :param readme: text of the README.
-    :param output: folder of the documentation, next to the README; its ``results/*.json`` are read.
-    :return: the new text.
-    :raises ValueError: if a marker is missing.
-    """
-    entries = [entry(name) for name in sparse_ids()]
-    folder = f"{output.name}/environments/"
-    tables = {
-        "envs": environments_table(entries, folder),
-        "success": success_overview(read_result_files(output / "results"), folder),
-    }
-    for name, table in tables.items():
-        readme = between_markers(readme, f"<!-- {name}:begin -->", f"<!-- {name}:end -->", table)
-    return readme
+    texts = {output / name: text for name, text in pages.items()}
+    if readme is not None:
+        folder = f"{output.name}/environments/"
+        envs, success = environments_table(entries, folder), success_overview(results, folder)
+        with user_mistakes("argument --readme"):
+            text = readme.read_text(encoding="utf-8")
+            text = between_markers(text, "<!-- envs:begin -->", "<!-- envs:end -->", envs)
+            texts[readme] = between_markers(
+                text, "<!-- success:begin -->", "<!-- success:end -->", success
+            )
+    return texts
 
 
 def weights_page() -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reproduction.page_templates import page
-from saver_advisors.reporting.tables import markdown
+from saver_advisors.reporting.tables import Column, rows_table
 from saver_envs.episodes import Episodes
 from saver_envs.randomization import Choice, LogUniform, Parameter
 from saver_envs.randomization.distributions import Distribution
@@ -63,22 +63,17 @@ def _tables_of_tasks(sparse_ids: list[str]) -> list[tuple[str, str]]:
 
 
 def _table(parameters: tuple[Parameter, ...]) -> str:
-    columns = ("name", "what", "unit", "nominal", "`wide`", "`mild`", "held out", "limits")
-    rows = [
-        [
-            f"`{one.name}`",
-            f"{one.text}{_numbers(one)}",
-            one.unit,
-            _nominal(one),
-            *(
-                "" if d is None else distribution_text(d)
-                for d in (one.wide, one.mild, one.held_out)
-            ),
-            ", ".join(one.names) or f"{one.limits[0]:g} to {one.limits[1]:g}",
-        ]
-        for one in parameters
-    ]
-    return markdown(columns, rows)
+    columns: dict[str, Column] = {
+        "name": lambda one: f"`{one.name}`",
+        "what": lambda one: f"{one.text}{_numbers(one)}",
+        "unit": lambda one: one.unit,
+        "nominal": _nominal,
+        "`wide`": lambda one: distribution_text(one.wide),
+        "`mild`": lambda one: distribution_text(one.mild),
+        "held out": lambda one: distribution_text(one.held_out),
+        "limits": lambda one: ", ".join(one.names) or f"{one.limits[0]:g} to {one.limits[1]:g}",
+    }
+    return rows_table(parameters, columns)
 
 
 def _nominal(one: Parameter) -> str:
@@ -95,8 +90,10 @@ def _numbers(one: Parameter) -> str:
     return f"; {one.size} numbers{' for each arm' if one.per_arm else ''}"
 
 
-def distribution_text(distribution: Distribution) -> str:
-    """Describe a distribution in a few words."""
+def distribution_text(distribution: Distribution | None) -> str:
+    """Describe a distribution in a few words; nothing without one."""
+    if distribution is None:
+        return ""
     low, high = distribution.ends
     if isinstance(distribution, Choice):
         if distribution.whole and len(distribution.values) > MOST_VALUES:
@@ -114,17 +111,14 @@ def distribution_text(distribution: Distribution) -> str:
 def _sensors(env_id: str) -> str:
     task, _ = task_and_settings(env_id, {})
     units = {part.name: part.unit for part in task.observation}
-    rows = [
-        [
-            one.part,
-            # An orientation is turned by its error.
-            "rad" if units[one.part] == "1" else units[one.part],
-            f"{one.deviation:g}",
-            f"{one.offset:g}" if one.offset else "",
-        ]
-        for one in SENSORS
-    ]
-    return markdown(("part", "unit", "at every step", "for an episode"), rows)
+    columns: dict[str, Column] = {
+        "part": lambda one: one.part,
+        # An orientation is turned by its error.
+        "unit": lambda one: "rad" if units[one.part] == "1" else units[one.part],
+        "at every step": lambda one: f"{one.deviation:g}",
+        "for an episode": lambda one: f"{one.offset:g}" if one.offset else "",
+    }
+    return rows_table(SENSORS, columns)
 
 
 def world_pictures(env_id: str) -> NDArray[np.uint8]:

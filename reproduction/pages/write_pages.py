@@ -9,15 +9,25 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-from saver_advisors.cli.arguments import add_path
-from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
+from saver_advisors.cli.arguments import add_flag, add_path
+from saver_advisors.reporting.errors import UsageError, unknown
+
+if TYPE_CHECKING:
+    from saver_advisors.reporting.video import Frame
 
 EXAMPLES = """\
 examples:
   python -m reproduction pages                  all pages, pictures and clips (minutes)
   python -m reproduction pages --no-pictures    text only
   python -m reproduction pages --check          fails if a page differs; writes nothing"""
+
+CLIP_SIZE: Final[dict[str, Any]] = {"width": 400, "height": 300}
+CLIP_EVERY: Final = 2
+"""Steps per frame of a clip."""
+_SEARCHED: Final = 12
+"""Episodes among which a successful one is searched."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_path(parser, "--output", text, metavar="DIR", default=Path("docs"))
     text = "README whose tables are updated (default: README.md next to the folder)"
     add_path(parser, "--readme", text)
-    parser.add_argument("--check", action="store_true", help="compare, write nothing")
-    parser.add_argument("--no-pictures", action="store_true", help="draw nothing")
+    add_flag(parser, "--check", "compare, write nothing")
+    add_flag(parser, "--no-pictures", "draw nothing")
     parser.add_argument("--only", nargs="+", metavar="ID", help="draw only these environments")
 
 
@@ -38,13 +48,11 @@ def run(args: argparse.Namespace) -> int:
     :return: exit status: 1 if a compared page is out of date, else 0.
     :raises UsageError: for an unknown environment, or a README without markers.
     """
-    from reproduction.pages.generated import all_pages, with_tables
+    from reproduction.pages.generated import all_pages
 
-    texts = {args.output / name: text for name, text in all_pages(args.output).items()}
-    readme = args.readme or args.output.resolve().parent / "README.md"
-    if args.readme is not None or readme.is_file():
-        with user_mistakes("argument --readme"):
-            texts[readme] = with_tables(readme.read_text(encoding="utf-8"), args.output)
+    beside = args.output.resolve().parent / "README.md"
+    readme = args.readme or (beside if beside.is_file() else None)
+    texts = all_pages(args.output, readme)
     stale = [
         path
         for path, text in texts.items()
@@ -80,7 +88,6 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from reproduction.command_parts import write_clip
-    from reproduction.pages.clips import CLIP_EVERY, clip_frames
     from reproduction.pages.worlds import SHOWN, world_pictures
     from saver_advisors.reporting.video import start_picture
 
@@ -89,8 +96,23 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     for env_id in tqdm(list(only or sparse_ids()), unit="environment"):
         picture = Image.fromarray(start_picture(env_id))
         picture.save(folder / f"{env_id}.jpg", quality=88, optimize=True)
-        write_clip(folder / f"{env_id}.webp", clip_frames(env_id), stride=CLIP_EVERY)
+        write_clip(folder / f"{env_id}.webp", _clip(env_id), stride=CLIP_EVERY)
         if env_id in SHOWN:
             worlds = output / "images" / "worlds" / f"{env_id}.webp"
             worlds.parent.mkdir(exist_ok=True)
             Image.fromarray(world_pictures(env_id)).save(worlds, quality=80, method=6)
+
+
+def _clip(env_id: str) -> list[Frame]:
+    """Record an episode of the best available policy, the first successful one of a few."""
+    from reproduction.joint_speeds import policy_for
+    from saver_advisors.cli.policies import resolve
+    from saver_advisors.evaluation.episodes import evaluate_policy
+    from saver_advisors.reporting.video import record
+
+    policy = policy_for(env_id)
+    outcomes = evaluate_policy(resolve(policy, env_id, {}), env_id, episodes=_SEARCHED)
+    seed = int(outcomes.success.argmax())
+    # An expert keeps the plans of past episodes: resolve it anew.
+    fresh = resolve(policy, env_id, {})
+    return record(fresh, env_id, episodes=1, seed=seed, every=CLIP_EVERY, **CLIP_SIZE)[0].frames

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -155,7 +155,7 @@ Played = tuple[Attempt, Sequence[TrialTrajectory], Sequence[Failure | None]]
 """An attempt with its trials, and why each failed (None: it succeeded)."""
 
 
-def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
+def by_kind(found: Sequence[Played]) -> list[tuple[str, int, int]]:
     """Find the first successful trial of each task, and the first of each cause of failure.
 
     Conditions with more differences come first, since the table is about them, and the policies of
@@ -166,7 +166,7 @@ def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
     """
     names = [(one.task, one.condition.name) for one, _, _ in found]
     conditions = list(dict.fromkeys(names))
-    seen = set()
+    first: dict[tuple[str, str], tuple[int, int]] = {}
     # Sorting is stable: the policies of a condition keep their order.
     for place in sorted(range(len(found)), key=lambda place: -conditions.index(names[place])):
         attempt, _, failures = found[place]
@@ -174,6 +174,5 @@ def by_kind(found: Sequence[Played]) -> Iterator[tuple[str, int, int]]:
             continue
         for number, failure in enumerate(failures):
             kind = "success" if failure is None else failure.cause
-            if (attempt.task, kind) not in seen:
-                seen.add((attempt.task, kind))
-                yield kind, place, number
+            first.setdefault((attempt.task, kind), (place, number))
+    return [(kind, *found_at) for (_, kind), found_at in first.items()]

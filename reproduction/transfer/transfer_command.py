@@ -224,20 +224,20 @@ def render(figures: Mapping[str, Any], clips: str | None = None) -> str:
     :return: Markdown.
     """
     every = [one for several in figures["conditions"].values() for one in several]
-    content = {
-        "videos": [],
-        # Names that policies have been given since; the command is as it was typed.
-        "renamed": {},
-        **figures,
-        "clips": clips,
-        "titles": TITLES,
-        "words": WORDS,
-        "headline": _headline(figures["outcomes"]),
-        "tables": {task: _table(task, figures["outcomes"]) for task in TITLES},
-        "noisy": any("sensor_noise" in one["randomization"] for one in every),
-        "origin": measured_at(figures),
-    }
-    return page("transfer", of_weights=WEIGHT_COLUMNS, of_sensors=SENSOR_COLUMNS, **content)
+    return page(
+        "transfer",
+        clips=clips,
+        titles=TITLES,
+        words=WORDS,
+        headline=_headline(figures["outcomes"]),
+        tables={task: _table(task, figures["outcomes"]) for task in TITLES},
+        noisy=any("sensor_noise" in one["randomization"] for one in every),
+        of_weights=WEIGHT_COLUMNS,
+        of_sensors=SENSOR_COLUMNS,
+        origin=measured_at(figures),
+        # "renamed": names that policies have been given since; the command is as it was typed.
+        **{"videos": [], "renamed": {}, **figures},
+    )
 
 
 def paper_rows() -> dict[tuple[str, str], dict[str, Any]]:

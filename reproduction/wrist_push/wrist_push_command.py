@@ -31,12 +31,13 @@ examples:
   python -m reproduction wrist-push --policy expert --injections 0
   python -m reproduction wrist-push --from rows.json faults.json --table page.md"""
 
-#: Name of a row -> whether it uses camera and pose network, and whether its kinematics are learned.
-ROWS: Final[Mapping[str, tuple[bool, bool]]] = {
-    "true-state-exact": (False, False),
-    "true-state-learned": (False, True),
-    "network-exact": (True, False),
-    "everything-learned": (True, True),
+#: Name of a row -> whether it uses camera and pose network, whether its kinematics are learned, and
+#: its name on the page.
+ROWS: Final[Mapping[str, tuple[bool, bool, str]]] = {
+    "true-state-exact": (False, False, "true state, exact kinematics"),
+    "true-state-learned": (False, True, "true state, learned kinematics"),
+    "network-exact": (True, False, "pose network, exact kinematics"),
+    "everything-learned": (True, True, "everything learned"),
 }
 
 
@@ -86,7 +87,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     with shares(args.processes) as share:
         rows = []
         for name in args.rows:
-            seeing, learned = ROWS[name]
+            seeing, learned, _ = ROWS[name]
             settings = replace(base, seeing=seeing, learned_kinematics=learned)
             rows.append({"row": name, **play_row(share, settings, args.trials, args.seed)})
         faults = [
@@ -118,11 +119,9 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
     rows, faults = [], []
     for one in measured:
         policy = one["settings"]["policy"]
-        for name in ("limits", "filter", "latencies"):
-            if one["settings"][name] != first["settings"][name]:
+        for name in ("limits", "filter", "latencies", "seed"):
+            if {**one, **one["settings"]}[name] != {**first, **first["settings"]}[name]:
                 raise UsageError(f"argument --from: the files differ in {name}")
-        if one["seed"] != first["seed"]:
-            raise UsageError("argument --from: the files differ in seed")
         told = {} if policy == first["settings"]["policy"] else {"policy": policy}
         rows += [{**row, **told} for row in one["rows"]]
         faults += one["faults"]
@@ -136,18 +135,11 @@ def joined(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 PAPER: Final = Path(__file__).with_name("paper.json")
-WORDS: Final = {
-    "true-state-exact": "true state, exact kinematics",
-    "true-state-learned": "true state, learned kinematics",
-    "network-exact": "pose network, exact kinematics",
-    "everything-learned": "everything learned",
-    "paper": "paper, on real arms",
-}
 
 
 def _words(row: Mapping[str, Any]) -> str:
     """Name a row, with its policy if that is not the table's."""
-    words = WORDS[row["row"]]
+    words = ROWS[row["row"]][-1] if row["row"] in ROWS else row["row"]
     return f"{words}, policy `{row['policy']}`" if "policy" in row else words
 
 
@@ -201,22 +193,19 @@ def render(figures: Mapping[str, Any]) -> str:
     :param figures: what was measured, or the content of its JSON file.
     :return: Markdown.
     """
-    paper = {"row": "paper", "harmed": "-", **read_json(PAPER)}
+    paper = {"row": "paper, on real arms", "harmed": "-", **read_json(PAPER)}
     latencies = figures["settings"]["latencies"]
     none: dict[str, Any] = {"stages": {}}
     fullest = max(figures["rows"], key=lambda row: len(row["stages"]), default=none)
-    content = {
-        **figures,
-        "outcomes": [*figures["rows"], paper],
-        "fullest": fullest,
-        "stages": [
+    return page(
+        "wrist-push",
+        outcomes=[*figures["rows"], paper],
+        fullest=fullest,
+        stages=[
             {"name": name, "latency": latencies.get(name, 0.0), **one}
             for name, one in fullest["stages"].items()
         ],
-        "origins": figures.get("sources") or [figures["provenance"]],
-    }
-    return page(
-        "wrist-push",
+        origins=figures.get("sources") or [figures["provenance"]],
         of_outcomes=OUTCOME_COLUMNS,
         of_faults=FAULT_COLUMNS,
         of_speeds=SPEED_COLUMNS,
@@ -224,7 +213,7 @@ def render(figures: Mapping[str, Any]) -> str:
         words=_words,
         stops=_stops,
         machine=machine_in_words,
-        **content,
+        **figures,
     )
 
 

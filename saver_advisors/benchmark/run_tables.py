@@ -235,7 +235,13 @@ def origin(runs: Sequence[TrainingRun]) -> str:
 
 
 def figure_text(figure: Estimate | Censored | None, digits: int = 0, scale: float = 1.0) -> str:
-    """Format a figure with its interval; a dash for a missing one."""
+    """Format a figure with its interval.
+
+    :param figure: of a row, or None
+    :param digits: after the decimal point
+    :param scale: factor of all numbers
+    :return: the text; a dash without a figure
+    """
     return NOTHING if figure is None else figure.text(digits, scale)
 
 

@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reproduction.joint_speeds import KIND, OVERSHOOT, in_words, policy_for, row_of, speed_ratios
+from reproduction.joint_speeds import (
+    KIND,
+    OVERSHOOT,
+    measured_row,
+    policy_for,
+    row_of,
+    speed_ratios,
+)
+from reproduction.pages.environments import environment_page
+from saver_advisors.cli.catalogue import entry
 
 
 def test_a_joint_that_is_driven_at_twice_its_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,10 +50,11 @@ def test_rated_keeps_the_limits_that_the_default_exceeds() -> None:
     assert row["default_highest"] > 2
     assert row["rated_share"] == 0
     assert row["rated_highest"] <= OVERSHOOT
-    told = in_words("JacoPush-v0", [{"kind": KIND, "rows": [row]}])
+    results = [{"kind": KIND, "rows": [row]}]
+    told = environment_page(entry("JacoPush-v0"), results)
     assert f"in {row['default_share']:.0%} of the steps of `jaco-push` (3 episodes)" in told
     assert "with `rated=True`, which limits the joints' targets, in 0.0%" in told
-    assert in_words("DualJacoPush-v0", [{"kind": KIND, "rows": [row]}]) == ""
+    assert measured_row("DualJacoPush-v0", results) is None
 
 
 def test_an_id_without_weights_is_played_by_its_expert() -> None:

@@ -339,6 +339,18 @@ def test_other_pages_come_from_their_figures() -> None:
     assert "| mlp | 1.00 | 4.00x |" in tracking.render({"title": "Tracking", "rows": rows})
 
 
+@pytest.mark.parametrize(
+    ("wrapper", "used_in"), [(False, "environment"), (True, "LearnedIKAction")]
+)
+def test_a_policy_is_evaluated_with_a_model(wrapper: bool, used_in: str) -> None:
+    from saver_envs.modelling.shipped import shipped_model
+
+    model = shipped_model("jaco")
+    found = kinematics._success("jaco", "jaco-push", "shipped", model, 2, 2, wrapper)
+    assert (found["used_in"], found["refinement"], found["episodes"]) == (used_in, 2, 2)
+    assert found["success"] == 1.0
+
+
 @pytest.fixture
 def short_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """20 s of the MICO instead of 800: as many samples, nearer to one another."""

@@ -35,10 +35,6 @@ class PaperTable:
     figures: Mapping[str, Mapping[str, PaperFigures]]
     from_scratch: Mapping[str, Mapping[str, float | None]]
 
-    def of_environment(self, env_id: str) -> Mapping[str, PaperFigures]:
-        """Return the paper's rows for one of our environments; empty if it has no such task."""
-        return next((self.figures[name] for name, env in self.tasks.items() if env == env_id), {})
-
 
 @cache
 def table_5_2() -> PaperTable:
