@@ -14,6 +14,7 @@ import json
 import os
 import shutil
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,11 @@ def load_policy(path: str | Path, policy: th.nn.Module) -> None:
     try:
         policy.load_state_dict(read_tensors(Path(path)))
     except RuntimeError as error:
-        raise ValueError(f"{path} does not fit this policy: {error}") from error
+        difference = shorten(" ".join(str(error).splitlines()[1:]), 160)
+        raise ValueError(
+            f"{path} does not fit this policy, which needs the same net_arch, layer_norm and "
+            f"shared_arms: {difference}"
+        ) from error
 
 
 def save_checkpoint(folder: Path, model: GoalLearnerMixin, extra: dict[str, Any]) -> None:
