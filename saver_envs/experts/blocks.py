@@ -59,6 +59,8 @@ class Viewer:
     ALIKE = 0.004
     #: Heights of targets, which have no errors, are equal within this (m).
     EXACT = 1e-5
+    #: Objects that lie on the table are seen at heights that differ by less than this (m).
+    LEVEL = 0.025
     #: Observations over which heights are averaged at the beginning of an episode.
     BEGINNING = 10
 
@@ -86,7 +88,8 @@ class Viewer:
         position = layout.get(seen, "object position")
         target = task.goal_layout.get(observation["desired_goal"], "object position")
         begins = self._begins(tool, target)
-        size, table = self._heights(tool, position, target, begins)
+        size, table, above = self._heights(tool, position, target, begins)
+        position = position - np.stack([0 * above, 0 * above, above], axis=-1)
         self._last = ArmView(
             tool=tool,
             fingers=layout.get(seen, "finger positions"),
@@ -111,8 +114,11 @@ class Viewer:
 
     def _heights(
         self, tool: FloatArray, position: FloatArray, target: FloatArray, begins: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the edges of the objects and the height of the table, (n, arms), metres."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return edges of objects, height of the table, and how much too high objects are seen.
+
+        Each is (n, arms), metres.
+        """
         if len(self._age) != len(begins):
             self._age = np.zeros(len(begins), dtype=np.intp)
             self._tool, self._object = tool[..., 2].copy(), position[..., 2].copy()
@@ -123,7 +129,8 @@ class Viewer:
         self._object = self._object + share * (position[..., 2] - self._object)
         held = self.task.held_height
         if held is None:
-            return self._size(self._object), np.zeros_like(self._object)
+            rest = self._resting(target[..., 2])
+            return self._size(rest), np.zeros_like(rest), self._object - rest
         # Pushed objects stay on the table, so that their targets show their height without errors.
         # Targets at that of the usual objects on a table level with the bases mean just these:
         # hands of weak servos are not where they are held.
@@ -131,7 +138,24 @@ class Viewer:
         usual = np.abs(height - self._usual / 2).max(axis=1, keepdims=True) < self.EXACT
         raised = np.where(usual, 0.0, self._tool.mean(axis=1, keepdims=True) - held)
         table = np.broadcast_to(raised, height.shape)
-        return self._size(height - table), table
+        return self._size(height - table), table, np.zeros_like(table)
+
+    def _resting(self, target: FloatArray) -> FloatArray:
+        """Heights of the resting objects' centres, (n, arms), metres.
+
+        Objects are alike, so that their mean has smaller errors, and a target at about that height
+        is on the table, and exact.
+
+        :param target: (n, arms) heights of the targets, metres.
+        """
+        seen = self._object
+        lying = seen < seen.min(axis=1, keepdims=True) + self.LEVEL
+        mean = np.mean(seen, axis=1, keepdims=True, where=lying)
+        gap = np.abs(target - mean)
+        nearest = np.take_along_axis(target, gap.argmin(axis=1)[:, None], axis=1)
+        unusual = np.abs(2 * mean - self._usual) > self.ALIKE
+        rest = np.where(unusual & (gap.min(axis=1, keepdims=True) < self.LEVEL / 2), nearest, mean)
+        return np.where(lying, rest, seen)
 
     def _size(self, height: FloatArray) -> FloatArray:
         """Edges of objects whose centres are at ``height`` above the table, metres."""

@@ -62,6 +62,9 @@ class PickSkill(Skill):
     UNSURE = 0.02
     #: Share of a larger size by which hands grasp higher.
     HIGHER = 0.25
+    #: By how much hands grasp higher, and carry cubes above their targets, where sizes are inferred
+    #: (m): fingers that come too low touch the table. Not so high that they miss the cube (m).
+    SPARE, HIGHEST = 0.006, 0.014
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
     #: Height above a cube's top at which a hand comes over it (m).
@@ -116,8 +119,13 @@ class PickSkill(Skill):
         # Higher at small cubes, since the closing fingers go down, and at large ones, which wide
         # fingers hold better there.
         larger = view.object_size - self.usual
-        place[..., 2] += np.where(larger > 0, self.HIGHER * larger, -larger / 2)
+        higher = np.where(larger > 0, self.HIGHER * larger, -larger / 2)
+        place[..., 2] += np.minimum(higher + self._spare(view), self.HIGHEST)
         return place
+
+    def _spare(self, view: ArmView) -> FloatArray:
+        """By how much higher than elsewhere hands grasp and carry cubes of inferred sizes, m."""
+        return np.where(view.object_size == self.usual, 0.0, self.SPARE)
 
     def actions(
         self, view: ArmView, side: FloatArray | None = None, others: FloatArray | None = None
@@ -152,6 +160,7 @@ class PickSkill(Skill):
     def _carry(self, view: ArmView) -> FloatArray:
         """Displacement of a held cube over others' heads to its target."""
         left = view.target - view.object
+        left[..., 2] += self._spare(view)
         away = length(left[..., :2]) > self.NEAR_TARGET
         cruise = np.maximum(self._cruise(view), view.target[..., 2]) - view.object[..., 2]
         rise = np.where(away, np.clip(cruise, 0, None), left[..., 2])
