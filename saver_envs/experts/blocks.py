@@ -89,7 +89,8 @@ class Viewer:
         target = task.goal_layout.get(observation["desired_goal"], "object position")
         begins = self._begins(tool, target)
         size, table, above = self._heights(tool, position, target, begins)
-        position = position - np.stack([0 * above, 0 * above, above], axis=-1)
+        position = position.copy()
+        position[..., 2] -= above
         self._last = ArmView(
             tool=tool,
             fingers=layout.get(seen, "finger positions"),
