@@ -157,6 +157,19 @@ def test_the_size_is_that_of_the_beginning() -> None:
     np.testing.assert_array_equal(second.object_size, first.object_size)
 
 
+def test_heights_of_cubes_are_averaged_and_taken_from_targets_on_the_table() -> None:
+    world = make_episodes("DualJacoPickAndPlace-v0", 2, object_size=0.08)
+    world.reset()
+    seen = world.observation().as_dict()
+    layout, goal = world.task.observation_layout, world.task.goal_layout
+    layout.get(seen["observation"], "object position")[..., 2] = [[0.047, 0.037], [0.041, 0.043]]
+    goal.get(seen["desired_goal"], "object position")[..., 2] = [[0.20, 0.15], [0.04, 0.15]]
+    view = Viewer(make_expert("DualJacoPickAndPlace-v0").task)(seen)
+    # In the first episode both targets are in the air, in the second one is on the table.
+    np.testing.assert_allclose(view.object_size, [[0.084, 0.084], [0.08, 0.08]], atol=1e-6)
+    np.testing.assert_allclose(view.object[..., 2], [[0.042, 0.042], [0.04, 0.04]], atol=1e-6)
+
+
 @pytest.mark.parametrize("table_height", [-0.01, 0.0, 0.01])
 def test_a_held_hand_shows_the_height_of_the_table(table_height: float) -> None:
     world = make_episodes("DualJacoPush-v0", 2, object_size=0.08, table_height=table_height)
