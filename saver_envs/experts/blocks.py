@@ -17,6 +17,7 @@ class ArmView:
     """What the arms see, each in its own base frame; leading dimensions (n, arms).
 
     :param tool: (n, arms, 3), metres.
+    :param tool_velocity: (n, arms, 3), averaged over the last actions, metres per second.
     :param fingers: (n, arms, 3), radians.
     :param finger_velocity: (n, arms, 3), radians per second.
     :param object: (n, arms, 3), metres.
@@ -30,6 +31,7 @@ class ArmView:
     """
 
     tool: FloatArray
+    tool_velocity: FloatArray
     fingers: FloatArray
     finger_velocity: FloatArray
     object: FloatArray
@@ -55,14 +57,17 @@ class Viewer:
     JUMP = 0.06
     #: Sizes that a resting object may have (m).
     SIZES = (0.03, 0.13)
-    #: A size this near that of the task (m) is taken for it, since observations have errors.
-    ALIKE = 0.004
+    #: A size this near that of the task (m) is taken for it: where it follows from the height of
+    #: held hands, and where objects are seen at rest, without errors.
+    ALIKE, SAME = 0.004, 0.001
     #: Heights of targets, which have no errors, are equal within this (m).
     EXACT = 1e-5
     #: Objects that lie on the table are seen at heights that differ by less than this (m).
     LEVEL = 0.025
     #: Observations over which heights are averaged at the beginning of an episode.
     BEGINNING = 10
+    #: Weight of an observation in the average of the tools' velocities.
+    NEWEST = 0.25
 
     def __init__(self, task: Task) -> None:
         self.task = task
@@ -84,15 +89,21 @@ class Viewer:
         layout, seen = task.observation_layout, observation["observation"]
         velocity = layout.part("object linear velocity")
         finger_velocity = layout.part("finger velocities")
+        tool_velocity = layout.part("gripper linear velocity")
         tool = layout.get(seen, "gripper position")
         position = layout.get(seen, "object position")
         target = task.goal_layout.get(observation["desired_goal"], "object position")
         begins = self._begins(tool, target)
+        moving = layout.get(seen, tool_velocity.name) / tool_velocity.scale
+        if self._last is not None and self._last.tool.shape == tool.shape:
+            share = np.where(begins, 1.0, self.NEWEST)[:, None, None]
+            moving = self._last.tool_velocity + share * (moving - self._last.tool_velocity)
         size, table, above = self._heights(tool, position, target, begins)
         position = position.copy()
         position[..., 2] -= above
         self._last = ArmView(
             tool=tool,
+            tool_velocity=moving,
             fingers=layout.get(seen, "finger positions"),
             finger_velocity=layout.get(seen, finger_velocity.name) / finger_velocity.scale,
             object=position,
@@ -131,7 +142,7 @@ class Viewer:
         held = self.task.held_height
         if held is None:
             rest = self._resting(target[..., 2])
-            return self._size(rest), np.zeros_like(rest), self._object - rest
+            return self._size(rest, self.SAME), np.zeros_like(rest), self._object - rest
         # Pushed objects stay on the table, so that their targets show their height without errors.
         # Targets at that of the usual objects on a table level with the bases mean just these:
         # hands of weak servos are not where they are held.
@@ -139,7 +150,7 @@ class Viewer:
         usual = np.abs(height - self._usual / 2).max(axis=1, keepdims=True) < self.EXACT
         raised = np.where(usual, 0.0, self._tool.mean(axis=1, keepdims=True) - held)
         table = np.broadcast_to(raised, height.shape)
-        return self._size(height - table), table, np.zeros_like(table)
+        return self._size(height - table, self.ALIKE), table, np.zeros_like(table)
 
     def _resting(self, target: FloatArray) -> FloatArray:
         """Heights of the resting objects' centres, (n, arms), metres.
@@ -154,13 +165,13 @@ class Viewer:
         mean = np.mean(seen, axis=1, keepdims=True, where=lying)
         gap = np.abs(target - mean)
         nearest = np.take_along_axis(target, gap.argmin(axis=1)[:, None], axis=1)
-        unusual = np.abs(2 * mean - self._usual) > self.ALIKE
+        unusual = np.abs(2 * mean - self._usual) > self.SAME
         rest = np.where(unusual & (gap.min(axis=1, keepdims=True) < self.LEVEL / 2), nearest, mean)
         return np.where(lying, rest, seen)
 
-    def _size(self, height: FloatArray) -> FloatArray:
+    def _size(self, height: FloatArray, alike: float) -> FloatArray:
         """Edges of objects whose centres are at ``height`` above the table, metres."""
         size, usual = 2 * height, self._usual
         resting = size < self.SIZES[1]
         size = np.maximum(size, self.SIZES[0])
-        return np.where(resting & (np.abs(size - usual) > self.ALIKE), size, usual)
+        return np.where(resting & (np.abs(size - usual) > alike), size, usual)

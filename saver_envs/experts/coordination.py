@@ -120,16 +120,25 @@ class Coordinator:
         self._plans = self._all_plans(len(self.base))
         self._chosen = np.zeros(0, dtype=np.intp)
         self._age = np.zeros(0, dtype=np.intp)
+        # Arms (n, arms) that have been done, and keep their cubes.
+        self._served = np.zeros((0, len(self.base)), dtype=bool)
 
     def actions(self, view: ArmView) -> FloatArray:
         """Return the arms' actions (n, arms, 3 or 4) in [-1, 1]."""
         if len(self._age) != len(view.begins):
             self._chosen, self._age = np.zeros((2, len(view.begins)), dtype=np.intp)
+            self._served = np.zeros(view.tool.shape[:2], dtype=bool)
+        view = self._spread(view)
         self._age = np.where(view.begins, 0, self._age + 1)
+        self._served = self._update(view, self._served & ~view.begins[:, None])
         rows = np.flatnonzero(self._age % self.PERIOD == 0)
         if rows.size and self.plans > 1:
             self._choose(view, rows, view.begins[rows])
-        return self.follow(view, self._chosen)
+        return self._act(view, _rows(self._plans, self._chosen), self._served)
+
+    def _update(self, view: ArmView, served: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which arms (n, arms) are done, or were and have only given way since."""
+        return self.skill.finished(view) | (served & self.skill.keeps(view))
 
     @property
     def plans(self) -> int:
@@ -142,7 +151,8 @@ class Coordinator:
         :param view: what the arms see.
         :param chosen: (n,) plans, from 0 to :attr:`plans` - 1.
         """
-        return self._act(self._spread(view), _rows(self._plans, chosen))
+        view = self._spread(view)
+        return self._act(view, _rows(self._plans, chosen), self.skill.finished(view))
 
     def _least(self, view: ArmView, right: int, dx: FloatArray) -> FloatArray:
         """Least distance in y (n,) of hand ``right`` and its left neighbour, metres."""
@@ -167,21 +177,25 @@ class Coordinator:
     def _choose(self, view: ArmView, rows: NDArray[np.intp], fresh: NDArray[np.bool_]) -> None:
         """Compare plans in episodes ``rows``; ``fresh`` ones have no plan yet."""
         left = self.steps - self._age[rows] % self.steps
-        cost = self.costs(self._spread(_rows(view, rows)), left)
+        cost = self._costs(_rows(view, rows), left, self._served[rows])
         kept = np.take_along_axis(cost, self._chosen[rows, None], axis=1)[:, 0]
         better = fresh | (cost.min(axis=1) < kept - self.MARGIN)
         self._chosen[rows] = np.where(better, cost.argmin(axis=1), self._chosen[rows])
 
-    def costs(self, view: ArmView, left: NDArray[np.intp]) -> FloatArray:
+    def _costs(
+        self, view: ArmView, left: NDArray[np.intp], served: NDArray[np.bool_]
+    ) -> FloatArray:
         """Return the cost of each plan, (n, plans).
 
         :param view: what the arms see.
         :param left: (n,) actions left in the episodes.
+        :param served: (n, arms) arms that have been done, and keep their cubes.
         """
         n, count = len(view.tool), self.plans
         plan = _rows(self._plans, np.tile(np.arange(count), n))
         index = np.repeat(np.arange(n), count)
-        return self._cost(_rows(view, index), plan, left[index]).reshape(n, count)
+        cost = self._cost(_rows(view, index), plan, left[index], served[index])
+        return cost.reshape(n, count)
 
     def _all_plans(self, arms: int) -> Plan:
         """Return all orders, followers that go along or wait, and ways round for one arm."""
@@ -197,7 +211,9 @@ class Coordinator:
         shoves, waits, first, side = (np.array(part) for part in zip(*rows, strict=True))
         return Plan(first.reshape(len(rows), arms - 1), waits, shoves, side)
 
-    def _cost(self, view: ArmView, plan: Plan, left: NDArray[np.intp]) -> FloatArray:
+    def _cost(
+        self, view: ArmView, plan: Plan, left: NDArray[np.intp], served: NDArray[np.bool_]
+    ) -> FloatArray:
         """Simulate plans for ``left`` (n,) actions; return their costs (n,)."""
         n, arms = view.tool.shape[:2]
         contact = np.zeros(n)
@@ -207,7 +223,8 @@ class Coordinator:
             goes_on = (step < left) & ~done.all(axis=-1)
             if not goes_on.any():
                 break
-            view = self.skill.imagine(view, self._act(view, plan), self.base)
+            view = self.skill.imagine(view, self._act(view, plan, served), self.base)
+            served = self._update(view, served)
             contact += goes_on * self._touching(view)
             time += goes_on[:, None] & ~done
             done = np.where(goes_on[:, None], self.skill.finished(view), done)
@@ -230,7 +247,7 @@ class Coordinator:
                 touching += self.BRUSH * (distance < ring[:, other] - 0.01)
         return touching
 
-    def _act(self, view: ArmView, plan: Plan) -> FloatArray:
+    def _act(self, view: ArmView, plan: Plan, done: NDArray[np.bool_]) -> FloatArray:
         """The skill's actions, changed where arms must give way."""
         hand, cube = view.tool[..., :2] + self.base, view.object[..., :2] + self.base
         arms = hand.shape[1]
@@ -241,7 +258,6 @@ class Coordinator:
         # Plans that shove take the other arms' cubes for far away.
         far = around[..., :-1, :] + 10.0 * plan.shoves[:, None, None, None] * (1, 1, 0)
         action = self.skill.actions(view, plan.side, far)
-        done = self.skill.finished(view)
         move = action[..., :2] * self.skill.step
         move, turned = self._give_way(view, plan, hand, move, done)
         if self.skill.low:
@@ -326,5 +342,7 @@ def alone_or_coordinated(
         return Expert(task, skill.actions)
     base = base_poses(task.n_arms, "row")[0][:, :2]
     steps = round(task.horizon * DEFAULT_SPEED / settings.max_speed)
+    if not skill.low:  # hands may carry slowly
+        steps = max(steps, settings.horizon)
     coordinator = Coordinator(skill, base, closed, steps)
     return Expert(task, coordinator.actions, coordinator)

@@ -29,6 +29,7 @@ def serves_all(task: Task, skill: Skill, free: int) -> Expert:
         shift = (base - base[free])[arm][:, None]
         served = ArmView(
             tool=view.tool[:, own],
+            tool_velocity=view.tool_velocity[:, own],
             fingers=view.fingers[:, own],
             finger_velocity=view.finger_velocity[:, own],
             object=view.object[rows, arm][:, None] + shift,

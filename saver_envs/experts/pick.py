@@ -49,6 +49,9 @@ class PickSkill(Skill):
     ABOVE, AT_GRASP = 0.03, 0.015
     #: A cube this far from the tool's place of grasp may still be between the fingers (m).
     WITHIN = 0.055
+    #: A hand that moves slower than this (m/s) has come to rest: it closes around a cube that is
+    #: near enough, and comes down to one that it cannot get nearer to.
+    STILL = 0.025
     #: A carried cube comes down to its target where it is this near, horizontally (m).
     NEAR_TARGET = 0.06
     #: A cube this near its target is there (m).
@@ -58,10 +61,10 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
-    #: Sizes of larger cubes are inferred, with errors of up to this (m).
+    #: Share of the speed at which cubes that may be large and heavy are carried: they slip.
+    GENTLE = 0.4
+    #: Sizes of unusual cubes are inferred, with errors of up to this (m).
     UNSURE = 0.02
-    #: Share of a larger size by which hands grasp higher.
-    HIGHER = 0.25
     #: By how much hands grasp higher, and carry cubes above their targets, where sizes are inferred
     #: (m): fingers that come too low touch the table. Not so high that they miss the cube (m).
     SPARE, HIGHEST = 0.006, 0.014
@@ -78,9 +81,17 @@ class PickSkill(Skill):
         """Return which cubes (n, arms) are where they are meant to be."""
         return length(view.target - view.object) < self.DONE
 
+    def keeps(self, view: ArmView) -> NDArray[np.bool_]:
+        """Return which hands (n, arms) have their cube between closed fingers."""
+        return self.is_closing(view)
+
     def between_fingers(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which cubes (n, arms) are near enough to be grasped or held."""
         return length(self.place(view) - view.tool) < self.WITHIN
+
+    def _is_still(self, view: ArmView) -> NDArray[np.bool_]:
+        still: NDArray[np.bool_] = length(view.tool_velocity) < self.STILL
+        return still
 
     def holds(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which hands (n, arms) hold their cube."""
@@ -98,10 +109,9 @@ class PickSkill(Skill):
 
     def opening(self, view: ArmView) -> FloatArray:
         """Return the gripper commands (n, arms) for coming down over the cubes."""
-        larger = view.object_size > self.usual
-        wider = np.where(larger, self._earlier(view) + self.EARLIER * self.UNSURE, 0.0)
-        wider = wider / self.FINGER_COMMAND
-        return np.minimum(self.half_open + wider, 1.0)
+        larger = np.maximum(view.object_size + self.UNSURE - self.usual, 0.0)
+        wider = np.where(view.object_size == self.usual, 0.0, self.EARLIER * larger)
+        return np.minimum(self.half_open + wider / self.FINGER_COMMAND, 1.0)
 
     def _earlier(self, view: ArmView) -> FloatArray:
         """By how much less fingers close on these cubes than on usual ones, (n, arms), rad."""
@@ -116,10 +126,8 @@ class PickSkill(Skill):
     def place(self, view: ArmView) -> FloatArray:
         """Return where the tools (n, arms, 3) grasp, metres."""
         place = view.object + np.asarray(self.grasp_offset, dtype=view.object.dtype)
-        # Higher at small cubes, since the closing fingers go down, and at large ones, which wide
-        # fingers hold better there.
-        larger = view.object_size - self.usual
-        higher = np.where(larger > 0, self.HIGHER * larger, -larger / 2)
+        # Higher at small cubes, since the closing fingers go down.
+        higher = np.maximum(self.usual - view.object_size, 0.0) / 2
         place[..., 2] += np.minimum(higher + self._spare(view), self.HIGHEST)
         return place
 
@@ -139,11 +147,13 @@ class PickSkill(Skill):
         place = self.place(view)
         gap = place - view.tool
         holds = self.holds(view)
-        closes = self.is_closing(view) | (length(gap) < self.AT_GRASP)
+        stuck = self._is_still(view) & self.between_fingers(view)
+        closes = self.is_closing(view) | (length(gap) < self.AT_GRASP) | stuck
         move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
         move = np.where((closes & ~holds)[..., None], gap, move)
         grip = np.where(closes | holds, -1.0, self.opening(view))
-        move = shortened(self.GAIN * move, self.step) / self.step
+        share = np.where(holds & (view.object_size != self.usual), self.GENTLE, 1.0)
+        move = shortened(self.GAIN * move, self.step * share[..., None]) / self.step
         return np.concatenate([move, grip[..., None]], axis=-1)
 
     def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
@@ -151,7 +161,8 @@ class PickSkill(Skill):
         aside = length(gap[..., :2])
         over = view.object[..., 2] + view.object_size / 2 + self.OVER
         above = np.maximum(self._cruise(view), over) - view.tool[..., 2]
-        rise = np.where(aside < self.ABOVE, gap[..., 2], above)
+        near = (aside < self.ABOVE) | (self._is_still(view) & (aside < 2 * self.ABOVE))
+        rise = np.where(near, gap[..., 2], above)
         # Near the base not every hand gets as high as it would travel.
         low = (aside >= self.ABOVE) & (aside < 0.12) & (over - view.tool[..., 2] > 0.03)
         across = np.where(low[..., None], 0.0, gap[..., :2])
@@ -199,6 +210,7 @@ class PickSkill(Skill):
         return replace(
             view,
             tool=view.tool + moved,
+            tool_velocity=moved / ACTION_DURATION,
             fingers=fingers,
             finger_velocity=velocity,
             object=view.object + np.where(carried, moved, 0),

@@ -51,6 +51,10 @@ class Skill:
         """Return which arms are done."""
         raise NotImplementedError
 
+    def keeps(self, view: ArmView) -> NDArray[np.bool_]:
+        """Return which arms that were done can take their object back to its target."""
+        return np.zeros(view.tool.shape[:-1], dtype=bool)
+
     def places(self, view: ArmView) -> tuple[FloatArray, ...]:
         """Return places (n, arms, 2 or 3) that the hands still have to visit, base frames."""
         return view.object, view.target

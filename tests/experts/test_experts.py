@@ -2,6 +2,7 @@
 episodes; the long tests hold the specification's bars on 200.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
-from saver_envs.experts.blocks import Viewer
+from saver_envs.experts.blocks import ArmView, Viewer
 from saver_envs.experts.coordination import JACO_CLOSED, Coordinator
 from saver_envs.experts.distance import turned
 from saver_envs.experts.geometry import way_round
+from saver_envs.experts.pick import PickSkill
 from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
 
@@ -316,3 +318,45 @@ def test_plans_can_be_followed_one_by_one() -> None:
     actions = [planner.follow(view, np.array([plan])) for plan in range(planner.plans)]
     assert len({action.tobytes() for action in actions}) > 1
     assert any(np.array_equal(planner.actions(view), action) for action in actions)
+
+
+def over_its_cube(size: float, tool_velocity: float, fingers: float) -> ArmView:
+    """Return what a hand 0.03 m above the place of its grasp sees that comes down."""
+    point, zeros = np.array([[[0.4, 0.1, size / 2]]]), np.zeros((1, 1, 3))
+    edge = np.array([[size]])
+    view = ArmView(
+        tool=zeros,
+        tool_velocity=zeros - np.array([0.0, 0.0, tool_velocity]),
+        fingers=np.full((1, 1, 3), fingers),
+        finger_velocity=zeros,
+        object=point,
+        object_quaternion=np.array([[[1.0, 0.0, 0.0, 0.0]]]),
+        object_velocity=zeros,
+        target=point + np.array([0.0, 0.2, 0.1]),
+        object_size=edge,
+        table=np.zeros((1, 1)),
+        begins=np.ones(1, dtype=bool),
+    )
+    return replace(view, tool=PickSkill().place(view) + np.array([0.0, 0.0, 0.03]))
+
+
+def test_a_hand_that_comes_to_rest_over_its_cube_closes() -> None:
+    comes, rests = (PickSkill().actions(over_its_cube(0.056, v, 0.58)) for v in (0.1, 0.0))
+    assert comes[0, 0, 3] > 0 > comes[0, 0, 2]
+    assert rests[0, 0, 3] == -1.0
+
+
+def test_cubes_of_unusual_sizes_are_carried_slowly() -> None:
+    usual, large = (PickSkill().actions(over_its_cube(edge, 0.0, 0.8)) for edge in (0.056, 0.08))
+    assert np.linalg.norm(usual[0, 0, :3]) == pytest.approx(1.0)
+    assert np.linalg.norm(large[0, 0, :3]) == pytest.approx(PickSkill.GENTLE)
+
+
+def test_an_arm_that_was_done_gives_way_as_long_as_it_holds_its_cube() -> None:
+    planner = Coordinator(PickSkill(), np.zeros((1, 2)))
+    away = over_its_cube(0.056, 0.0, 0.8)
+    there, left = replace(away, target=away.object), replace(away, fingers=0.2 + 0 * away.fingers)
+    nobody, done = np.zeros((1, 1), dtype=bool), np.ones((1, 1), dtype=bool)
+    for view, before, after in ((there, nobody, True), (away, nobody, False), (away, done, True)):
+        assert planner._update(view, before).all() == after
+    assert not planner._update(left, done).any()
