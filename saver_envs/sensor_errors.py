@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.control import length
-from saver_envs.simulation import multiply_quaternions
 from saver_envs.tasks.arm_and_object import ORIENTATION
 from saver_envs.tasks.layout import Layout
 
@@ -56,6 +55,10 @@ SENSORS = (
 _INCREMENT = np.random.PCG64(0).state["state"]["inc"]
 #: Actions whose errors are drawn at once.
 _BLOCK = 25
+#: The Hamilton product of half a rotation vector and a quaternion, as a matrix that is multiplied
+#: with the vector: the quaternion's entries in it, and their factors.
+_FACTORS = np.array([[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]])
+_HALVES = np.array([[-1, -1, -1], [1, 1, -1], [-1, 1, 1], [1, -1, 1]]) / 2
 
 
 class SensorErrors:
@@ -105,7 +108,7 @@ class SensorErrors:
         :param generator: the episode's source of randomness; some of its numbers are used.
         """
         own = self._generators[row]
-        high, low = generator.integers(2**64, size=2, dtype=np.uint64).tolist()
+        high, low = generator.bit_generator.random_raw(2).tolist()
         # A random place in the one long sequence of numbers: a new generator takes longer.
         own.bit_generator.state = {
             **{"bit_generator": "PCG64", "has_uint32": 0, "uinteger": 0},
@@ -141,8 +144,8 @@ class SensorErrors:
 
 def _turned(quaternion: Array, rotation: Array) -> Array:
     """Turn (..., 4) unit quaternions with w >= 0 by small (..., 3) rotation vectors, radians."""
-    turn = np.concatenate([np.ones_like(rotation[..., :1]), rotation / 2], axis=-1)
-    turned = multiply_quaternions(turn, quaternion)
+    factors = quaternion.take(_FACTORS, -1) * _HALVES
+    turned: Array = quaternion + np.matmul(factors, rotation[..., None])[..., 0]
     turned /= length(turned)[..., None]
     np.negative(turned, out=turned, where=turned[..., :1] < 0)
     return turned

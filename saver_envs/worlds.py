@@ -60,12 +60,14 @@ class Worlds:
         #: How Cartesian actions move the set-points of the episodes.
         self.set_points = SetPointRule(workspace, self.speed * ACTION_DURATION, height)
         sizes = {"action_delay": action_size, "observation_delay": task.observation_layout.size}
-        #: Name -> (n, longest + 1, size) values that are on their way, the latest first.
+        #: Name -> (n, longest + 1, size) values that are on their way, in a ring.
         self._lines = {
             name: np.zeros((n, int(longest) + 1, size))
             for name, size in sizes.items()
             if (longest := randomization.greatest(name)) > 0
         }
+        #: Name -> (n,) where the latest value is.
+        self._latest = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
         self._errors: SensorErrors | None = None
         if randomization.greatest("sensor_noise") > 0:
             moving = task.fingers is Fingers.ACTUATED
@@ -167,15 +169,15 @@ class Worlds:
         """
         if name not in self._lines:
             return values
-        line, result = self._lines[name], values.copy()
-        line[rows, 1:] = line[rows, :-1]
-        line[rows, 0] = values[rows]
-        result[rows] = line[rows, self.values[name][rows, 0].astype(np.intp)]
+        line, latest, result = self._lines[name], self._latest[name], values.copy()
+        now = latest[rows] = (latest[rows] + 1) % line.shape[1]
+        line[rows, now] = values[rows]
+        result[rows] = line[rows, now - self.values[name][rows, 0].astype(np.intp)]
         return result
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of everything that differs."""
-        names = ("values", "_drawn", "_lines", "_errors")
+        names = ("values", "_drawn", "_lines", "_latest", "_errors")
         return copy.deepcopy({name: getattr(self, name) for name in names})
 
     def set_state(self, state: Mapping[str, Any]) -> None:

@@ -8,7 +8,7 @@ Arrays lead with n, the number of episodes; a single environment is n = 1 of the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -184,7 +184,13 @@ class Task(Content):
             if one.name in own and one.whole:
                 index = int(own[one.name])
                 own[one.name] = one.names[index] if one.names else index
-        return replace(self, **own) if own else self
+        if not own:
+            return self
+        # The values are valid, and checks would take a tenth of a reset. What is cached, such as
+        # layouts of what agents see, is that of all episodes.
+        task = object.__new__(type(self))
+        task.__dict__.update(vars(self) | own)
+        return task
 
     def vary(
         self, simulation: Simulation, rows: Rows, values: Mapping[str, NDArray[np.float64]]

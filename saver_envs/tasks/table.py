@@ -22,6 +22,7 @@ from saver_envs.tasks.regions import OVERLAP, Regions, regions
 from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart, start_text
 from saver_envs.validation import require
 
+_RULES = {one.name for one in fields(StartRules)}
 #: Cubes whose edges differ by less (m) are held alike.
 _GRASP_STEP = 0.002
 
@@ -56,7 +57,7 @@ class TableTask(CubeTask):
 
         :param own: the other rules.
         """
-        options = vars(self).keys() & {one.name for one in fields(StartRules)}
+        options = vars(self).keys() & _RULES
         return StartRules(**{name: getattr(self, name) for name in options}, **own)
 
     # ---------------------------------------------------------------- the scene
