@@ -78,6 +78,8 @@ def warm_start_from_teachers(
     for name in ("actor", "critic"):
         if getattr(policy, f"{name}_target", None) is not None:
             getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
+    learner: Any = model
+    learner.is_trained = True
     return critics
 
 

@@ -121,6 +121,9 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
 
     replay_buffer: GoalReplayBuffer
 
+    is_trained: bool = False
+    """Whether the policy was trained before: it then acts from the first step on."""
+
     training_cost: float
     """Sum of ``cost`` over all collected transitions, if the environment reports it."""
 
@@ -216,7 +219,8 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
 
         :return: actions for the environment, and the same scaled to [-1, 1] for the buffer.
         """
-        _, stored = super()._sample_action(learning_starts, action_noise, n_envs)
+        starts = 0 if self.is_trained else learning_starts
+        _, stored = super()._sample_action(starts, action_noise, n_envs)
         random = self._exploration_random
         if self.exploration_noise > 0.0:
             noise = self.exploration_noise * random.standard_normal(stored.shape)

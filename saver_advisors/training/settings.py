@@ -134,7 +134,8 @@ class RunConfig:
     :param target_noise_clip: bound of that noise (TD3).
     :param buffer_size: capacity of the replay buffer in transitions.
     :param gradient_steps: gradient steps per block of one episode in each environment.
-    :param learning_starts: steps with random actions and without learning.
+    :param learning_starts: steps without learning, with random actions, or with those of the policy
+        that ``start_from`` or a warm start gives.
     :param exploration_noise: standard deviation of the noise on the action scaled to [-1, 1].
     :param random_action_probability: fraction of steps with a uniform action instead.
     :param random_action_steps: mean number of steps for which a uniform action is held.

@@ -70,6 +70,17 @@ def test_the_stored_action_is_the_executed_one(cls: Any, outer: bool, make_env: 
     assert np.unique(stored[0], axis=0).shape[0] > 50
 
 
+def test_a_trained_policy_acts_before_it_learns(make_env: Any) -> None:
+    env = make_env(4)
+    model = make_learner(GoalTD3, env, exploration_noise=0.0, random_action_probability=0.0)
+    model._last_obs = env.reset()
+    own = model.policy.scale_action(model.predict(model._last_obs)[0])
+    for is_trained in (False, True):
+        model.is_trained = is_trained
+        _, stored = model._sample_action(100, None, 4)
+        assert np.allclose(stored, own, atol=1e-6) == is_trained
+
+
 def test_random_actions_replace_at_their_rate_and_cover_the_box(make_env: Any) -> None:
     env = make_env(4)
     model = make_learner(

@@ -15,6 +15,7 @@ from safetensors.torch import load_file
 from tiny_runs import TINY_RUN, write_settings
 
 from saver_advisors.cli import main as saver
+from saver_advisors.evaluation.episodes import curve_point
 from saver_advisors.policies.files import load_policy, load_teacher
 from saver_advisors.training.curve_file import OF_THE_MACHINE, read_curve
 from saver_advisors.training.launch import load_trained, train
@@ -152,3 +153,19 @@ def test_a_distance_is_shared_by_the_arms(tmp_path: Path) -> None:
 def test_settings_that_do_not_fit_are_named(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         RunConfig.from_mapping({"env_id": "DualJacoPush-v0", **changes})
+
+
+@pytest.mark.parametrize(("costs", "best"), [(True, 80), (False, 120)])
+def test_the_best_policy_is_safe_where_contact_costs(
+    costs: bool, best: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = iter([(0.8, 0.2), (0.9, 0.8), (1.0, 0.5), (0.9, 0.7)])
+
+    def evaluated(result: dict[str, Any]) -> dict[str, Any]:
+        success, safe = next(found)
+        return {**curve_point(result), "success_rate": success, "safe_success_rate": safe}
+
+    monkeypatch.setattr("saver_advisors.training.run.curve_point", evaluated)
+    free = {} if costs else {"contact_cost": 0.0, "cost_limit": None}
+    train(replace(CONFIG, **free), tmp_path, progress=False)
+    assert json.loads((tmp_path / "best" / "evaluation.json").read_text())["steps"] == best
