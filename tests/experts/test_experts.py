@@ -127,6 +127,13 @@ def test_a_pitched_hand_pushes_high_cubes_from_where_it_can_get() -> None:
             assert np.hypot(*hand) < skill.REACH
 
 
+def test_high_cubes_are_pushed_more_inward_than_straight_but_not_past_the_base() -> None:
+    skill, cube = PushSkill(trail=0.02), np.array([0.4, 0.0])
+    for off, left in ((1.0, 1.0 - skill.INWARD), (-1.0, skill.INWARD - 1.0), (0.1, 0.0)):
+        heading = skill._inward(cube, -np.array([np.cos(off), np.sin(off)]))
+        np.testing.assert_allclose(heading, [-np.cos(left), -np.sin(left)], atol=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
 def test_an_expert_sees_the_size_of_its_cube(env_id: str) -> None:
