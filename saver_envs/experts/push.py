@@ -16,6 +16,7 @@ from saver_envs.experts.expert import Expert
 from saver_envs.experts.geometry import FloatArray, dot, rotated, unit, way_round, wrapped
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
+from saver_envs.tasks.sampling import BELOW_WRIST
 
 #: Share of a commanded displacement that a hand makes within the action.
 TRACKING = 1.0
@@ -37,6 +38,7 @@ class PushSkill(Skill):
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
+    :param upright_at, lead: ``upright_at`` and ``wrist_lead`` of a robot with such a hand.
     """
 
     hand_radius: float = 0.031
@@ -44,10 +46,10 @@ class PushSkill(Skill):
     stop: float = 0.015
     good_enough: float = 0.035
     trail: float = 0.0
+    upright_at: float = 0.0
+    lead: float = 0.0
 
     low: ClassVar[bool] = True
-    #: Cubes no higher than this pass below the palm (m).
-    BELOW_PALM = 0.075
     #: Air between hand and cube on the ring (m).
     AIR = 0.025
     #: Sideways error within which a push may begin, and go on once in contact (m).
@@ -80,9 +82,6 @@ class PushSkill(Skill):
     NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
-    #: A pitched hand leans more the further it is from its base: by how much more the wrist trails
-    #: behind the tool, where high cubes meet it (m/m), and where it is upright (m).
-    PITCH, UPRIGHT = 0.55, 0.375
     #: Furthest from its base from where a pitched hand pushes a high cube (m): a little more than
     #: it gets, since it need not be exactly behind the cube.
     REACH = 0.515
@@ -98,7 +97,7 @@ class PushSkill(Skill):
 
     def touch(self, size: FloatArray) -> FloatArray:
         """Return the distances of hands from cubes of edges ``size`` that they push, metres."""
-        return size / 2 + np.where(size > self.BELOW_PALM, self.palm_radius, self.hand_radius)
+        return size / 2 + np.where(size > BELOW_WRIST, self.palm_radius, self.hand_radius)
 
     def aim(self, view: ArmView) -> FloatArray:
         """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
@@ -297,7 +296,7 @@ class PushSkill(Skill):
         :param size: (n, arms) edges, metres.
         :param hand: (n, arms) distances of the hands from their bases, metres.
         """
-        leans = np.maximum(self.trail, self.PITCH * (hand - self.UPRIGHT))
+        leans = np.maximum(self.trail, self.lead * (hand - self.upright_at))
         far = np.maximum(dot(unit(cube), direction), 0.0)
         return np.where(self._meets_wrist(size), leans, self.trail) * far
 
@@ -313,7 +312,7 @@ class PushSkill(Skill):
 
     def _meets_wrist(self, size: FloatArray) -> NDArray[np.bool_]:
         """Whether cubes of edges ``size`` are so high that a pitched hand's wrist meets them."""
-        return (size > self.BELOW_PALM) & (self.trail > 0)
+        return (size > BELOW_WRIST) & (self.trail > 0)
 
     def _attainable(self, cube: FloatArray, size: FloatArray, heading: FloatArray) -> FloatArray:
         """Turn headings (n, arms, 2) as little as lets a pitched hand get behind a high cube.
@@ -409,5 +408,8 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
-    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings)
+    robot = settings.robot
+    skill = SKILLS.get(robot.name, PushSkill()).fitted(settings)
+    if robot.wrist_lead > 0:
+        skill = replace(skill, upright_at=robot.upright_at, lead=robot.wrist_lead)
     return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)
