@@ -16,6 +16,7 @@ from saver_envs.experts.expert import Expert
 from saver_envs.experts.geometry import FloatArray, dot, rotated, unit, way_round, wrapped
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
+from saver_envs.tasks.sampling import BELOW_WRIST
 
 #: Share of a commanded displacement that a hand makes within the action.
 TRACKING = 1.0
@@ -37,6 +38,7 @@ class PushSkill(Skill):
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
+    :param upright_at, lead: ``upright_at`` and ``wrist_lead`` of a robot with such a hand.
     """
 
     hand_radius: float = 0.031
@@ -44,20 +46,22 @@ class PushSkill(Skill):
     stop: float = 0.015
     good_enough: float = 0.035
     trail: float = 0.0
+    upright_at: float = 0.0
+    lead: float = 0.0
 
     low: ClassVar[bool] = True
-    #: Cubes no higher than this pass below the palm (m).
-    BELOW_PALM = 0.075
     #: Air between hand and cube on the ring (m).
     AIR = 0.025
     #: Sideways error within which a push may begin, and go on once in contact (m).
     ALIGNED, STILL_ALIGNED = 0.012, 0.025
-    #: Share of the sideways error that a pushing action corrects; more drags the cube along.
+    #: Share of the sideways error that a pushing action corrects; more drags the cube along, and
+    #: any does where the wrist of a pitched hand leans on a high one.
     CENTRING = 0.3
     #: A push advances by this share of what is left, so that the cube is slow when it arrives.
     GAIN = 0.3
-    #: Share of the way to behind the cube that an action covers, below that for delayed actions.
-    APPROACH = 0.4
+    #: Share of the way to behind the cube that an action covers, of low cubes and of high ones that
+    #: a pitched hand pushes; below 1 for delayed actions.
+    APPROACH, HIGH_APPROACH = 0.4, 0.6
     #: Deceleration of a sliding cube, friction 0.5 times gravity (m/s^2).
     DECELERATION = 4.9
     #: Targets nearer the workspace's edge than this box are aimed at from inside, by no more than
@@ -78,11 +82,12 @@ class PushSkill(Skill):
     NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
     SHORT_TURN = 0.7
-    #: A pitched hand leans more the further it is from its base: by how much more the wrist trails
-    #: behind the tool, where high cubes meet it (m/m), and where it is upright (m).
-    PITCH, UPRIGHT = 0.55, 0.375
-    #: Furthest a pitched hand gets from its base at the height of pushing (m).
-    REACH = 0.503
+    #: Furthest from its base from where a pitched hand pushes a high cube (m): a little more than
+    #: it gets, since it need not be exactly behind the cube.
+    REACH = 0.515
+    #: A pitched hand pushes high cubes this much more inward than straight to the target (rad):
+    #: they drift outwards, from where it can hardly get them back.
+    INWARD = 0.15
     #: A hand this near the edge of its workspace (m) goes along it.
     EDGE = 0.01
 
@@ -92,7 +97,7 @@ class PushSkill(Skill):
 
     def touch(self, size: FloatArray) -> FloatArray:
         """Return the distances of hands from cubes of edges ``size`` that they push, metres."""
-        return size / 2 + np.where(size > self.BELOW_PALM, self.palm_radius, self.hand_radius)
+        return size / 2 + np.where(size > BELOW_WRIST, self.palm_radius, self.hand_radius)
 
     def aim(self, view: ArmView) -> FloatArray:
         """Return the points (n, arms, 2) to which cubes are pushed, base frames, metres."""
@@ -127,7 +132,9 @@ class PushSkill(Skill):
         others = others[..., :2]
         gaps: FloatArray = others - cube[..., None, :]
         direct: FloatArray = unit(target - cube)
-        attainable = self._attainable(cube, view.object_size, direct)
+        high = self._meets_wrist(view.object_size)[..., None]
+        wanted = np.where(high, self._inward(cube, direct), direct)
+        attainable = self._attainable(cube, view.object_size, wanted)
         heading = self._clear_of(gaps, berth, ring, attainable, relative, side)
         coasting = velocity * length(velocity)[..., None] / (2 * self.DECELERATION)
         left = length(target - cube - coasting)[..., None]
@@ -138,15 +145,15 @@ class PushSkill(Skill):
         near = along > -(ring + 0.01)
         aligned = is_behind & (deviation < np.where(near, self.STILL_ALIGNED, self.ALIGNED))
         # A hand that cannot get behind its cube drags it along with the rough fingers.
-        drags = (dot(attainable, direct) < 1 - 1e-3)[..., None]
+        drags = (dot(attainable, wanted) < 1 - 1e-3)[..., None]
         drive = np.where(drags, direct, heading)
-        push = tool - np.where(drags, 0.0, self.CENTRING) * lateral
+        push = tool - np.where(high | drags, 0.0, self.CENTRING) * lateral
         push = push + drive * np.minimum(self.GAIN * left, self.step)
         away = length(cube - heading * ring)
         trail = self._trail(cube, -heading, view.object_size, away)[..., None]
         gap = -relative - heading * (ring + trail)
         own = ring + self._trail(cube, unit(relative), view.object_size, length(tool))[..., None]
-        own = np.where(self._meets_wrist(view.object_size)[..., None], ring, own)
+        own = np.where(high, ring, own)
         own = own * (1 - 0.9 * (is_behind & (deviation < half)))
         room = length(gaps) - ring
         passable = room > berth - self.AIR + self.PASSAGE
@@ -163,9 +170,9 @@ class PushSkill(Skill):
         way = way_round(gap, discs, radius, side)
         if self.trail > 0:
             at_edge = (tool < HAND_LOWER + self.EDGE) & (way < 0)
-            along_edge = self._meets_wrist(view.object_size)[..., None] & at_edge
-            way = unit(np.where(along_edge, 0.0, way))
-        approach = tool + self.APPROACH * length(gap)[..., None] * way
+            way = unit(np.where(high & at_edge, 0.0, way))
+        share = np.where(high, self.HIGH_APPROACH, self.APPROACH)
+        approach = tool + share * length(gap)[..., None] * way
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
         height = (view.tool[..., 2] - view.table)[..., None]
@@ -289,13 +296,23 @@ class PushSkill(Skill):
         :param size: (n, arms) edges, metres.
         :param hand: (n, arms) distances of the hands from their bases, metres.
         """
-        leans = np.maximum(self.trail, self.PITCH * (hand - self.UPRIGHT))
+        leans = np.maximum(self.trail, self.lead * (hand - self.upright_at))
         far = np.maximum(dot(unit(cube), direction), 0.0)
         return np.where(self._meets_wrist(size), leans, self.trail) * far
 
+    def _inward(self, cube: FloatArray, heading: FloatArray) -> FloatArray:
+        """Turn headings (n, arms, 2) towards the base, at most until they point there.
+
+        :param cube: (n, arms, 2) base frames, metres.
+        :param heading: the direct ones.
+        """
+        angle = np.arctan2(-cube[..., 1], -cube[..., 0])
+        off = wrapped(angle - np.arctan2(heading[..., 1], heading[..., 0]))
+        return rotated(heading, np.clip(off, -self.INWARD, self.INWARD))
+
     def _meets_wrist(self, size: FloatArray) -> NDArray[np.bool_]:
         """Whether cubes of edges ``size`` are so high that a pitched hand's wrist meets them."""
-        return (size > self.BELOW_PALM) & (self.trail > 0)
+        return (size > BELOW_WRIST) & (self.trail > 0)
 
     def _attainable(self, cube: FloatArray, size: FloatArray, heading: FloatArray) -> FloatArray:
         """Turn headings (n, arms, 2) as little as lets a pitched hand get behind a high cube.
@@ -391,5 +408,8 @@ SKILLS = {"mico": PushSkill(trail=0.02)}
 
 def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of push; see :func:`saver_envs.experts.make_expert`."""
-    skill = SKILLS.get(settings.robot.name, PushSkill()).fitted(settings)
+    robot = settings.robot
+    skill = SKILLS.get(robot.name, PushSkill()).fitted(settings)
+    if robot.wrist_lead > 0:
+        skill = replace(skill, upright_at=robot.upright_at, lead=robot.wrist_lead)
     return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

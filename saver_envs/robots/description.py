@@ -50,6 +50,8 @@ class Robot:
     :param hand_reach: greatest distance of set-points from the shoulder, metres, for an arm whose
         hand pitches as it reaches out; for others the box is enough.
     :param shoulder_height: height of the shoulder above the base, metres.
+    :param upright_at: distance from the base up to which such a hand is upright, metres.
+    :param wrist_lead: how much nearer to the base its wrist is than its tool, per metre beyond.
     """
 
     name: str
@@ -70,6 +72,8 @@ class Robot:
     off_table_geoms: tuple[str, ...]
     hand_reach: float = math.inf
     shoulder_height: float = 0.0
+    upright_at: float = math.inf
+    wrist_lead: float = 0.0
 
     @property
     def arm_actuators(self) -> tuple[str, ...]:

@@ -175,4 +175,6 @@ MICO = Robot(
     # lie on the cube.
     hand_reach=0.565,
     shoulder_height=0.2755,
+    upright_at=0.375,
+    wrist_lead=0.55,
 )

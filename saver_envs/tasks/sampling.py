@@ -45,6 +45,8 @@ CONTEST_BAND = 0.20
 CONTEST_SIZE = 0.07
 #: To push an object, its hand must get behind it: this far from its face (m).
 PUSH_STANDOFF = 0.03
+#: Higher objects (m) meet palms, and the wrist of a pitched hand, which has to be further behind.
+BELOW_WRIST = 0.075
 _BLOCK = 128
 #: Of so many crossings of two ways about fourteen satisfy the rules between two arms. Each is tried
 #: in so many places; with more, crossings that fit in few places would be overrepresented.
@@ -301,7 +303,7 @@ class StartSampler:
             unit = way / np.maximum(distance, 1e-9)[..., None]
             behind = ways - (standoff * unit)[:, None]
             behind[..., 2] = self._rules.hand_height[0] + self._rules.table_height
-            possible = self._hand_can_be_at(behind[:, 0])[:, chosen]
+            possible = self._hand_can_be_at(self._behind_wrist(behind[:, 0], unit))[:, chosen]
             per_start &= np.logical_and.reduce(possible, axis=-1)
             if self._ordered:
                 # The last centimetres of a push need not be made. Round the table arms face one
@@ -313,6 +315,20 @@ class StartSampler:
         for first, second in combinations(chosen, 2):
             per_start &= self._pair_valid(world[:, :, first], world[:, :, second])
         return per_start
+
+    def _behind_wrist(self, hand: FloatArray, way: FloatArray) -> FloatArray:
+        """Return where hands behind objects have to be so that their wrists do not meet these.
+
+        :param hand: (block, arms, 3) where upright hands would be, metres.
+        :param way: (block, arms, 3) unit vectors of the pushes.
+        """
+        robot = self._scene.robot
+        if self._rules.object_size <= BELOW_WRIST or robot.wrist_lead == 0:
+            return hand
+        away = length(hand[..., :2])
+        inward = -(hand[..., :2] * way[..., :2]).sum(axis=-1) / np.maximum(away, 1e-9)
+        lead = robot.wrist_lead * np.maximum(away - robot.upright_at, 0.0)
+        return hand - (lead * np.maximum(inward, 0.0))[..., None] * way
 
     def _needs_every_arm(self, behind: FloatArray, arms: list[int]) -> NDArray[np.bool_]:
         """Return where no arm has room for all of another's push, (block,).

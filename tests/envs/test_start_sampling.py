@@ -18,6 +18,7 @@ from rollouts import CUBE_IDS, SPARSE_IDS, begun, cubes_of, objects_of, targets_
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
+from saver_envs.tasks.push import PUSH_HEIGHT
 from saver_envs.tasks.sampling import CLEARANCE_WIDTHS
 from saver_envs.tasks.table import TableTask, _sampler
 
@@ -281,3 +282,21 @@ def test_one_of_two_arms_can_go_first(name: str) -> None:
     ]
     assert found == any(by_hand)
     assert expected in (None, found)
+
+
+def test_a_pitched_hand_has_room_behind_a_high_cube() -> None:
+    """Its wrist, which is nearer to the base the further the hand reaches, does not meet it."""
+    episodes = make_episodes("DualMicoPush-v0", 40, object_size=0.09)
+    for index in range(40):
+        episodes.set_generator(index, np.random.default_rng(index))
+    episodes.reset()
+    cube, target = objects_of(episodes).position, targets_of(episodes)
+    way = (target - cube)[..., :2]
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    hand = cube[..., :2] - (0.045 + 0.03) * way
+    away = np.linalg.norm(hand, axis=-1)
+    inward = np.maximum(-np.sum(hand * way, axis=-1) / away, 0)
+    hand -= (0.55 * np.maximum(away - 0.375, 0) * inward)[..., None] * way
+    reach = np.sqrt(0.565**2 - (0.2755 - PUSH_HEIGHT) ** 2)
+    assert (np.linalg.norm(hand, axis=-1) <= reach + EPS).all()
+    assert (inward > 0.5).any()  # it matters in some of them

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from reproduction.transfer.attempts import conditions
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
 from saver_envs.experts.blocks import ArmView, Viewer
@@ -17,6 +18,10 @@ from saver_envs.experts.geometry import way_round
 from saver_envs.experts.pick import PickSkill
 from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
+from saver_envs.robots import MICO
+
+#: Those of Table 5.4, with larger cubes.
+ALL_DIFFERENCES = conditions("push")[-1].randomization
 
 
 def success(env_id: str, episodes: int, **arguments: Any) -> float:
@@ -103,6 +108,7 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
         ("JacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("DualJacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("JacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
+        ("DualMicoPush-v0", {"randomization": ALL_DIFFERENCES}, 0.75, 0.75),
     ],
 )
 def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, safe: float) -> None:
@@ -117,7 +123,7 @@ def test_an_expert_copes_with_worlds_that_vary(env_id: str) -> None:
 
 
 def test_a_pitched_hand_pushes_high_cubes_from_where_it_can_get() -> None:
-    skill = PushSkill(trail=0.02)
+    skill = PushSkill(trail=0.02, upright_at=MICO.upright_at, lead=MICO.wrist_lead)
     inward = np.array([[[-1.0, 0.0]]])
     for away, size, kept in ((0.30, 0.09, True), (0.45, 0.09, False), (0.45, 0.056, True)):
         cube, edge = np.array([[[away, 0.0]]]), np.array([[size]])
@@ -127,6 +133,13 @@ def test_a_pitched_hand_pushes_high_cubes_from_where_it_can_get() -> None:
         if not kept:  # the hand is then within reach behind the cube
             hand = cube[0, 0] - skill.touch(edge)[0, 0] * heading
             assert np.hypot(*hand) < skill.REACH
+
+
+def test_high_cubes_are_pushed_more_inward_than_straight_but_not_past_the_base() -> None:
+    skill, cube = PushSkill(trail=0.02), np.array([0.4, 0.0])
+    for off, left in ((1.0, 1.0 - skill.INWARD), (-1.0, skill.INWARD - 1.0), (0.1, 0.0)):
+        heading = skill._inward(cube, -np.array([np.cos(off), np.sin(off)]))
+        np.testing.assert_allclose(heading, [-np.cos(left), -np.sin(left)], atol=1e-9)
 
 
 @pytest.mark.slow
@@ -144,6 +157,8 @@ def test_an_expert_sees_the_size_of_its_cube(env_id: str) -> None:
 
 def test_the_size_is_that_of_the_beginning() -> None:
     world = make_episodes("DualJacoPickAndPlace-v0", 2, object_size=0.08)
+    for index in range(2):
+        world.set_generator(index, np.random.default_rng(10 + index))
     world.reset()
     viewer, seen = Viewer(make_expert("DualJacoPickAndPlace-v0").task), world.observation()
     first = viewer(seen.as_dict())
