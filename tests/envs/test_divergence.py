@@ -5,6 +5,7 @@ from __future__ import annotations
 import gymnasium
 import numpy as np
 import pytest
+from mujoco.batch import Batch, SimulationError
 from rollouts import FEW_IDS, assert_same, begun, cubes_of, random_actions
 
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
@@ -48,6 +49,29 @@ def test_that_episode_alone_is_truncated(env_id: str, how: str) -> None:
         assert_same(outcome.reward[others], reference.reward[others])
         for name, values in outcome.info().items():
             assert_same(values[others], reference.info()[name][others], name)
+
+
+def test_an_error_of_the_simulator_is_a_breakdown(monkeypatch: pytest.MonkeyPatch) -> None:
+    episodes = begun("JacoPush-v0", 3)
+
+    def fail(self: Batch, *arguments: object) -> None:
+        raise SimulationError(np.array([1]), "engine error", 3)
+
+    monkeypatch.setattr(Batch, "step", fail)
+    outcome = episodes.step(np.zeros((3, episodes.action_size)))
+    assert outcome.diverged.tolist() == [False, True, False]
+
+
+def test_positions_between_actions_are_kept_on_request() -> None:
+    episodes = begun("JacoPush-v0", 1)
+    simulation, push = episodes.simulation, np.ones((1, episodes.action_size))
+    episodes.step(push)
+    assert not simulation.samples.any()
+    simulation.keep_samples = True
+    before = simulation.qpos.copy()
+    episodes.step(push)
+    assert_same(simulation.samples[0], before)
+    assert_same(simulation.samples[-1], simulation.qpos)
 
 
 def test_the_single_env_says_so_in_info() -> None:

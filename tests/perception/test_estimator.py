@@ -8,6 +8,7 @@ import torch
 from people import person
 
 from saver_envs.cameras.rgbd import BENCH_POSE, KINECT_V2
+from saver_envs.perception.backbones import DEVIATION, MEAN
 from saver_envs.perception.drawing import draw_poses
 from saver_envs.perception.estimator import PoseEstimator, checked, normalised
 from saver_envs.perception.fields import AFFINITY_X, encode
@@ -103,15 +104,17 @@ def test_floats_count_as_shares_and_other_types_are_named(network: PoseNetwork) 
     for shape in ((20, 30), (20, 30, 4), (0, 30, 3)):
         with pytest.raises(ValueError, match=r"must be \(height, width, 3\)"):
             checked(np.zeros(shape, dtype=np.uint8))
-    with pytest.raises(ValueError, match=r"size=\(200, 250\).*multiples of 8"):
-        PoseEstimator(network, (200, 250))
+    for size in ((200, 250), (250, 200)):
+        with pytest.raises(ValueError, match=r"size=\(2.0, 2.0\).*multiples of 8"):
+            PoseEstimator(network, size)
 
 
 def test_pictures_are_fitted_into_the_middle() -> None:
     canvas, scale, offset = normalised(np.full((50, 200, 3), 255, np.uint8), SIZE)
     assert (scale, offset.tolist()) == (1.28, [0, 76])
     assert (canvas[:, :76] == 0).all()
-    assert (canvas[:, 76:140] > 1).all()
+    white = (1 - np.array(MEAN)) / np.array(DEVIATION)
+    np.testing.assert_allclose(canvas[:, 76:140].mean(axis=(1, 2)), white, rtol=1e-5)
 
 
 def test_lifting_gives_centres_and_zero_depth_gives_none() -> None:
