@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from typing import Any, Final
 
 from saver_advisors.cli.arguments import add, add_file, add_path, new_file, write_json
@@ -121,15 +122,14 @@ def _video(args: argparse.Namespace, estimator: Any) -> list[dict[str, Any]]:
         text = " ".join(str(error).split())[-200:]
         raise UsageError(f"argument FILE: {args.input} is no readable video: {text}") from error
     width, height = about["size"]
-    writer = mp4_writer(args.out, width, height, about["fps"])
     found = []
     total = round(about["fps"] * about["duration"]) or None
-    for raw in tqdm(reader, total=total, unit="frame", dynamic_ncols=True):
-        image = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
-        poses = estimator(image)
-        writer.send(np.ascontiguousarray(draw_poses(image, poses)))
-        found.append(_as_json(poses))
-    writer.close()
+    with closing(mp4_writer(args.out, width, height, about["fps"])) as writer:
+        for raw in tqdm(reader, total=total, unit="frame", dynamic_ncols=True):
+            image = np.frombuffer(raw, np.uint8).reshape(height, width, 3)
+            poses = estimator(image)
+            writer.send(draw_poses(image, poses))
+            found.append(_as_json(poses))
     return found
 
 

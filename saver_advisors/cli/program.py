@@ -112,6 +112,10 @@ class Program:
             install = f"pip install '{DISTRIBUTION}[{extra}]'"
             print(f"{prefix}: error: needs the package {error.name}: {install}", file=sys.stderr)
             return 2
+        except BrokenPipeError:
+            # The reader closed the pipe, as `head` does.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
         except OSError as error:
             if error.errno not in DISK_ERRORS or "--traceback" in arguments:
                 raise
@@ -120,10 +124,6 @@ class Program:
         except KeyboardInterrupt:
             print(f"{prefix}: interrupted", file=sys.stderr)
             return INTERRUPTED
-        except BrokenPipeError:
-            # The reader closed the pipe, as `head` does.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 0
         parser.print_help()
         return 0
 

@@ -58,7 +58,7 @@ class VideoRecorder:
         self._seconds = actions * ACTION_DURATION
         self._every = every
         self._scene = SceneRenderer(self._bench.episodes.scene, *_RENDERED, camera="front")
-        self._writer: Any = video.mp4_writer(path, *FRAME_SIZE)
+        self._writer = video.mp4_writer(path, *FRAME_SIZE)
         self._observers.append(self._keep)
         self._begin()
 
@@ -82,7 +82,7 @@ class VideoRecorder:
         if self._calls % self._every == 0 or self._last is None:
             self._last = self._drawn(now)
         self._calls += 1
-        self._writer.send(np.ascontiguousarray(self._last))
+        self._writer.send(self._last)
 
     def _drawn(self, now: float) -> Frame:
         """Draw a frame (height, width, 3) of `FRAME_SIZE` at a time, seconds of the trial."""
@@ -124,7 +124,7 @@ class VideoRecorder:
         words = f"trial {record.seed}: {record.cause or record.outcome}"
         last = video.captioned(self._last[: -video.BAR_HEIGHT], words, colour)
         for _ in range(2 * video.HOLD):
-            self._writer.send(np.ascontiguousarray(last))
+            self._writer.send(last)
 
     def close(self) -> None:
         """Stop observing, finish the file, and free the graphics context."""

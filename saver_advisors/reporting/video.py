@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import chain, repeat
@@ -108,22 +108,22 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
     :raises OSError: if the file cannot be written, as on a full disk
     """
     first = captioned(recordings[0].frames[0], title, GREY)
-    try:
-        writer = mp4_writer(path, first.shape[1], first.shape[0])
+    with closing(mp4_writer(path, first.shape[1], first.shape[0])) as writer:
         for number, recording in enumerate(recordings, start=1):
             caption = f"{title}   episode {number} of {len(recordings)}"
             outcome, colour = ("success", GREEN) if recording.success else ("failed", RED)
             last = captioned(recording.frames[-1], f"{caption}   {outcome}", colour)
             shown = (captioned(frame, caption, GREY) for frame in recording.frames)
             for frame in chain(shown, repeat(last, HOLD)):
-                writer.send(np.ascontiguousarray(frame))
-        writer.close()
-    except OSError as error:  # what ffmpeg printed, without a number
-        raise OSError(errno.EIO, f"{path} could not be written: is the disk full?") from error
+                writer.send(frame)
 
 
-def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
+def mp4_writer(
+    path: Path, width: int, height: int, fps: float = FPS
+) -> Generator[None, Frame, None]:
     """Open a writer of H.264: `send` it frames, then `close` it.
+
+    Both raise OSError if the file cannot be written, as on a full disk.
 
     :param path: ending in ``.mp4``
     :param width: of a frame, pixels
@@ -131,9 +131,15 @@ def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
     :param fps: frames per second
     :return: a generator that is ready for the first frame
     """
+    writer = _write_frames(path, width, height, fps)
+    next(writer)
+    return writer
+
+
+def _write_frames(path: Path, width: int, height: int, fps: float) -> Generator[None, Frame, None]:
     import imageio_ffmpeg
 
-    writer = imageio_ffmpeg.write_frames(
+    encoder = imageio_ffmpeg.write_frames(
         str(path),
         (width, height),
         fps=fps,
@@ -144,8 +150,14 @@ def mp4_writer(path: Path, width: int, height: int, fps: float = FPS) -> Any:
         # With the index at the start, a browser plays the video while it loads.
         output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart"],
     )
-    writer.send(None)
-    return writer
+    try:
+        with closing(encoder):
+            encoder.send(None)
+            while True:
+                frame = yield
+                encoder.send(np.ascontiguousarray(frame))
+    except OSError as error:  # what ffmpeg printed, without a number
+        raise OSError(errno.EIO, f"{path} could not be written: is the disk full?") from error
 
 
 def captioned(frame: Frame, text: str, colour: tuple[int, int, int]) -> Frame:

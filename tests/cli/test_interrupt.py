@@ -1,7 +1,8 @@
-"""Ctrl-C in the midst of training, as a shell sends it, and going on afterwards."""
+"""What a command meets while it runs: Ctrl-C in the midst of training, a reader that goes away."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -12,6 +13,8 @@ from pathlib import Path
 
 import pytest
 from commands import TINY, tiny_train
+
+from saver_advisors.cli import main
 
 SAVER = (sys.executable, "-m", "saver_advisors.cli")
 
@@ -60,3 +63,16 @@ def test_an_interrupted_run_goes_on(tmp_path: Path) -> None:
     curve = [json.loads(line)["steps"] for line in (folder / "curve.jsonl").open()]
     assert curve == sorted(set(curve)), "no evaluation is lost or doubled"
     assert curve[-1] == steps + 60
+
+
+def test_a_reader_that_goes_away_ends_a_command_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `saver envs | head -1` does."""
+    redirected = []
+
+    def run(_: object) -> int:
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr("saver_advisors.cli.envs.run", run)
+    monkeypatch.setattr(os, "dup2", lambda *pair: redirected.append(pair))
+    assert main(["envs"]) == 0
+    assert redirected

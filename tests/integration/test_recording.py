@@ -1,7 +1,10 @@
-"""The video of the loop starts with the first picture of its camera."""
+"""The video of the loop: its first frame, and a disk that is full."""
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +14,7 @@ import pytest
 from saver_advisors.integration import recording
 from saver_advisors.integration.assembly import LoopSettings
 from saver_advisors.integration.messages import Picture
+from saver_advisors.reporting.video import mp4_writer
 
 
 class Writer:
@@ -53,3 +57,20 @@ def test_no_frame_before_the_first_picture(
             observers[0]("picture", Picture.__new__(Picture), now)
         recorder(now)
     assert writer.frames[0] == first
+
+
+def test_what_the_encoder_meets_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: Any, **__: Any) -> Iterator[None]:
+        yield
+        raise OSError("[Errno 32] Broken pipe\n\nFFMPEG COMMAND:\nffmpeg -y ...")
+
+    monkeypatch.setattr("imageio_ffmpeg.write_frames", broken)
+    writer = mp4_writer(tmp_path / "trial.mp4", 4, 4)
+    with pytest.raises(
+        OSError, match=r"trial\.mp4 could not be written: is the disk full\?$"
+    ) as met:
+        writer.send(np.zeros((4, 4, 3), np.uint8))
+    assert met.value.errno == errno.EIO
+    writer.close()
