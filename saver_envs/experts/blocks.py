@@ -88,9 +88,9 @@ class Viewer:
         position = layout.get(seen, "object position")
         target = task.goal_layout.get(observation["desired_goal"], "object position")
         begins = self._begins(tool, target)
-        size, table, above = self._heights(tool, position, target, begins)
+        size, table, excess = self._heights(tool, position, target, begins)
         position = position.copy()
-        position[..., 2] -= above
+        position[..., 2] -= excess
         self._last = ArmView(
             tool=tool,
             fingers=layout.get(seen, "finger positions"),
@@ -116,9 +116,9 @@ class Viewer:
     def _heights(
         self, tool: FloatArray, position: FloatArray, target: FloatArray, begins: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return edges of objects, height of the table, and how much too high objects are seen.
+        """Return the edges of objects, the height of the table, and the error of objects' heights.
 
-        Each is (n, arms), metres.
+        :return: (n, arms) each, metres; seen heights less the error are corrected.
         """
         if len(self._age) != len(begins):
             self._age = np.zeros(len(begins), dtype=np.intp)
@@ -142,12 +142,13 @@ class Viewer:
         return self._size(height - table), table, np.zeros_like(table)
 
     def _resting(self, target: FloatArray) -> FloatArray:
-        """Heights of the resting objects' centres, (n, arms), metres.
+        """Estimate the heights of the centres of resting objects.
 
-        Objects are alike, so that their mean has smaller errors, and a target at about that height
-        is on the table, and exact.
+        All objects have the same size, so the mean over arms has a smaller error. A target at about
+        that height is on the table, and its height has no error.
 
         :param target: (n, arms) heights of the targets, metres.
+        :return: (n, arms), metres.
         """
         seen = self._object
         lying = seen < seen.min(axis=1, keepdims=True) + self.LEVEL
