@@ -123,13 +123,12 @@ def mp4_writer(
 ) -> Generator[None, Frame, None]:
     """Open a writer of H.264: `send` it frames, then `close` it.
 
-    Both raise OSError if the file cannot be written, as on a full disk.
-
     :param path: ending in ``.mp4``
     :param width: of a frame, pixels
     :param height: of a frame, pixels
     :param fps: frames per second
-    :return: a generator that is ready for the first frame
+    :return: a generator that is ready for the first frame, (height, width, 3)
+    :raises OSError: if the file cannot be written, as on a full disk; so do ``send`` and ``close``
     """
     writer = _write_frames(path, width, height, fps)
     next(writer)

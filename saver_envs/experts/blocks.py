@@ -98,9 +98,9 @@ class Viewer:
         if self._last is not None and self._last.tool.shape == tool.shape:
             share = np.where(begins, 1.0, self.NEWEST)[:, None, None]
             moving = self._last.tool_velocity + share * (moving - self._last.tool_velocity)
-        size, table, above = self._heights(tool, position, target, begins)
+        size, table, excess = self._heights(tool, position, target, begins)
         position = position.copy()
-        position[..., 2] -= above
+        position[..., 2] -= excess
         self._last = ArmView(
             tool=tool,
             tool_velocity=moving,
@@ -127,9 +127,9 @@ class Viewer:
     def _heights(
         self, tool: FloatArray, position: FloatArray, target: FloatArray, begins: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return edges of objects, height of the table, and how much too high objects are seen.
+        """Return the edges of objects, the height of the table, and the error of objects' heights.
 
-        Each is (n, arms), metres.
+        :return: (n, arms) each, metres; seen heights less the error are corrected.
         """
         if len(self._age) != len(begins):
             self._age = np.zeros(len(begins), dtype=np.intp)
@@ -153,12 +153,13 @@ class Viewer:
         return self._size(height - table, self.ALIKE), table, np.zeros_like(table)
 
     def _resting(self, target: FloatArray) -> FloatArray:
-        """Heights of the resting objects' centres, (n, arms), metres.
+        """Estimate the heights of the centres of resting objects.
 
-        Objects are alike, so that their mean has smaller errors, and a target at about that height
-        is on the table, and exact.
+        All objects have the same size, so the mean over arms has a smaller error. A target at about
+        that height is on the table, and its height has no error.
 
         :param target: (n, arms) heights of the targets, metres.
+        :return: (n, arms), metres.
         """
         seen = self._object
         lying = seen < seen.min(axis=1, keepdims=True) + self.LEVEL

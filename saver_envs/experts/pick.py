@@ -65,8 +65,8 @@ class PickSkill(Skill):
     GENTLE = 0.4
     #: Sizes of unusual cubes are inferred, with errors of up to this (m).
     UNSURE = 0.02
-    #: By how much hands grasp higher, and carry cubes above their targets, where sizes are inferred
-    #: (m): fingers that come too low touch the table. Not so high that they miss the cube (m).
+    #: Extra height of hands, and of carried cubes, where sizes are inferred (m): lower fingers may
+    #: touch the table. Greatest extra height of a grasp (m): higher hands miss the cube.
     SPARE, HIGHEST = 0.006, 0.014
     #: Finger angle of a unit of gripper command (rad).
     FINGER_COMMAND = 0.55
@@ -132,7 +132,7 @@ class PickSkill(Skill):
         return place
 
     def _spare(self, view: ArmView) -> FloatArray:
-        """By how much higher than elsewhere hands grasp and carry cubes of inferred sizes, m."""
+        """Return the extra height (n, arms) of hands at cubes whose size is inferred, metres."""
         return np.where(view.object_size == self.usual, 0.0, self.SPARE)
 
     def actions(

@@ -1,4 +1,4 @@
-"""What a command meets while it runs: Ctrl-C in the midst of training, a reader that goes away."""
+"""Commands that are interrupted: by Ctrl-C during training, and by a closed pipe."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def test_an_interrupted_run_goes_on(tmp_path: Path) -> None:
     assert curve[-1] == steps + 60
 
 
-def test_a_reader_that_goes_away_ends_a_command_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `saver envs | head -1` does."""
+def test_a_closed_pipe_ends_a_command_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in `saver envs | head -1`."""
     redirected = []
 
     def run(_: object) -> int:

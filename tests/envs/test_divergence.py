@@ -51,7 +51,7 @@ def test_that_episode_alone_is_truncated(env_id: str, how: str) -> None:
             assert_same(values[others], reference.info()[name][others], name)
 
 
-def test_an_error_of_the_simulator_is_a_breakdown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_simulator_truncates_its_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     episodes = begun("JacoPush-v0", 3)
 
     def fail(self: Batch, *arguments: object) -> None:
@@ -59,7 +59,7 @@ def test_an_error_of_the_simulator_is_a_breakdown(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(Batch, "step", fail)
     outcome = episodes.step(np.zeros((3, episodes.action_size)))
-    assert outcome.diverged.tolist() == [False, True, False]
+    assert outcome.diverged.tolist() == outcome.truncated.tolist() == [False, True, False]
 
 
 def test_positions_between_actions_are_kept_on_request() -> None:

@@ -1,4 +1,4 @@
-"""The video of the loop: its first frame, and a disk that is full."""
+"""The video of the loop: its first frame, and a full disk."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_no_frame_before_the_first_picture(
     assert writer.frames[0] == first
 
 
-def test_what_the_encoder_meets_is_said_in_one_line(
+def test_an_error_of_the_encoder_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: Any, **__: Any) -> Iterator[None]:
@@ -70,7 +70,7 @@ def test_what_the_encoder_meets_is_said_in_one_line(
     writer = mp4_writer(tmp_path / "trial.mp4", 4, 4)
     with pytest.raises(
         OSError, match=r"trial\.mp4 could not be written: is the disk full\?$"
-    ) as met:
+    ) as caught:
         writer.send(np.zeros((4, 4, 3), np.uint8))
-    assert met.value.errno == errno.EIO
+    assert caught.value.errno == errno.EIO
     writer.close()
