@@ -18,6 +18,8 @@ class ArmView:
 
     :param tool: (n, arms, 3), metres.
     :param tool_velocity: (n, arms, 3), averaged over the last actions, metres per second.
+    :param top_speed: (n, arms), the greatest of any arm so far, of these averages, metres per
+        second; 0 until they have had time to move.
     :param fingers: (n, arms, 3), radians.
     :param finger_velocity: (n, arms, 3), radians per second.
     :param object: (n, arms, 3), metres.
@@ -32,6 +34,7 @@ class ArmView:
 
     tool: FloatArray
     tool_velocity: FloatArray
+    top_speed: FloatArray
     fingers: FloatArray
     finger_velocity: FloatArray
     object: FloatArray
@@ -64,8 +67,9 @@ class Viewer:
     EXACT = 1e-5
     #: Objects that lie on the table are seen at heights that differ by less than this (m).
     LEVEL = 0.025
-    #: Observations over which heights are averaged at the beginning of an episode.
-    BEGINNING = 10
+    #: Observations over which heights are averaged at the beginning of an episode, and after which
+    #: arms have moved at their full speed.
+    BEGINNING, MOVED = 10, 15
     #: Weight of an observation in the average of the tools' velocities.
     NEWEST = 0.25
 
@@ -75,6 +79,8 @@ class Viewer:
         self._last: ArmView | None = None
         # Observations since the beginning (n,), and means (n, arms) of heights over the first ones.
         self._age = np.zeros(0, dtype=np.intp)
+        # Greatest averaged speed (n,), metres per second.
+        self._top: FloatArray = np.zeros(0)
         self._tool: FloatArray = np.zeros((0, task.n_arms))
         self._object: FloatArray = np.zeros((0, task.n_arms))
 
@@ -104,6 +110,7 @@ class Viewer:
         self._last = ArmView(
             tool=tool,
             tool_velocity=moving,
+            top_speed=self._top_speed(length(moving).max(axis=1), begins),
             fingers=layout.get(seen, "finger positions"),
             finger_velocity=layout.get(seen, finger_velocity.name) / finger_velocity.scale,
             object=position,
@@ -123,6 +130,13 @@ class Viewer:
             return np.ones(len(target), dtype=bool)
         begins: NDArray[np.bool_] = (last.target != target).any(axis=(1, 2))
         return begins | (length(tool - last.tool) > self.JUMP).any(axis=1)
+
+    def _top_speed(self, speed: FloatArray, begins: NDArray[np.bool_]) -> FloatArray:
+        """Update the greatest speed (n,), and return it for each arm (n, arms) once it is known."""
+        last = self._top if len(self._top) == len(speed) else np.zeros_like(speed)
+        self._top = np.where(begins, speed, np.maximum(last, speed))
+        known = np.where(self._age < self.MOVED, 0.0, self._top)
+        return np.broadcast_to(known[:, None], (len(speed), self.task.n_arms))
 
     def _heights(
         self, tool: FloatArray, position: FloatArray, target: FloatArray, begins: NDArray[np.bool_]

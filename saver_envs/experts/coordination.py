@@ -292,7 +292,8 @@ class Coordinator:
             )
             gap = hand[:, left] + move[:, left] - hand[:, right] - move[:, right]
             least = self._least(view, right, gap[:, 0])
-            deficit = least + self.BUFFER - gap[:, 1]
+            served = done[:, left] & done[:, right]
+            deficit = least + np.where(served, 0.0, self.BUFFER) - gap[:, 1]
             waits = (plan.waits > 0) & ~done[:, left] & ~done[:, right]
             wide = self._least(view, right, np.zeros(1))
             late_left = high[:, right] + wide - hand[:, left, 1] - move[:, left, 1]

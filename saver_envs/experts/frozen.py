@@ -30,6 +30,7 @@ def serves_all(task: Task, skill: Skill, free: int) -> Expert:
         served = ArmView(
             tool=view.tool[:, own],
             tool_velocity=view.tool_velocity[:, own],
+            top_speed=view.top_speed[:, own],
             fingers=view.fingers[:, own],
             finger_velocity=view.finger_velocity[:, own],
             object=view.object[rows, arm][:, None] + shift,

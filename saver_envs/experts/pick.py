@@ -61,8 +61,10 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
-    #: Share of the speed at which cubes that may be large and heavy are carried: they slip.
+    #: Share of the usual speed at which cubes that may be large and heavy are carried: they slip.
     GENTLE = 0.4
+    #: Averaged speed that hands reach in short moves, as a share of that of an action.
+    REACHED = 0.58
     #: Sizes of unusual cubes are inferred, with errors of up to this (m).
     UNSURE = 0.02
     #: Extra height of hands, and of carried cubes, where sizes are inferred (m): lower fingers may
@@ -152,9 +154,15 @@ class PickSkill(Skill):
         move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
         move = np.where((closes & ~holds)[..., None], gap, move)
         grip = np.where(closes | holds, -1.0, self.opening(view))
-        share = np.where(holds & (view.object_size != self.usual), self.GENTLE, 1.0)
+        gentle = np.minimum(self.GENTLE / self._pace(view), 1.0)
+        share = np.where(holds & (view.object_size != self.usual), gentle, 1.0)
         move = shortened(self.GAIN * move, self.step * share[..., None]) / self.step
         return np.concatenate([move, grip[..., None]], axis=-1)
+
+    def _pace(self, view: ArmView) -> FloatArray:
+        """Return the arms' full speed (n, arms) by the usual one, 1 until it is known."""
+        pace = view.top_speed * ACTION_DURATION / (self.REACHED * self.step)
+        return np.where(view.top_speed > 0, np.clip(pace, self.GENTLE, 1.0), 1.0)
 
     def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
         """Displacement to above the cube, then down to it."""
@@ -200,7 +208,8 @@ class PickSkill(Skill):
         :param actions: (n, arms, 4).
         :param base: not used.
         """
-        moved = TRACKING * shortened(actions[..., :3] * self.step, self.step)
+        step = self.step * self._pace(view)[..., None]
+        moved = TRACKING * step * shortened(actions[..., :3], 1.0)
         closing = np.where(actions[..., 3:] < 0, self.FINGER_RATE, -self.FINGER_RATE)
         most = (self.finger_held - self._earlier(view))[..., None]
         least = np.minimum(self._open(view)[..., None], most)

@@ -12,13 +12,14 @@ from reproduction.transfer.attempts import conditions
 from saver_advisors.evaluation.episodes import evaluate_policy
 from saver_envs.experts import make_expert
 from saver_envs.experts.blocks import ArmView, Viewer
-from saver_envs.experts.coordination import JACO_CLOSED, Coordinator
+from saver_envs.experts.coordination import JACO_CLOSED, JACO_HOLDING, Coordinator, Plan
 from saver_envs.experts.distance import turned
 from saver_envs.experts.geometry import way_round
 from saver_envs.experts.pick import PickSkill
 from saver_envs.experts.push import PushSkill
 from saver_envs.registration import make_episodes
 from saver_envs.robots import MICO
+from saver_envs.simulation import ACTION_DURATION
 
 #: Those of Table 5.4, with larger cubes.
 ALL_DIFFERENCES = conditions("push")[-1].randomization
@@ -108,6 +109,7 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
         ("JacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("DualJacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("JacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
+        ("DualJacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("DualMicoPush-v0", {"randomization": ALL_DIFFERENCES}, 0.75, 0.75),
     ],
 )
@@ -342,6 +344,7 @@ def over_its_cube(size: float, tool_velocity: float, fingers: float) -> ArmView:
     view = ArmView(
         tool=zeros,
         tool_velocity=zeros - np.array([0.0, 0.0, tool_velocity]),
+        top_speed=np.zeros((1, 1)),
         fingers=np.full((1, 1, 3), fingers),
         finger_velocity=zeros,
         object=point,
@@ -365,6 +368,45 @@ def test_cubes_of_unusual_sizes_are_carried_slowly() -> None:
     usual, large = (PickSkill().actions(over_its_cube(edge, 0.0, 0.8)) for edge in (0.056, 0.08))
     assert np.linalg.norm(usual[0, 0, :3]) == pytest.approx(1.0)
     assert np.linalg.norm(large[0, 0, :3]) == pytest.approx(PickSkill.GENTLE)
+
+
+def test_arms_that_are_slow_anyway_are_not_slowed_down() -> None:
+    skill, large = PickSkill(), over_its_cube(0.08, 0.0, 0.8)
+    full = skill.REACHED * skill.step / ACTION_DURATION
+    for top, speed in ((full, skill.GENTLE), (0.5 * full, 2 * skill.GENTLE), (0.1 * full, 1.0)):
+        action = skill.actions(replace(large, top_speed=np.full((1, 1), top)))
+        assert np.linalg.norm(action[0, 0, :3]) == pytest.approx(speed)
+
+
+def test_the_top_speed_of_an_episode_is_known_once_arms_have_moved() -> None:
+    world = make_episodes("JacoPickAndPlace-v0", 1)
+    world.set_generator(0, np.random.default_rng(0))
+    world.reset()
+    look, known = Viewer(world.task), []
+    for _ in range(Viewer.MOVED + 1):
+        known.append(look(world.observation().as_dict()).top_speed.item())
+        world.step(np.array([[0.0, 0.0, 1.0, 0.0]]))
+    assert known[:-1] == [0.0] * Viewer.MOVED
+    assert 0.2 < known[-1] < world.settings.max_speed
+
+
+def test_arms_that_are_done_hold_their_places_near_one_another() -> None:
+    """One that follows keeps more distance, but not at the cost of its target."""
+    base = np.array([[0.0, -0.36], [0.0, 0.36]])
+    planner = Coordinator(PickSkill(), base, JACO_HOLDING)
+    apart = JACO_HOLDING(np.zeros(1))[0] + planner.BUFFER / 2
+    hand = np.array([[[0.4, -apart / 2], [0.4, apart / 2]]])
+    view = over_its_cube(0.056, 0.0, 0.8)
+    both = {
+        name: np.repeat(value, 2, axis=1) for name, value in vars(view).items() if value.ndim > 1
+    }
+    view = replace(view, **both)
+    plan = Plan(np.ones((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 2)))
+    for done in (False, True):
+        served = np.full((1, 2), done)
+        move, turned = planner._give_way(view, plan, hand, 0 * hand, served)
+        assert turned.any() != done
+        assert np.any(move != 0) != done
 
 
 def test_an_arm_that_was_done_gives_way_as_long_as_it_holds_its_cube() -> None:
