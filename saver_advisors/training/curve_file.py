@@ -12,7 +12,7 @@ CURVE_FILE: Final = "curve.jsonl"
 #: Entries that every point has.
 POINT: Final = ("steps", "success_rate", "wall_clock_s")
 #: Entries of a point that differ between two equal runs.
-OF_THE_MACHINE: Final = frozenset({"wall_clock_s", "load_average"})
+OF_THE_MACHINE: Final = frozenset({"wall_clock_s", "processor_s", "load_average"})
 
 
 def read_curve(folder: str | Path) -> list[dict[str, Any]]:

@@ -96,7 +96,7 @@ class Run:
         horizon = episode_horizon(env)
         self.block = horizon * config.n_envs
         self.demonstration_steps = demonstration_steps(config, horizon)
-        self.wall_clock_s = 0.0
+        self.wall_clock_s = self.processor_s = 0.0
         self.curve: list[dict[str, Any]] = []
 
     @property
@@ -142,12 +142,13 @@ class Run:
             saved_at = self.steps
             with tqdm(total=total, initial=saved_at, unit="step", disable=not progress) as bar:
                 while self.steps < limit and not stop:
-                    before, start = self.steps, time.perf_counter()
+                    before, start, busy = self.steps, time.perf_counter(), time.process_time()
                     if self.steps < self.demonstration_steps:
                         self._demonstrate_block()
                     else:
                         self._train_block(callback)
                     self.wall_clock_s += time.perf_counter() - start
+                    self.processor_s += time.process_time() - busy
                     bar.update(self.steps - before)
                     done = self.steps >= total
                     rate = None
@@ -182,6 +183,7 @@ class Run:
         if checkpoint is not None:
             extra = load_checkpoint(checkpoint, self.model)
             self.wall_clock_s = extra["wall_clock_s"]
+            self.processor_s = extra.get("processor_s", 0.0)
             self.model.training_cost = extra.get("training_cost", 0.0)
             if self.advisor is not None:
                 self.advisor.load_state_dict(extra["advisor"])
@@ -267,6 +269,7 @@ class Run:
             "steps": self.steps,
             "updates": self.model._n_updates,
             "wall_clock_s": round(self.wall_clock_s, 3),
+            "processor_s": round(self.processor_s, 3),
             **curve_point(result.summary()),
             # Q(s, pi(s)) over the states seen, as in the dissertation's figures 5.4 to 5.8.
             "mean_q": _mean(values),
@@ -306,6 +309,7 @@ class Run:
         extra = {
             "config": self.config.to_mapping(),
             "wall_clock_s": self.wall_clock_s,
+            "processor_s": self.processor_s,
             "training_cost": self.model.training_cost,
             "advisor": None if self.advisor is None else self.advisor.state_dict(),
             "stages": None if self.stages is None else self.stages.state_dict(),

@@ -40,7 +40,7 @@ CONFIG = replace(
 def states(folder: Path) -> dict[str, Any]:
     """The checkpoint's counters and generators, without what differs between equal runs."""
     state = json.loads((folder / "latest" / "state.json").read_text())
-    del state["extra"]["wall_clock_s"], state["sha256"]
+    del state["extra"]["wall_clock_s"], state["extra"]["processor_s"], state["sha256"]
     # The order of a header's entries differs.
     return {**state, "files": sorted(state["files"])}
 
