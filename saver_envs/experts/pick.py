@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ class PickSkill(Skill):
         narrower than an open hand, which would meet its neighbours.
     :param cruise: height at which cubes are carried, and hands travel above them, metres.
     :param usual: edge of the cubes that these values fit, metres; others change them.
+    :param gentle: share of the usual speed at which cubes of other sizes are carried.
     """
 
     grasp_offset: tuple[float, float, float] = (0.0, 0.0, -0.004)
@@ -39,6 +40,7 @@ class PickSkill(Skill):
     half_open: float = 0.30
     cruise: float = 0.11
     usual: float = 0.056
+    gentle: float = 0.4
 
     own_last: ClassVar[bool] = True
     #: Share of the way left that an action covers: with more, hands overshoot where actions or
@@ -61,8 +63,11 @@ class PickSkill(Skill):
     #: Fingers that turn slower than this (rad/s) have stopped on what is between them, if they are
     #: closed by so much more than the hand was open (rad).
     STOPPED, BEGUN = 0.6, 0.08
-    #: Share of the usual speed at which cubes that may be large and heavy are carried: they slip.
-    GENTLE = 0.4
+    #: Actions in which a task can be done at full speed. In longer episodes cubes that may be large
+    #: and heavy, and slip, are carried slowly.
+    HURRIED = 50
+    #: Least full speed, as a share of the usual one.
+    SLOWEST = 0.4
     #: Averaged speed that hands reach in short moves, as a share of that of an action.
     REACHED = 0.58
     #: Sizes of unusual cubes are inferred, with errors of up to this (m).
@@ -78,6 +83,11 @@ class PickSkill(Skill):
     STACKED = 1.5
     #: Change of the finger angles in one action (rad).
     FINGER_RATE = 0.13
+
+    def fitted(self, settings: Settings) -> Self:
+        """Return the skill of an arm with these settings."""
+        gentle = min(1.0, self.HURRIED / settings.horizon)
+        return replace(super().fitted(settings), gentle=gentle)
 
     def finished(self, view: ArmView) -> NDArray[np.bool_]:
         """Return which cubes (n, arms) are where they are meant to be."""
@@ -154,7 +164,7 @@ class PickSkill(Skill):
         move = np.where(holds[..., None], self._carry(view), self._approach(view, gap))
         move = np.where((closes & ~holds)[..., None], gap, move)
         grip = np.where(closes | holds, -1.0, self.opening(view))
-        gentle = np.minimum(self.GENTLE / self._pace(view), 1.0)
+        gentle = np.minimum(self.gentle / self._pace(view), 1.0)
         share = np.where(holds & (view.object_size != self.usual), gentle, 1.0)
         move = shortened(self.GAIN * move, self.step * share[..., None]) / self.step
         return np.concatenate([move, grip[..., None]], axis=-1)
@@ -162,7 +172,7 @@ class PickSkill(Skill):
     def _pace(self, view: ArmView) -> FloatArray:
         """Return the arms' full speed (n, arms) by the usual one, 1 until it is known."""
         pace = view.top_speed * ACTION_DURATION / (self.REACHED * self.step)
-        return np.where(view.top_speed > 0, np.clip(pace, self.GENTLE, 1.0), 1.0)
+        return np.where(view.top_speed > 0, np.clip(pace, self.SLOWEST, 1.0), 1.0)
 
     def _approach(self, view: ArmView, gap: FloatArray) -> FloatArray:
         """Displacement to above the cube, then down to it."""

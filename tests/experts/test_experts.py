@@ -17,7 +17,7 @@ from saver_envs.experts.distance import turned
 from saver_envs.experts.geometry import way_round
 from saver_envs.experts.pick import PickSkill
 from saver_envs.experts.push import PushSkill
-from saver_envs.registration import make_episodes
+from saver_envs.registration import make_episodes, task_and_settings
 from saver_envs.robots import MICO
 from saver_envs.simulation import ACTION_DURATION
 
@@ -106,6 +106,7 @@ def test_an_expert_reaches_the_specified_bar(env_id: str, least: float) -> None:
         ("JacoPush-v0", {"object_size": 0.09}, 0.85, 0.82),
         ("DualJacoPush-v0", {"object_size": 0.09}, 0.85, 0.60),
         ("JacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.82),
+        ("DualJacoPickAndPlace-v0", {"object_size": 0.09}, 0.85, 0.60),
         ("JacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("DualJacoPush-v0", {"randomization": "wide"}, 0.88, 0.65),
         ("JacoPickAndPlace-v0", {"randomization": "wide"}, 0.88, 0.65),
@@ -367,13 +368,19 @@ def test_a_hand_that_comes_to_rest_over_its_cube_closes() -> None:
 def test_cubes_of_unusual_sizes_are_carried_slowly() -> None:
     usual, large = (PickSkill().actions(over_its_cube(edge, 0.0, 0.8)) for edge in (0.056, 0.08))
     assert np.linalg.norm(usual[0, 0, :3]) == pytest.approx(1.0)
-    assert np.linalg.norm(large[0, 0, :3]) == pytest.approx(PickSkill.GENTLE)
+    assert np.linalg.norm(large[0, 0, :3]) == pytest.approx(PickSkill().gentle)
+
+
+def test_short_episodes_have_no_time_to_carry_slowly() -> None:
+    _, settings = task_and_settings("JacoPickAndPlace-v0", {})
+    for horizon, share in ((20, 1.0), (50, 1.0), (125, 0.4)):
+        assert PickSkill().fitted(replace(settings, horizon=horizon)).gentle == share
 
 
 def test_arms_that_are_slow_anyway_are_not_slowed_down() -> None:
     skill, large = PickSkill(), over_its_cube(0.08, 0.0, 0.8)
     full = skill.REACHED * skill.step / ACTION_DURATION
-    for top, speed in ((full, skill.GENTLE), (0.5 * full, 2 * skill.GENTLE), (0.1 * full, 1.0)):
+    for top, speed in ((full, skill.gentle), (0.5 * full, 2 * skill.gentle), (0.1 * full, 1.0)):
         action = skill.actions(replace(large, top_speed=np.full((1, 1), top)))
         assert np.linalg.norm(action[0, 0, :3]) == pytest.approx(speed)
 
