@@ -143,8 +143,10 @@ class StartSampler:
 
     @cached_property
     def contestable(self) -> bool:
-        """Whether starts can be contested: only arms in a row have neighbours, those around the
-        table face one another; arms of short reach share no region.
+        """Whether starts can be contested.
+
+        Only arms in a row have neighbours: those around the table face one another. Arms of short
+        reach share no region.
         """
         roomy = not self._rules.pushes or self._rules.object_size < CONTEST_SIZE
         if self._n_arms == 1 or not (roomy and self._ordered):
