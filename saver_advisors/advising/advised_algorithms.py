@@ -38,8 +38,9 @@ from saver_advisors.learner.imitation import candidate_values
 class AdvisedMixin(OffPolicyAlgorithm):
     """Add an advisor to an off-policy algorithm; put it first among the bases.
 
-    `infos[i]["advised"]` reports to the replay buffer whether environment i was advised, and
-    `infos[i]["advised_arms"]` which arms were. The saved zip does not contain the teacher: it keeps
+    `infos[i]["advised"]` reports to the replay buffer whether environment i was advised,
+    `infos[i]["advised_arms"]` which arms were, and `infos[i]["label"]` the teachers' scaled actions
+    if the strategy labels states. The saved zip does not contain the teacher: it keeps
     `advice_state` (spent budget, strategy, teacher names), loads with or without an advisor, and a
     resumed run calls `advisor.load_state_dict(model.advice_state)`.
 
@@ -52,6 +53,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
     advisor: Advisor | Mapping[str, Any] | None
     advice_state: dict[str, Any] | None = None
     _advice_mask: Mask | None = None
+    _labels: NDArray[np.float32] | None = None
     _episode_steps: NDArray[np.int64] | None = None
 
     def __init__(
@@ -110,7 +112,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         action, buffer_action = super()._sample_action(learning_starts, action_noise, n_envs)
         advisor = self.advisor
         if not isinstance(advisor, Advisor):
-            self._advice_mask = None
+            self._advice_mask = self._labels = None
             return action, buffer_action
         compared = None
         if advisor.needs_noise_free:
@@ -164,7 +166,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
             self.num_timesteps += self.n_envs
             self._episode_num += int(dones.sum())
             self._store_transition(replay_buffer, stored, new_obs, rewards, dones, infos)  # type: ignore[arg-type]
-        self._advice_mask = None
+        self._advice_mask = self._labels = None
 
     def _raw_observation(self) -> dict[str, NDArray[Any]]:
         """The observation before `VecNormalize`: teachers have a normaliser of their own."""
@@ -189,11 +191,13 @@ class AdvisedMixin(OffPolicyAlgorithm):
         self, advice: Advice, action: NDArray[Any], buffer_action: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Replace the advised arms' blocks in the action to execute and its scaled counterpart."""
-        advised_action, mask = advice
-        self._advice_mask = mask
+        advised_action, mask, labels = advice
+        box: Any = self.action_space
+        self._advice_mask, self._labels = mask, None
+        if labels is not None:
+            self._labels = self.policy.scale_action(np.clip(labels, box.low, box.high))
         if not mask.any():
             return action, buffer_action
-        box: Any = self.action_space
         replaced = np.repeat(mask, action.shape[1] // mask.shape[1], axis=1)
         executed = np.where(replaced, np.clip(advised_action, box.low, box.high), action)
         # All other entries stay bit-equal to the student's.
@@ -215,6 +219,10 @@ class AdvisedMixin(OffPolicyAlgorithm):
             infos = [
                 {**info, "advised": bool(arms.any()), "advised_arms": arms.tolist()}
                 for info, arms in zip(infos, self._advice_mask, strict=True)
+            ]
+        if self._labels is not None:
+            infos = [
+                {**info, "label": label} for info, label in zip(infos, self._labels, strict=True)
             ]
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         self._last_episode_starts = dones
@@ -239,7 +247,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         super().save(path, *args, **kwargs)
 
     def _excluded_save_params(self) -> list[str]:
-        own = ["advisor", "_advice_mask", "_episode_steps", "_plain_class"]
+        own = ["advisor", "_advice_mask", "_labels", "_episode_steps", "_plain_class"]
         return [*super()._excluded_save_params(), *own]
 
 
@@ -281,7 +289,7 @@ def _unhook(model: Any) -> bool:
         return False
     model.advice_state = model.advisor.state_dict()
     model.__class__ = model._plain_class
-    for name in ("advisor", "_advice_mask", "_episode_steps", "_plain_class"):
+    for name in ("advisor", "_advice_mask", "_labels", "_episode_steps", "_plain_class"):
         vars(model).pop(name, None)
     return True
 
@@ -316,7 +324,7 @@ class AdvisingCallback(BaseCallback):
             model._plain_class = type(model)
             model.__class__ = build_advised(type(self.model))
         model.advisor = self.advisor
-        model._advice_mask = model._episode_steps = None
+        model._advice_mask = model._labels = model._episode_steps = None
 
     def _on_step(self) -> bool:
         return True

@@ -31,8 +31,9 @@ from saver_advisors.advising.strategies import import_object, make_strategy
 from saver_advisors.policies.files import load_teacher
 from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.mapping import ArmMapping, flat_size
-from saver_advisors.policies.scripted import PREFIX, scripted_teachers
+from saver_advisors.policies.scripted import PREFIX, ExpertGroup, scripted_teachers
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherFunction, TeacherGroup
+from saver_envs.experts import Expert
 from saver_envs.validation import require
 
 Compare = Literal["noisy", "noise-free"]
@@ -51,10 +52,13 @@ class Advice(NamedTuple):
     :param actions: (n_envs, n_arms * action_size), the student's with the advised arms' blocks
         replaced.
     :param mask: (n_envs, n_arms), which arms were advised.
+    :param labels: (n_envs, n_arms * action_size), the teachers' actions where the strategy labels
+        states, NaN in environments that the budget did not suffice for; else None.
     """
 
     actions: NDArray[Any]
     mask: Mask
+    labels: FloatArray | None = None
 
 
 class Advisor:
@@ -65,7 +69,7 @@ class Advisor:
     arm was advised.
 
     :param strategy: decides when an arm is advised.
-    :param teachers: one teacher for every arm, or one per arm.
+    :param teachers: one teacher for every arm, one per arm, or a group that advises all arms.
     :param mapping: where each arm's block lies.
     :param budget: how many environment steps may be advised.
     :param compare: the student action that correcting strategies compare.
@@ -78,7 +82,7 @@ class Advisor:
     def __init__(
         self,
         strategy: AdvisingStrategy,
-        teachers: Teacher | Sequence[Teacher],
+        teachers: Teacher | Sequence[Teacher] | TeacherGroup,
         mapping: ArmMapping,
         budget: AdviceBudget,
         *,
@@ -90,7 +94,16 @@ class Advisor:
         known = get_args(Compare)
         require("compare", compare, compare in known, f"one of {', '.join(known)}")
         self.strategy = strategy
-        self.teachers = TeacherGroup(teachers, mapping.n_arms)
+        self.teachers = (
+            teachers
+            if isinstance(teachers, TeacherGroup)
+            else TeacherGroup(teachers, mapping.n_arms)
+        )
+        if self.teachers.n_arms != mapping.n_arms:
+            raise ValueError(
+                f"{self.teachers.names[0]!r} advises {self.teachers.n_arms} arms, the student has "
+                f"{mapping.n_arms}"
+            )
         self.mapping = mapping
         self.budget = budget
         self.compare: Compare = compare
@@ -164,7 +177,7 @@ class Advisor:
             advised.
         """
         mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
-        actions = student_actions
+        actions, labels = student_actions, None
         if self.active:
             compared = student_actions if compared_actions is None else compared_actions
             by_arm = self.mapping.split_action(student_actions)
@@ -186,6 +199,10 @@ class Advisor:
             wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
+            if getattr(self.strategy, "labels", False):
+                asked = self.budget.spend(np.ones(len(mask), dtype=bool))
+                given = self.mapping.join_actions(context.teacher_actions)
+                labels = np.where(asked[:, np.newaxis], given, np.float32(np.nan))
             self._log("disagreement", context.disagreement)
             # Reading this cached property would compute it; do so only if the strategy has.
             if "q_gap" in vars(context):
@@ -196,7 +213,7 @@ class Advisor:
                     student_actions.dtype, copy=False
                 )
         self._count(mask)
-        return Advice(actions, mask)
+        return Advice(actions, mask, labels)
 
     def _decide(self, context: AdviceContext) -> Mask:
         """Return the strategy's mask, restricted to the arms that may be advised.
@@ -355,7 +372,7 @@ class Advisor:
 
 def make_advisor(
     strategy: str | AdvisingStrategy,
-    teacher: TeacherLike | Sequence[TeacherLike],
+    teacher: TeacherLike | Sequence[TeacherLike] | Expert,
     budget: int,
     *,
     n_arms: int | None = None,
@@ -377,7 +394,8 @@ def make_advisor(
     :param teacher: a shipped policy's name; a weight file; the folder of a run; the zip file of an
         SB3 model; a teacher; a function of one arm's observation and goal, or its name
         "module:function" (see ``FunctionTeacher``); or a list of those, one per arm.
-        ``scripted:ID`` is the scripted expert of an environment, for each arm.
+        ``scripted:ID`` is the scripted expert of an environment, for each arm by itself; an
+        expert of ``saver_envs.experts.make_expert`` advises all arms, which give way.
     :param budget: environment steps that may be advised.
     :param n_arms: arms of the student; may be omitted if the spaces are given, except for a
         function, whose sizes follow from both.
@@ -403,8 +421,14 @@ def make_advisor(
             "threshold, correcting and settings belong to a strategy given by name: set them on "
             "the object instead"
         )
-    teachers = _resolve(teacher, partial(_of_function, n_arms, observation_space, action_space))
-    first = teachers[0]
+    teachers: Sequence[Teacher] | ExpertGroup
+    if isinstance(teacher, Expert):
+        teachers = ExpertGroup(teacher)
+        first = teachers.teachers[0]
+    else:
+        of_function = partial(_of_function, n_arms, observation_space, action_space)
+        teachers = _resolve(teacher, of_function)
+        first = teachers[0]
     if n_arms is None:
         if observation_space is None or action_space is None:
             raise ValueError("give n_arms, or observation_space and action_space to read it from")

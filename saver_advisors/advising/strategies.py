@@ -1,7 +1,7 @@
 """The built-in strategies, and the registry that finds a strategy by its name.
 
 `none`, `early`, `mc-q`, `mc-act`, `mc-actabs` and `early-mc` are the dissertation's; `random`,
-`jump-start` and `ibrl` are comparisons. `register_strategy` adds your own.
+`jump-start`, `ibrl` and `dagger` are comparisons. `register_strategy` adds your own.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class _BuiltIn:
     """A strategy that is a dataclass, whose settings are the fields of its constructor."""
 
     needs_critics: ClassVar[bool] = False
+    labels: ClassVar[bool] = False
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -323,6 +324,19 @@ class BetterOfBoth(_BuiltIn):
         )
 
 
+@dataclass(frozen=True)
+class Labelling(_BuiltIn):
+    """DAgger: the student acts, and the teacher says in every state what it would do (Ross et al.,
+    arXiv 1011.0686). Each answer costs one step of the budget.
+    """
+
+    name: ClassVar[str] = "dagger"
+    labels: ClassVar[bool] = True
+
+    def decide(self, context: AdviceContext) -> Mask:
+        return np.zeros(context.shape, dtype=bool)
+
+
 _CORRECTING: Final = (MistakeCorrectingQ, MistakeCorrectingAction, MistakeCorrectingRelativeAction)
 _BUILT_IN: Final[tuple[type[AdvisingStrategy], ...]] = (
     NoAdvice,
@@ -332,6 +346,7 @@ _BUILT_IN: Final[tuple[type[AdvisingStrategy], ...]] = (
     RandomAdvising,
     JumpStart,
     BetterOfBoth,
+    Labelling,
 )
 
 STRATEGIES: Final[dict[str, type[AdvisingStrategy]]] = {one.name: one for one in _BUILT_IN}

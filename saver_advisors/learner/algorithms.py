@@ -121,6 +121,9 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
 
     replay_buffer: GoalReplayBuffer
 
+    learns_values: ClassVar[bool] = True
+    """Whether the critics are trained."""
+
     is_trained: bool = False
     """Whether the policy was trained before: it then acts from the first step on."""
 

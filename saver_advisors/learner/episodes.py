@@ -51,6 +51,8 @@ class EpisodeBuffer(ReplayBuffer):
     :param horizon: maximum length of an episode in steps.
     :param seed: of the buffer's own random generator.
     :param cost_key: entry of ``info`` that is stored as the cost of a step; None stores none.
+    :param labels: whether the entry ``label`` of ``info`` is stored: the teachers' actions, scaled
+        to [-1, 1], where the executed ones may be the student's.
     :raises ValueError: if spaces or sizes do not fit.
     """
 
@@ -69,6 +71,7 @@ class EpisodeBuffer(ReplayBuffer):
         horizon: int,
         seed: int | None = None,
         cost_key: str | None = None,
+        labels: bool = False,
     ) -> None:
         _check_spaces(observation_space, action_space)
         require("horizon", horizon, horizon >= 1, "at least 1 step")
@@ -84,7 +87,9 @@ class EpisodeBuffer(ReplayBuffer):
         self.n_slots = buffer_size // horizon
         self._random = np.random.default_rng(seed)
         self.cost_key = cost_key
-        self._slot_arrays = _SLOT_ARRAYS if cost_key is None else (*_SLOT_ARRAYS, "cost")
+        self.labels = labels
+        optional = {"cost": cost_key is not None, "label": labels}
+        self._slot_arrays = (*_SLOT_ARRAYS, *(name for name, used in optional.items() if used))
         self._allocate()
         self.reset()
 
@@ -99,8 +104,9 @@ class EpisodeBuffer(ReplayBuffer):
         self.desired_goal = np.zeros((self.n_slots, goal_dim), np.float32)
         self.action = np.zeros((self.n_slots, self.horizon, self.action_dim), np.float32)
         self.advised = np.zeros((self.n_slots, self.horizon), bool)
-        # Without a key it only takes up addresses.
+        # Unused, these only take up addresses. A label is NaN where the teachers were not asked.
         self.cost = np.zeros((self.n_slots, self.horizon), np.float32)
+        self.label = np.zeros(self.action.shape, np.float32)
         self.length = np.zeros(self.n_slots, np.int64)
 
     def reset(self) -> None:
@@ -134,7 +140,7 @@ class EpisodeBuffer(ReplayBuffer):
         :param action: (n_envs, action_dim), scaled to [-1, 1].
         :param reward: (n_envs,), ignored: rewards are computed when sampled.
         :param done: (n_envs,), whether the episode ends here.
-        :param infos: one dict per environment; ``advised`` and ``cost_key`` are read.
+        :param infos: one dict per environment; ``advised``, ``cost_key`` and ``label`` are read.
         :raises ValueError: if a value is not finite, or an episode exceeds the horizon.
         :raises KeyError: if an environment does not report the cost.
         """
@@ -160,6 +166,9 @@ class EpisodeBuffer(ReplayBuffer):
         self.observation[slot, step + 1] = next_obs["observation"]
         self.achieved_goal[slot, step + 1] = next_obs["achieved_goal"]
         self.action[slot, step] = action
+        if self.labels:
+            unknown = np.full(self.action_dim, np.nan, np.float32)
+            self.label[slot, step] = [info.get("label", unknown) for info in infos]
         self.advised[slot, step] = [bool(info.get("advised", False)) for info in infos]
         self.length[slot] = step + 1
         self._running = ~np.asarray(done, bool)

@@ -333,18 +333,33 @@ def clone(
     actor = policy.actor
     parameters = [one for one in actor.parameters() if one.requires_grad]
     optimizer = th.optim.Adam(parameters, lr=learning_rate)
-    # SAC's actor samples unless it is asked for the deterministic action; TD3's does not sample.
-    mode = {"deterministic": True} if hasattr(actor, "latent_pi") else {}
     policy.set_training_mode(True)
-    loss = th.zeros(())
+    loss = 0.0
     for _ in range(updates):
         drawn = demonstrations.sample_transitions(batch_size)
         batch = demonstrations.as_samples(replace(drawn, desired_goal=drawn.episode_goal))
-        loss = functional.mse_loss(actor(batch.observations, **mode), batch.actions)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+        loss = fit(actor, optimizer, batch.observations, batch.actions)
     actor.zero_grad()
     if getattr(policy, "actor_target", None) is not None:
         policy.actor_target.load_state_dict(actor.state_dict())
+    return loss
+
+
+def fit(
+    actor: Any, optimizer: th.optim.Optimizer, observations: Any, wanted: th.Tensor
+) -> float:
+    """Take one step of an actor towards wanted actions.
+
+    :param actor: of SB3's TD3 or SAC.
+    :param optimizer: of its parameters.
+    :param observations: entries (batch, dim).
+    :param wanted: (batch, action_dim), scaled to [-1, 1].
+    :return: the mean squared difference before the step.
+    """
+    # SAC's actor samples unless it is asked for the deterministic action; TD3's does not sample.
+    mode = {"deterministic": True} if hasattr(actor, "latent_pi") else {}
+    loss = functional.mse_loss(actor(observations, **mode), wanted)
+    optimizer.zero_grad()
+    loss.backward()
+    optimizer.step()
     return float(loss.item())

@@ -39,6 +39,8 @@ class GoalTransitions:
     :param action: (batch, action_dim), scaled to [-1, 1].
     :param episode_goal: (batch, goal_dim), the episode's own goal.
     :param reward: (batch, rewards), computed from ``next_achieved_goal`` and ``desired_goal``.
+    :param label: (batch, action_dim), the teachers' actions, scaled to [-1, 1]; NaN where they were
+        not asked, 0 if no labels are stored.
     :param cost: (batch,), of the step; it does not depend on goals. 0 if no costs are stored.
     :param next_observation: (batch, observation_dim).
     :param next_achieved_goal: (batch, goal_dim), after the action.
@@ -55,6 +57,7 @@ class GoalTransitions:
     action: FloatArray
     episode_goal: FloatArray
     reward: FloatArray
+    label: FloatArray
     cost: FloatArray
     next_observation: FloatArray
     next_achieved_goal: FloatArray
@@ -195,6 +198,7 @@ class GoalReplayBuffer(EpisodeBuffer):
             action=np.take(self.action.reshape(-1, self.action_dim), action_row, axis=0),
             episode_goal=episode_goal,
             reward=self._rewards(next_achieved, desired),
+            label=np.take(self.label.reshape(-1, self.action_dim), action_row, axis=0),
             cost=np.take(self.cost.reshape(-1), action_row),
             next_observation=np.take(observation, row + 1, axis=0),
             next_achieved_goal=next_achieved,

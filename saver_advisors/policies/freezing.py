@@ -31,6 +31,8 @@ Layers = Sequence[tuple[Tensor, Tensor]]
 EXTRACTOR: Final = "actor.features_extractor."
 NORMALISER_CLIP: Final = 5.0
 """Default of `NormalizedGoalFeatures`."""
+UNTRAINED: Final = "critic.untrained"
+"""Entry of a policy's state if its critics are not trained; they are omitted."""
 SHARED: Final = "actor.mu.pool.weight"
 """Entry of a policy's state if arms share its networks."""
 
@@ -51,7 +53,8 @@ def networks_from_sb3(model: OffPolicyAlgorithm) -> PolicyNetworks:
     given = [_leaves(getattr(actor, "latent_pi", nn.Sequential()), actor.mu)]
     # TD3's last layer is the tanh; `FrozenPolicy` applies it in any case.
     given = [given[0][:-1] if isinstance(given[0][-1], nn.Tanh) else given[0]]
-    given += [_leaves(network) for network in critic.q_networks]
+    trained = UNTRAINED not in model.policy.state_dict()
+    given += [_leaves(network) for network in critic.q_networks if trained]
     bounds = torch.as_tensor(box.low), torch.as_tensor(box.high)
     arms = (lambda: extractor.arms) if isinstance(extractor, SharedArmFeatures) else None
     try:
@@ -100,7 +103,8 @@ def networks_of_state(
     :raises ValueError: for sizes out of range, or networks that cannot be represented.
     :raises RuntimeError: for weights that do not fit together.
     """
-    numbers = sorted({int(found[1]) for name in state if (found := _CRITIC.match(name))})
+    found = {int(match[1]) for name in state if (match := _CRITIC.match(name))}
+    numbers = sorted(found) if UNTRAINED not in state else []
     if SHARED in state:
         if arms is None or activation != "relu":
             known = "the arms are not described" if arms is None else f"{activation}, not relu"

@@ -28,10 +28,13 @@ from saver_advisors.learner.algorithms import (
     episode_horizon,
     task_of,
 )
+from saver_advisors.learner.dagger import GoalDAgger
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
+from saver_advisors.policies.scripted import EXPERT
 from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
+from saver_envs.experts import make_expert
 from saver_envs.registration import make_episodes
 
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
@@ -39,6 +42,7 @@ ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
     "td3": GoalTD3,
     "sac": GoalSAC,
     "tqc": GoalTQC,
+    "dagger": GoalDAgger,
 }
 #: Arguments of GoalTD3 that the other algorithms do not have; fields of the same names.
 TD3_ARGUMENTS = (
@@ -176,6 +180,9 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     assert advice is not None
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
+    if advice.teacher == EXPERT:
+        options = {**config.env_kwargs, **config.train_env_kwargs}
+        named["teacher"] = make_expert(config.env_id, **options)
     if any(map(names_code, advice.teachers)):
         named["n_arms"] = getattr(task_of(env), "n_arms", None)
     advisor = make_advisor(
@@ -231,7 +238,7 @@ def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> 
         arguments["features_extractor_kwargs"] = {"achieved_goal": True}
     if config.algorithm in ("ddpg", "td3"):
         arguments["action_penalty"] = config.action_penalty
-    if config.algorithm == "td3":
+    if config.algorithm in ("td3", "dagger"):
         arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
     return arguments
 

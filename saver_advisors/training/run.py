@@ -254,7 +254,8 @@ class Run:
 
         def predict(observation: Observation) -> npt.NDArray[Any]:
             action, _ = self.model.predict(observation, deterministic=True)
-            values.append(self.model.student_value(observation, action))
+            if self.model.learns_values:
+                values.append(self.model.student_value(observation, action))
             return action
 
         result = evaluate_policy(

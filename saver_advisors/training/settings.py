@@ -22,7 +22,7 @@ from saver_envs.validation import (
     check_fields,
 )
 
-ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc")
+ALGORITHM_NAMES = ("ddpg", "td3", "sac", "tqc", "dagger")
 
 #: Prefixes of the settings' names in messages, as in `--set advice.budget=0`.
 _PREFIXES = {"RunConfig": "", "AdviceConfig": "advice.", "StageConfig": "stages."}
@@ -39,7 +39,8 @@ class AdviceConfig:
 
     :param strategy: name, such as ``mc-q``, or "module:Class".
     :param teacher: a shipped policy's name, a weight file, a run's folder, a zip file of SB3,
-        "module:function" or "scripted:ID"; or a list with one of those per arm.
+        "module:function" or "scripted:ID"; or a list with one of those per arm; or "expert", the
+        environment's scripted expert, whose arms give way to one another.
     :param budget: environment steps that may be advised.
     :param threshold: threshold of a correcting strategy; None selects the strategy's default.
     :param correcting: the second half of ``early-mc``; None selects its default.
@@ -116,7 +117,8 @@ class RunConfig:
     :param env_kwargs: keyword arguments of the environment.
     :param train_env_kwargs: further ones for training only, such as easier starts.
     :param n_envs: number of environments stepped together.
-    :param algorithm: ``ddpg``, ``td3``, ``sac`` or ``tqc``.
+    :param algorithm: ``ddpg``, ``td3``, ``sac`` or ``tqc``; or ``dagger``, which imitates teachers and
+        needs advice with the strategy of that name.
     :param total_steps: environment steps of all environments together, rounded up to a block.
     :param seed: seed of all random numbers of the run; the protocol's seeds of its episodes follow
         from it (``saver_advisors.evaluation.protocol``).
@@ -236,10 +238,20 @@ class RunConfig:
         training_seed(self.seed)  # raises if it has none
         check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
+        labels = self.advice is not None and self.advice.strategy == "dagger"
+        if labels != (self.algorithm == "dagger"):
+            raise ValueError(
+                f"algorithm={self.algorithm!r} and advice.strategy="
+                f"{None if self.advice is None else self.advice.strategy!r}: 'dagger' must be "
+                "both, or neither"
+            )
+        if self.shared_arms and self.algorithm not in ("td3", "dagger"):
+            raise ValueError(
+                f"shared_arms=True needs algorithm='td3' or 'dagger', not {self.algorithm!r}"
+            )
         of_td3 = {
             "advice.bootstrap": bootstrap,
             "per_arm_critics": self.per_arm_critics,
-            "shared_arms": self.shared_arms,
             "contact_cost": self.contact_cost if self.contact_cost > 0 else False,
             "cost_limit": False if self.cost_limit is None else self.cost_limit,
         }
