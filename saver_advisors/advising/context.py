@@ -2,8 +2,8 @@
 
 A strategy reads an `AdviceContext` and returns a mask; the advisor applies the budget afterwards.
 Every strategy has the four members of `AdvisingStrategy`. One whose attribute `labels` is true has
-the teachers' actions stored at every step, executed or not. A strategy that needs the run's length, a
-state of its own or the student's progress also has the methods of `PlansAhead`, `Remembers` or
+the teachers' actions stored at every step, executed or not. A strategy that needs the run's length,
+a state of its own or the student's progress also has the methods of `PlansAhead`, `Remembers` or
 `WatchesStudent`.
 """
 

@@ -345,9 +345,7 @@ def clone(
     return loss
 
 
-def fit(
-    actor: Any, optimizer: th.optim.Optimizer, observations: Any, wanted: th.Tensor
-) -> float:
+def fit(actor: Any, optimizer: th.optim.Optimizer, observations: Any, wanted: th.Tensor) -> float:
     """Take one step of an actor towards wanted actions.
 
     :param actor: of SB3's TD3 or SAC.

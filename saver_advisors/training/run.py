@@ -87,6 +87,8 @@ class Run:
         self.output_dir = output_dir
         self.env = env
         self.threads = threads
+        if config.algorithm == "dagger" and config.advice is None:
+            raise ValueError("algorithm='dagger' needs advice, whose teacher it imitates")
         if (plain := _without_code(config)) is not None:
             # Everything else must fit before the code that the settings name is imported.
             build_model(plain, env)

@@ -117,8 +117,8 @@ class RunConfig:
     :param env_kwargs: keyword arguments of the environment.
     :param train_env_kwargs: further ones for training only, such as easier starts.
     :param n_envs: number of environments stepped together.
-    :param algorithm: ``ddpg``, ``td3``, ``sac`` or ``tqc``; or ``dagger``, which imitates teachers and
-        needs advice with the strategy of that name.
+    :param algorithm: ``ddpg``, ``td3``, ``sac``, ``tqc``, or ``dagger``: it imitates teachers and
+        needs the strategy of that name.
     :param total_steps: environment steps of all environments together, rounded up to a block.
     :param seed: seed of all random numbers of the run; the protocol's seeds of its episodes follow
         from it (``saver_advisors.evaluation.protocol``).
@@ -238,12 +238,11 @@ class RunConfig:
         training_seed(self.seed)  # raises if it has none
         check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
-        labels = self.advice is not None and self.advice.strategy == "dagger"
-        if labels != (self.algorithm == "dagger"):
+        strategy = None if self.advice is None else self.advice.strategy
+        if strategy is not None and (strategy == "dagger") != (self.algorithm == "dagger"):
             raise ValueError(
-                f"algorithm={self.algorithm!r} and advice.strategy="
-                f"{None if self.advice is None else self.advice.strategy!r}: 'dagger' must be "
-                "both, or neither"
+                f"algorithm={self.algorithm!r} and advice.strategy={strategy!r}: both must be "
+                "'dagger', or neither"
             )
         if self.shared_arms and self.algorithm not in ("td3", "dagger"):
             raise ValueError(

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import length
-from saver_envs.experts.geometry import FloatArray
+from saver_envs.experts.geometry import FloatArray, length
 from saver_envs.tasks.contract import Task
 
 

@@ -15,12 +15,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import length, shortened
+from saver_envs.control import shortened
 from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.frozen import serves_all
-from saver_envs.experts.geometry import FloatArray, way_round
+from saver_envs.experts.geometry import FloatArray, length, way_round
 from saver_envs.experts.skill import Skill
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.contract import Task

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saver_envs.control import length, shortened
+from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.frozen import serves_all
-from saver_envs.experts.geometry import FloatArray, dot, unit
+from saver_envs.experts.geometry import FloatArray, dot, length, unit
 from saver_envs.experts.pick import PickSkill, skill_for
 from saver_envs.scenes import base_poses
 from saver_envs.tasks.distance import REQUIRED_DISTANCE, Distance

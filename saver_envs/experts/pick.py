@@ -8,12 +8,12 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import length, shortened
+from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_HOLDING, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray
+from saver_envs.experts.geometry import FloatArray, length
 from saver_envs.experts.push import TRACKING
 from saver_envs.experts.skill import Skill
 from saver_envs.simulation import ACTION_DURATION

@@ -8,12 +8,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import length, shortened
+from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.coordination import JACO_CLOSED, alone_or_coordinated
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, dot, rotated, unit, way_round, wrapped
+from saver_envs.experts.geometry import FloatArray, dot, length, rotated, unit, way_round, wrapped
 from saver_envs.experts.skill import Skill
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.sampling import BELOW_WRIST
@@ -323,12 +323,15 @@ class PushSkill(Skill):
         :param size: (n, arms) edges, metres.
         :param heading: the direct ones.
         """
+        high = self._meets_wrist(size)
+        if not high.any():
+            return heading
         inward = np.arctan2(-cube[..., 1], -cube[..., 0])
         angle = wrapped(np.arctan2(heading[..., 1], heading[..., 0]) - inward)
         turns = np.linspace(0.0, np.pi / 2, 19)
         least = turns[np.argmax(self._away(cube, size, turns) < self.REACH, axis=-1)]
         turned = inward + np.where(angle < 0, -1.0, 1.0) * np.maximum(np.abs(angle), least)
-        out_of_reach = self._meets_wrist(size) & (np.abs(angle) < least)
+        out_of_reach = high & (np.abs(angle) < least)
         direction = np.stack([np.cos(turned), np.sin(turned)], axis=-1)
         return np.where(out_of_reach[..., None], direction, heading)
 

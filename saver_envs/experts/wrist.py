@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from saver_envs.control import length, shortened
+from saver_envs.control import shortened
 from saver_envs.episodes import DEFAULT_SPEED, Settings
 from saver_envs.experts.blocks import ArmView
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, dot, unit
+from saver_envs.experts.geometry import FloatArray, dot, length, unit
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.wrist_push import WristPush
 

@@ -32,6 +32,29 @@ def test_arms_together_do_what_the_expert_does(env_id: str) -> None:
     env.close()
 
 
+@pytest.mark.parametrize("env_id", ["DualJacoDistance-v0", "DualJacoPush-v0", "WristPush-v0"])
+def test_an_expert_labels_the_states_of_all_arms(env_id: str) -> None:
+    env = SaverVecEnv(env_id, n_envs=3, seed=0)
+    spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
+    advisor = make_advisor("dagger", make_expert(env_id), 14, **spaces)  # type: ignore[arg-type]
+    expert, observation = make_expert(env_id), env.reset()
+    for step in range(6):
+        expected, _ = expert.predict(observation)  # type: ignore[arg-type]
+        own = np.full_like(expected, 0.5)
+        advice = advisor.advise(observation, own)
+        assert advice.actions is own and not advice.mask.any()
+        asked = max(0, min(3, 14 - 3 * step))
+        if asked == 0:
+            assert advice.labels is None
+            break
+        assert advice.labels is not None
+        np.testing.assert_allclose(advice.labels[:asked], expected[:asked], atol=1e-6)
+        assert np.isnan(advice.labels[asked:]).all()
+        observation, *_ = env.step(expected)
+    assert advisor.spent == 14
+    env.close()
+
+
 def test_one_arm_teaches_all_arms_of_a_student() -> None:
     [teacher] = scripted_teachers("scripted:JacoPush-v0")
     advisor = make_advisor("early", teacher, 100, n_arms=2)
@@ -47,6 +70,8 @@ def test_what_a_script_cannot_do_is_refused() -> None:
         scripted_teachers("scripted:JacoPusch-v0")
     with pytest.raises(ValueError, match=r"observation has shape \(1, 5\)"):
         scripted_teachers("scripted:JacoPush-v0")[0].act(np.zeros((1, 5)), np.zeros((1, 3)))
+    with pytest.raises(ValueError, match="'expert' advises 2 arms, the student has 3"):
+        make_advisor("early", make_expert("DualJacoPush-v0"), 100, n_arms=3)
     env = SaverVecEnv("JacoPush-v0", n_envs=1)
     model = GoalTD3("MultiInputPolicy", env)
     advisor = make_advisor("early", "scripted:JacoPush-v0", 100, n_arms=1)

@@ -150,7 +150,7 @@ def test_a_distance_is_shared_by_the_arms(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"shared_arms": True, "algorithm": "sac"}, "shared_arms=True needs algorithm='td3'"),
+        ({"shared_arms": True, "algorithm": "sac"}, "shared_arms=True needs algorithm='td3' or"),
         ({"contact_cost": 0.5, "algorithm": "tqc"}, "contact_cost=0.5 needs algorithm='td3'"),
         ({"cost_limit": 0.0, "algorithm": "ddpg"}, "cost_limit=0.0 needs algorithm='td3'"),
         ({"cost_limit": -1.0}, "cost_limit=-1.0 must be 0 or more"),
