@@ -155,9 +155,7 @@ def _write(
     args: argparse.Namespace, source: _Source, about: dict[str, Any], totals: _Totals
 ) -> Path:
     """Write the data set and return its folder."""
-    from tqdm import tqdm
-
-    counted = totals.count(tqdm(source.episodes, total=source.count, unit="episode"))
+    counted = totals.count(source)
     if getattr(args, "format", FORMATS[0]) == "lerobot":
         return _write_lerobot(args, source, counted)
     from saver_advisors.datasets.minari_files import write_minari
@@ -293,9 +291,11 @@ class _Totals:
         self.episodes = self.steps = self.successes = 0
         self.advised = self.advisable = 0
 
-    def count(self, episodes: Iterator[RecordedEpisode]) -> Iterator[RecordedEpisode]:
-        """Pass episodes on."""
-        for episode in episodes:
+    def count(self, source: _Source) -> Iterator[RecordedEpisode]:
+        """Pass episodes on, with a progress bar from the first one on."""
+        from tqdm import tqdm
+
+        for episode in tqdm(source.episodes, total=source.count, unit="episode"):
             self.episodes += 1
             self.steps += len(episode)
             self.successes += episode.success
