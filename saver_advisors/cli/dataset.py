@@ -82,9 +82,8 @@ def _add_played(parser: argparse.ArgumentParser, noise: bool) -> None:
     arguments.add(parser, "--format", "of the files", FORMATS[0], choices=FORMATS)
     pictures = parser.add_argument_group("LeRobot")
     arguments.add_several(pictures, "--cameras", str, ["front"], "of the pictures", "NAME")
-    text = "of the pictures, pixels (default: 320 240)"
     size: Any = {"nargs": 2, "type": arguments.at_least(2), "metavar": ("WIDTH", "HEIGHT")}
-    arguments.add(pictures, "--size", text, **size)
+    arguments.add(pictures, "--size", "of the pictures, pixels", [320, 240], **size)
     arguments.add(pictures, "--instruction", "the task in words", metavar="TEXT")
 
 
@@ -190,7 +189,7 @@ def _write_lerobot(
         source.env_kwargs,
         instruction=args.instruction,
         cameras=tuple(args.cameras),
-        **({} if args.size is None else {"size": tuple(args.size)}),
+        size=(args.size[0], args.size[1]),
     )
     check_lerobot(args.output)
     folder: Path = args.output

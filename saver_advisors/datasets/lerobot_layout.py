@@ -132,7 +132,7 @@ def columns_of(
     """
     steps = np.arange(len(episode))
     done = episode.terminations | episode.truncations
-    columns = {
+    columns: dict[str, NDArray[Any]] = {
         STATE: episode.observations["observation"][:-1],
         GOAL: episode.observations["desired_goal"][:-1],
         "action": episode.actions,
@@ -142,7 +142,7 @@ def columns_of(
     }
     if advised:
         columns["advised"] = np.asarray(episode.infos["advised"][1:], bool)
-    indices = {
+    indices: dict[str, NDArray[Any]] = {
         "timestamp": (steps / FPS).astype(np.float32),
         "frame_index": steps,
         "episode_index": np.full(len(steps), number),

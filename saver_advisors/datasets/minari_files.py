@@ -112,14 +112,15 @@ def _buffer(episode: RecordedEpisode) -> Any:
     """Return an episode as Minari takes it."""
     from minari.data_collector import EpisodeBuffer
 
+    arrays: dict[str, Any] = {
+        name: getattr(episode, name)
+        for name in ("actions", "rewards", "terminations", "truncations")
+    }
     return EpisodeBuffer(
         seed=episode.seed,
         observations=dict(episode.observations),
-        actions=episode.actions,  # type: ignore[arg-type]
-        rewards=episode.rewards,  # type: ignore[arg-type]
-        terminations=episode.terminations,  # type: ignore[arg-type]
-        truncations=episode.truncations,  # type: ignore[arg-type]
         infos=dict(episode.infos),
+        **arrays,
     )
 
 
