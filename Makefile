@@ -75,7 +75,7 @@ format: $(STAMP)  ## put imports and layout in order
 
 docs: $(STAMP) rendering  ## regenerate the pages that come from code, then build site/
 	$(BIN)/python -m reproduction pages
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 wheel: $(STAMP)  ## build the sdist and the wheel into dist/
 	$(BIN)/python -m build

@@ -13,9 +13,7 @@ from typing import Any
 from latex2mathml.converter import convert
 
 #: What `pymdownx.arithmatex` leaves of a formula: `\\(...\\)` in a line, `\\[...\\]` on its own.
-FORMULA = re.compile(
-    r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL
-)
+FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', flags=re.DOTALL)
 ROLE = re.compile(r":(?:class|data|exc|func|meth|mod):<code>~?([^<]*)</code>")
 
 

@@ -1,4 +1,4 @@
-"""The snippets of the README and the tutorials run, in the order of the page; links lead somewhere."""
+"""The snippets of the README and the tutorials run, in the order of the page; links work."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,11 @@ def test_a_documented_name_explains_itself(name: str) -> None:
         return
     assert found.__doc__
     assert not found.__doc__.startswith(f"{found.__name__}("), "a dataclass without a docstring"
+    if inspect.isclass(found) and issubclass(found, Exception):
+        return
+    accepted = inspect.signature(found).parameters
+    if all(one.kind is not inspect.Parameter.VAR_KEYWORD for one in accepted.values()):
+        assert set(re.findall(r":param (\w+):", found.__doc__)) <= set(accepted)
     methods = vars(found) if inspect.isclass(found) else {}
     silent = [
         method
@@ -88,7 +94,7 @@ def explained_constants(name: str) -> set[str]:
     names = set()
     for path in Path(inspect.getfile(module)).parent.glob("*.py"):
         body = ast.parse(path.read_text()).body
-        for node, after in zip(body, body[1:], strict=False):
+        for node, after in pairwise(body):
             text = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
             if text and isinstance(node, ast.Assign | ast.AnnAssign):
                 target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
