@@ -91,6 +91,11 @@ def commands(page: str) -> list[str]:
     return [line for line in text.splitlines() if line and not line.startswith(ELSEWHERE)]
 
 
+def expanded(word: str, folder: Path) -> list[str]:
+    """The files that a pattern matches, as a shell would give them."""
+    return sorted(str(path) for path in folder.glob(word)) if "*" in word else [word]
+
+
 def write_files(page: str, folder: Path) -> None:
     """Write a page's blocks with a title to the files that they are called."""
     found = re.findall(
@@ -128,13 +133,14 @@ def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.syspath_prepend(tmp_path)
     write_files(page, tmp_path)
     (tmp_path / "runs").mkdir()
-    (tmp_path / "zoo_configs").symlink_to(ROOT / "zoo_configs")
+    for folder in ("zoo_configs", "docs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     for line in commands(page):
         program, command, *words = shlex.split(line, comments=True)
         assert program == "saver", line
         if f"{command} {words[0] if words else ''}" in SHORTER:
             command = f"{command} {words.pop(0)}"
-        words = [file for word in words for file in sorted(map(str, tmp_path.glob(word))) or [word]]
+        words = [file for word in words for file in expanded(word, tmp_path)]
         more = [] if "--resume" in words else SHORTER[command]
         if "DualJacoPush-v0" in words and command == "train" and "--advice" not in words:
             more = [*more, "net_arch=[256,256,256]"]  # it starts as two teachers: as wide as they
