@@ -177,9 +177,11 @@ class Workspace:
             boxed[..., :2] *= np.minimum(1.0, longest / np.maximum(length, 1e-12))
         return boxed
 
-    def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points (..., arms, 3) lie inside."""
-        inside = (points >= self.lower) & (points <= self.upper)
+    def contains(self, points: NDArray[np.float64], height: float = 0.0) -> NDArray[np.bool_]:
+        """Return which points (..., arms, 3) lie inside the region :meth:`raised` by a height."""
+        lower = self.lower.copy()
+        lower[..., 2] += height
+        inside = (points >= lower) & (points <= self.upper)
         within: NDArray[np.bool_] = np.logical_and.reduce(inside, axis=-1)
         if math.isfinite(self.hand_reach):
             length = np.hypot(points[..., 0], points[..., 1])

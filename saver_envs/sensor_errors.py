@@ -97,8 +97,9 @@ class SensorErrors:
             layout.get(self._subtracted, _RELATIVE)[...] = source["gripper position"]
         self._generators = [np.random.Generator(np.random.PCG64()) for _ in range(n)]
         self._offset = np.zeros((n, size))
-        # Numbers drawn for a block of actions, and how many of these actions have passed.
-        self._drawn = np.zeros((n, _BLOCK, size))
+        # Errors of a block of actions, and how many of these actions have passed.
+        self._noise = np.zeros((n, _BLOCK, layout.size))
+        self._turns = np.zeros((n, _BLOCK, layout.n_arms, 3))
         self._passed = np.full(n, _BLOCK)
 
     def begin(self, row: int, generator: np.random.Generator) -> None:
@@ -126,20 +127,28 @@ class SensorErrors:
         :return: (k, observation size). The object relative to the gripper is the difference of the
             two positions as they were measured.
         """
-        for row in rows[self._passed[rows] == _BLOCK].tolist():
-            self._generators[row].standard_normal(out=self._drawn[row])
-            self._passed[row] = 0
-        errors = self._drawn[rows, self._passed[rows]]
-        self._passed[rows] += 1
-        errors *= self._deviation
-        errors += self._offset[rows]
-        errors *= factor
-        seen: Array = exact + errors.take(self._added, 1)
-        seen -= errors.take(self._subtracted, 1)
+        passed = self._passed[rows]
+        if (over := passed == _BLOCK).any():
+            self._draw(rows[over], factor[over])
+            passed[over] = 0
+        self._passed[rows] = passed + 1
+        seen: Array = exact + self._noise[rows, passed]
         if self._rotation is not None:
             part = self._layout.get(seen, ORIENTATION)  # a view
-            part[...] = _turned(part, errors.take(self._rotation, 1))
+            part[...] = _turned(part, self._turns[rows, passed])
         return seen
+
+    def _draw(self, rows: NDArray[np.intp], factor: Array) -> None:
+        """Draw the errors of the next block of actions in episodes ``rows``."""
+        errors = np.empty((len(rows), _BLOCK, self._deviation.size))
+        for index, row in enumerate(rows.tolist()):
+            self._generators[row].standard_normal(out=errors[index])
+        errors *= self._deviation
+        errors += self._offset[rows, None]
+        errors *= factor[:, None]
+        self._noise[rows] = errors.take(self._added, 2) - errors.take(self._subtracted, 2)
+        if self._rotation is not None:
+            self._turns[rows] = errors.take(self._rotation, 2)
 
 
 def _turned(quaternion: Array, rotation: Array) -> Array:

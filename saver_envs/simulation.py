@@ -139,9 +139,11 @@ class Simulation:
         self._warnings = self._batch.warning[:, _DIVERGENCE_WARNINGS, 1]
         self._warnings_before = self._warnings.copy()
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
-        self._arm_dofs = scene.joint_dof.ravel()
-        self._viscosity = scene.model.dof_damping[self._arm_dofs]
-        self._joint_friction = np.zeros((n, self._arm_dofs.size))
+        dofs = scene.joint_dof.ravel()
+        self._arm_dofs = _columns(dofs)
+        self._collisions = _columns(scene.collision_sensor)
+        self._viscosity = scene.model.dof_damping[dofs]
+        self._joint_friction = np.zeros((n, dofs.size))
         self._dry = False
 
     def step(
@@ -177,7 +179,7 @@ class Simulation:
                 self.ctrl[rows] = (previous + (targets - previous) * part)[rows]
             stage = _VELOCITY_STAGE if sample == CONTACT_SAMPLES else _NO_STAGE
             failed += self._advanced(SUBSTEPS // CONTACT_SAMPLES, stage, ids)
-            found = self.sensors.take(self.scene.collision_sensor, 1)
+            found = self.sensors[:, self._collisions]
             if found.any():
                 collided |= np.logical_or.reduce(found, axis=-1)
                 if len(self.scene.collision_force_sensor):
@@ -362,12 +364,13 @@ class Simulation:
         """
         shape = len(ids), *self.scene.joint_dof.shape
         self._joint_friction[ids] = np.broadcast_to(torque, shape).reshape(len(ids), -1)
-        self.per_simulation("dof_damping")[ids[:, None], self._arm_dofs] = self._viscosity
+        dofs = self.scene.joint_dof.ravel()
+        self.per_simulation("dof_damping")[ids[:, None], dofs] = self._viscosity
         self._dry = bool(self._joint_friction.any())
 
     def _damp_joints(self) -> None:
         # In place: it runs between calls of the simulator, with cold caches.
-        damping = np.abs(self.qvel.take(self._arm_dofs, 1))
+        damping = np.abs(self.qvel[:, self._arm_dofs])
         np.maximum(damping, SLOWEST_DRY, out=damping)
         np.divide(self._joint_friction, damping, out=damping)
         damping += self._viscosity
@@ -448,6 +451,12 @@ class Simulation:
     def copy_into(self, index: int, data: mujoco.MjData) -> None:
         """Write simulation ``index`` into ``data``, to render it."""
         self._batch.get_data(index, data)
+
+
+def _columns(indices: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    """Return consecutive indices as a slice, which is faster."""
+    together = len(indices) > 0 and bool((np.diff(indices) == 1).all())
+    return slice(int(indices[0]), int(indices[-1]) + 1) if together else indices
 
 
 def rotate_by_quaternion(

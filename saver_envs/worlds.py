@@ -66,8 +66,10 @@ class Worlds:
             for name, size in sizes.items()
             if (longest := randomization.greatest(name)) > 0
         }
-        #: Name -> (n,) where the latest value is.
+        #: Name -> (n,) where the latest value is, and by how many actions values are late.
         self._latest = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
+        self._late = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
+        self._every = np.arange(n)
         self._errors: SensorErrors | None = None
         if randomization.greatest("sensor_noise") > 0:
             moving = task.fingers is Fingers.ACTUATED
@@ -104,6 +106,8 @@ class Worlds:
         for row in rows.tolist():
             values = {name: one[row] for name, one in self.values.items()}
             self.tasks[row] = self._task.varied(values)
+        for name, late in self._late.items():
+            late[rows] = chosen[name][:, 0]
         if "max_speed" in chosen:
             assert isinstance(self.speed, np.ndarray) and isinstance(rule.longest, np.ndarray)
             self.speed[rows, 0] = chosen["max_speed"]
@@ -152,10 +156,11 @@ class Worlds:
         """Return observations (n, size) of which those of ``rows`` are what the sensors measure."""
         if self._errors is None:
             return observation
-        factor = self.values["sensor_noise"][rows]
-        noisy = factor[:, 0] > 0
-        if not noisy.all():
-            rows, factor = rows[noisy], factor[noisy]
+        factor = self.values["sensor_noise"]
+        noisy = factor[rows, 0] > 0
+        if noisy.all() and len(rows) == len(observation):
+            return self._errors.disturb(observation, self._every, factor)
+        rows, factor = rows[noisy], factor[rows[noisy]]
         measured = observation.copy()
         measured[rows] = self._errors.disturb(observation[rows], rows, factor)
         return measured
@@ -169,10 +174,15 @@ class Worlds:
         """
         if name not in self._lines:
             return values
-        line, latest, result = self._lines[name], self._latest[name], values.copy()
+        line, latest, every = self._lines[name], self._latest[name], len(rows) == len(values)
+        rows = self._every if every else rows
         now = latest[rows] = (latest[rows] + 1) % line.shape[1]
-        line[rows, now] = values[rows]
-        result[rows] = line[rows, now - self.values[name][rows, 0].astype(np.intp)]
+        line[rows, now] = values if every else values[rows]
+        arriving: Array = line[rows, now - self._late[name][rows]]
+        if every:
+            return arriving
+        result = values.copy()
+        result[rows] = arriving
         return result
 
     def get_state(self) -> dict[str, Any]:

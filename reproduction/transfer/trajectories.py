@@ -125,7 +125,7 @@ def run_trials(
             collided=touched[index],
             object_size=own[index].object_size,
             threshold=task.success_threshold,
-            reach=task.regions(episodes.scene.arms).reach,
+            reach=episodes.settings.robot.reach,
             success=bool(success[index]),
             diverged=bool(diverged[index]),
         )

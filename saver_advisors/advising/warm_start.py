@@ -16,7 +16,7 @@ teachers' units; the zeros between the blocks are trained like all other weights
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch as th
@@ -24,15 +24,14 @@ from gymnasium import spaces
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch import nn
 
-from saver_advisors.learner.policies import GoalCritic, NormalizedGoalFeatures
+from saver_advisors.learner.policies import (
+    SETTLED_COUNT,
+    GoalCritic,
+    NormalizedGoalFeatures,
+)
 from saver_advisors.learner.shared_arms import ArmNetwork, SharedArmFeatures
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherGroup
-
-NORMALISER_COUNT: Final = 1_000_000
-"""Sample count of the teachers' statistics in the student, about that of a teacher of 500,000
-steps: later samples change the input slowly, so that the weights can adapt.
-"""
 
 Critics = Literal["exact", "approximate", "fresh"]
 
@@ -167,17 +166,15 @@ def _check_hidden(part: str, student: nn.Module, sources: Sequence[nn.Module]) -
 def _start_normaliser(
     features: NormalizedGoalFeatures, teachers: TeacherGroup, columns: Sequence[th.Tensor]
 ) -> None:
-    """Copy the teachers' statistics, as if from `NORMALISER_COUNT` samples; an input that belongs
-    to no arm starts without samples.
-    """
+    """Copy the teachers' statistics, to be kept; an input of no arm starts without samples."""
     deviation = th.ones_like(features.mean)
     for statistics in (features.mean, features.count, features.squared_deviation):
         statistics.zero_()
     for teacher, where in zip(teachers.teachers, columns, strict=True):
         features.mean[where] = teacher.networks.mean.double()
         deviation[where] = teacher.networks.std.double()
-        features.count[where] = NORMALISER_COUNT
-        features.squared_deviation[where] = deviation[where].square() * NORMALISER_COUNT
+        features.count[where] = SETTLED_COUNT
+        features.squared_deviation[where] = deviation[where].square() * SETTLED_COUNT
     features.shift.copy_(features.mean)
     features.scale.copy_(1.0 / deviation)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,9 @@ from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from saver_envs.validation import require
+
+SETTLED_COUNT: Final = 1e9
+"""Sample count of statistics with which networks were trained: later samples hardly change them."""
 
 
 class NormalizedGoalFeatures(BaseFeaturesExtractor):
@@ -112,6 +115,13 @@ class NormalizedGoalFeatures(BaseFeaturesExtractor):
         deviation = (self.squared_deviation / total).sqrt()
         self.shift.copy_(self.mean)
         self.scale.copy_(1.0 / deviation.clamp(min=self.minimum_standard_deviation))
+
+    @th.no_grad()
+    def settle(self) -> None:
+        """Keep the statistics of inputs that have samples, with which the networks were trained."""
+        factor = th.where(self.count > 0, SETTLED_COUNT / self.count, 1.0)
+        self.count *= factor
+        self.squared_deviation *= factor
 
 
 @contextmanager

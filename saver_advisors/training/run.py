@@ -180,6 +180,8 @@ class Run:
         if checkpoint is None and self.config.start_from is not None:
             with naming("start_from"):
                 load_policy(Path(self.config.start_from) / "best" / POLICY_FILE, self.model.policy)
+            features: Any = self.model.policy.shared_features
+            features.settle()
         if checkpoint is not None:
             extra = load_checkpoint(checkpoint, self.model)
             self.wall_clock_s = extra["wall_clock_s"]

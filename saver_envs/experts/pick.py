@@ -170,7 +170,7 @@ class PickSkill(Skill):
         return np.concatenate([move, grip[..., None]], axis=-1)
 
     def _pace(self, view: ArmView) -> FloatArray:
-        """Return the arms' full speed (n, arms) by the usual one, 1 until it is known."""
+        """Return the full speed (n, arms) as a share of the usual one, 1 until it is known."""
         pace = view.top_speed * ACTION_DURATION / (self.REACHED * self.step)
         return np.where(view.top_speed > 0, np.clip(pace, self.SLOWEST, 1.0), 1.0)
 

@@ -171,6 +171,12 @@ class Task(Content):
 
     # ---------------------------------------------------------------- worlds that vary
 
+    @cached_property
+    def _own_parameters(self) -> dict[str, Parameter]:
+        """Those of :attr:`parameters` that are fields, by name."""
+        names = {one.name for one in fields(self)}
+        return {one.name: one for one in self.parameters if one.name in names}
+
     def varied(self, values: Mapping[str, Any]) -> Self:
         """Return the task of an episode whose parameters have these values.
 
@@ -178,12 +184,13 @@ class Task(Content):
 
         :param values: parameter -> (size,).
         """
-        names = {one.name for one in fields(self)} & values.keys()
-        own: dict[str, Any] = {name: values[name][0].item() for name in names}
-        for one in self.parameters:
-            if one.name in own and one.whole:
-                index = int(own[one.name])
-                own[one.name] = one.names[index] if one.names else index
+        own: dict[str, Any] = {}
+        for name, parameter in self._own_parameters.items():
+            if name in values:
+                value = values[name][0].item()
+                if parameter.whole:
+                    value = parameter.names[int(value)] if parameter.names else int(value)
+                own[name] = value
         if not own:
             return self
         # The values are valid, and checks would take a tenth of a reset. What is cached, such as

@@ -7,6 +7,7 @@ boolean mask over the block.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -134,20 +135,27 @@ class StartSampler:
         #: Height of a resting cube's centre, metres.
         self._rest = rules.object_size / 2 + rules.table_height
         self._n_arms = scene.n_arms
-        self._ordered = bool(np.all(scene.base_position[:, 0] == 0))
+
+    @cached_property
+    def _ordered(self) -> bool:
+        """Whether the arms stand in a row."""
+        return not self._scene.base_position[:, 0].any()
+
+    @cached_property
+    def contestable(self) -> bool:
+        """Whether starts can be contested.
+
+        Only arms in a row have neighbours: those around the table face one another. Arms of short
+        reach share no region.
+        """
+        roomy = not self._rules.pushes or self._rules.object_size < CONTEST_SIZE
+        if self._n_arms == 1 or not (roomy and self._ordered):
+            return False
         # How far to its side an arm can have an object, where the box is nearest to it. Two arms
         # that hardly reach beyond the middle line (MICOs, 0.72 m apart) have nothing to contest.
-        nearest = float(regions.object_lower[:, 0].min())
-        sideways = max(regions.reach**2 - nearest**2, 0.0) ** 0.5
-        roomy = not rules.pushes or rules.object_size < CONTEST_SIZE
-        #: Whether starts can be contested: only arms in a row have neighbours, those around the
-        #: table face one another; arms of short reach share no region.
-        self.contestable = (
-            self._n_arms > 1
-            and self._ordered
-            and sideways >= BASE_SPACING / 2 + OBJECT_ORDER
-            and roomy
-        )
+        nearest = float(self._regions.object_lower[:, 0].min())
+        sideways = max(self._regions.reach**2 - nearest**2, 0.0) ** 0.5
+        return sideways >= BASE_SPACING / 2 + OBJECT_ORDER
 
     def sample(self, generator: np.random.Generator) -> TableStart:
         """Draw a start.
@@ -407,7 +415,7 @@ class StartSampler:
         return valid & (length(level) <= self._regions.reach) & self._reachability.reachable(points)
 
     def _hand_can_be_at(self, points: FloatArray) -> NDArray[np.bool_]:
-        inside = self._regions.workspace.contains(points)
+        inside = self._regions.workspace.contains(points, self._rules.table_height)
         return inside & self._reachability.reachable(points)
 
 

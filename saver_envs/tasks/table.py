@@ -18,7 +18,7 @@ from saver_envs.tasks.arm_and_object import hand_parts, object_parts
 from saver_envs.tasks.contract import Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.cubes import OBJECT_OPTIONS, CubeTask
 from saver_envs.tasks.grasping import settled_grasp
-from saver_envs.tasks.regions import OVERLAP, Regions, regions
+from saver_envs.tasks.regions import OVERLAP, regions
 from saver_envs.tasks.sampling import StartRules, StartSampler, TableStart, start_text
 from saver_envs.validation import require
 
@@ -62,14 +62,9 @@ class TableTask(CubeTask):
 
     # ---------------------------------------------------------------- the scene
 
-    def regions(self, arms: Arms) -> Regions:
-        """Return the boxes of hands, cubes and targets."""
-        found = regions(arms, self.overlap)
-        return replace(found, workspace=found.workspace.raised(self.table_height))
-
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
-        return self.regions(arms).workspace
+        return regions(arms, self.overlap).workspace.raised(self.table_height)
 
     # ---------------------------------------------------------------- episodes
 
@@ -138,7 +133,7 @@ class TableTask(CubeTask):
         facts = f"{size:g} cm, {self.object_mass:g} kg, friction {friction:g}"
         return TaskPage(
             succeeds=f"{subject} {within}{where}",
-            start=start_text(self.n_arms, rules, self.regions(scene.arms)),
+            start=start_text(self.n_arms, rules, regions(scene.arms, self.overlap)),
             reward="0 where every cube is within the threshold of its target, else -1.",
             dense="minus the sum of the cubes' distances to their targets, in metres.",
             costs={
@@ -154,5 +149,5 @@ class TableTask(CubeTask):
 
 @lru_cache(maxsize=64)
 def _sampler(task: TableTask, scene: Scene) -> StartSampler:
-    reachability = reachability_map(scene.robot)
-    return StartSampler(scene, task.regions(scene.arms), reachability, task.start_rules())
+    boxes, reachability = regions(scene.arms, task.overlap), reachability_map(scene.robot)
+    return StartSampler(scene, boxes, reachability, task.start_rules())

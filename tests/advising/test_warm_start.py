@@ -11,7 +11,7 @@ import torch as th
 from toy_arms import ACTION, GOAL, OBSERVATION, make_teacher, make_vec_env
 from toy_runs import BLOCK, assert_resumes_exactly, save_teacher, settings, start
 
-from saver_advisors.advising.warm_start import NORMALISER_COUNT, warm_start_from_teachers
+from saver_advisors.advising.warm_start import warm_start_from_teachers
 from saver_advisors.learner import GoalSAC, GoalTD3, GoalTQC
 from saver_advisors.policies.mapping import ArmMapping
 from saver_advisors.policies.networks import NetworkSpec, PolicyNetworks
@@ -108,16 +108,19 @@ def test_any_student_acts_as_different_teachers_do(
     )
 
 
-def test_the_normaliser_goes_on_from_the_teachers_statistics() -> None:
-    teacher = teacher_with_normaliser(4)
+def test_a_student_keeps_the_normaliser_of_its_teachers() -> None:
+    """Without its teachers' statistics, it would not act as they do: their networks fit these."""
     model = student()
-    begin(model, teacher)
+    begin(model, teacher_with_normaliser(4))
     features = model.actor.features_extractor
     of_arms = features.count > 0
-    variance = (features.squared_deviation / features.count)[of_arms]
-    np.testing.assert_allclose(variance.sqrt(), 1.0 / features.scale[of_arms], rtol=1e-5)
-    assert not np.allclose(variance, 1.0)
-    assert (features.count[of_arms] == NORMALISER_COUNT).all()
+    shift, scale = features.shift.clone(), features.scale.clone()
+    before = model.predict(rows(), deterministic=True)[0]
+    features.update({name: 5 + 2 * values for name, values in rows(n=1000).items()})
+    th.testing.assert_close(features.shift[of_arms], shift[of_arms], rtol=1e-4, atol=1e-4)
+    th.testing.assert_close(features.scale[of_arms], scale[of_arms], rtol=1e-4, atol=1e-4)
+    assert not of_arms.all() and (features.scale[~of_arms] != scale[~of_arms]).all()
+    np.testing.assert_allclose(model.predict(rows(), deterministic=True)[0], before, atol=1e-3)
 
 
 @pytest.mark.parametrize("n_arms", [1, 3])

@@ -16,6 +16,7 @@ from tiny_runs import TINY_RUN, write_settings
 
 from saver_advisors.cli import main as saver
 from saver_advisors.evaluation.episodes import curve_point
+from saver_advisors.learner.policies import SETTLED_COUNT
 from saver_advisors.policies.files import load_policy, load_teacher
 from saver_advisors.training.curve_file import OF_THE_MACHINE, read_curve
 from saver_advisors.training.launch import load_trained, train
@@ -111,9 +112,16 @@ def test_three_arms_start_as_two(tmp_path: Path) -> None:
     start = load_file(two / "best" / "policy.safetensors")
     begun = load_file(three / "latest" / "policy.safetensors")
     assert start.keys() == begun.keys()
-    assert all(th.equal(tensor, start[name]) for name, tensor in begun.items())
+    # The statistics are kept, as if from any number of samples.
+    kept = [name for name in begun if not name.endswith((".count", ".squared_deviation"))]
+    assert all(th.equal(begun[name], start[name]) for name in kept)
+    assert (begun["shared_features.count"] == SETTLED_COUNT).all()
     shutil.rmtree(two)  # a resumed run no longer needs it
     assert train(config, three, progress=False, resume=True).finished
+    ended = load_file(three / "latest" / "policy.safetensors")
+    for name in ("shift", "scale"):
+        then, now = (one[f"shared_features.{name}"] for one in (start, ended))
+        np.testing.assert_allclose(now, then, rtol=1e-4, atol=1e-5)
     with pytest.raises(FileNotFoundError, match="two"):
         train(config, tmp_path / "other", progress=False)
     assert not list((tmp_path / "other").glob("*.json*"))
