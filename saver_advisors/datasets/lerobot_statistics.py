@@ -61,8 +61,9 @@ def picture_statistics(counts: NDArray[np.int64], frames: int) -> Statistics:
         "mean": mean,
         "std": np.sqrt(spread),
     }
-    below = share.cumsum(axis=1)
+    # In whole numbers: a sum of shares may be just below the quantile that it equals.
+    below, total = counts.cumsum(axis=1), counts.sum(axis=1, keepdims=True)
     for name, quantile in QUANTILES.items():
-        found[name] = levels[(below >= quantile).argmax(axis=1)]
+        found[name] = levels[(below >= quantile * total).argmax(axis=1)]
     shaped = {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
     return {**shaped, "count": [frames]}
