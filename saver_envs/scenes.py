@@ -40,8 +40,10 @@ TARGET = "target"
 #: Memory for the contacts of a simulation and their constraints (bytes), ten times the need.
 MEMORY = 4 * 2**20
 
-#: Further collision bits. Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
-OBJECT_BIT, FIRST_ARM_BIT = 2, 4
+OBJECT_BIT = 2
+"""Collision bit of the task's objects."""
+#: Arm i adds the bit ``FIRST_ARM_BIT << i``; an arm never meets itself.
+FIRST_ARM_BIT = 4
 
 #: Colours of objects and targets, one per arm (red, green, blue).
 ARM_COLOURS = ((0.85, 0.33, 0.20), (0.20, 0.47, 0.75), (0.93, 0.69, 0.20), (0.45, 0.62, 0.35))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from saver_envs.robots.description import COLLISION_GROUP, DRAWN_ONLY
 
 TIMESTEP = 0.002  # s, the dissertation's (chapter 5)
-#: Collision bit of the table alone.
 TABLE_BIT = 1
+"""Collision bit of the table alone."""
 
 #: Table around a base, in its frame: from behind it to before it, and to either side (m).
 TABLE_DEPTH, TABLE_SIDE = (-0.16, 0.80), 0.60

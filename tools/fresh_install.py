@@ -20,12 +20,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ALL = "train,logging,cluster,pose,pose-tools,modelling,integration"
+ALL = "train,logging,cluster,datasets,pose,pose-tools,modelling,integration"
 #: Name of an environment -> the extras that are installed there.
 ENVIRONMENTS = {
     "base": "",
     "train": "train",
     "logging": "train,logging",
+    "datasets": "train,datasets",
     "pose": "pose",
     "modelling": "modelling",
     "robot": "train,modelling,integration",
@@ -43,11 +44,13 @@ ZOO = "learning_starts=900 batch_size=16 gradient_steps=1"
 PLOT = "-a sac -e JacoPush-v0 -f logs"
 
 HELPFUL = (
-    *("envs", "train", "evaluate", "export", "curves", "experiments", "pose", "train-pose"),
+    *("envs", "train", "evaluate", "dataset", "export", "curves", "experiments"),
+    *("pose", "train-pose"),
     *("benchmark", "benchmark speed", "benchmark run", "benchmark compare", "benchmark pose"),
     *("model", "run", "demo"),
 )
 LOG = "saver train --output runs/log --no-progress --tensorboard"
+DATA = "saver dataset"
 LOGGED = f"{LOG} --wandb --env JacoPush-v0 {RUN}"
 
 #: Extras that a command needs, and the command. Later ones use what earlier ones wrote.
@@ -112,6 +115,10 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("train", f"python -m rl_zoo3.plots.all_plots {PLOT} --no-million"),
     ("train,logging", LOGGED),
     ("train,logging", f"{LOG} --resume --steps 80"),
+    ("train,datasets", f"{DATA} expert --env JacoPush-v0 --episodes 2 --output sets"),
+    ("train,datasets", f"{DATA} replay runs/push --output sets"),
+    ("train,datasets", f"{DATA} expert --env JacoPush-v0 --episodes 2 --format lerobot "
+                       "--output lerobot --size 64 48"),
     ("pose", "saver pose photo.png --json joints.json"),
     ("modelling", "saver model train --robot mico --data workspace --samples 400 --set epochs=1 "
                   "--output mico-ik.safetensors"),

@@ -53,7 +53,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "advising",
         "variable_reward",
         "training",
-        "experiments zoo",
+        "datasets experiments zoo",
         "benchmark integration",
         "cli",
     ),

@@ -12,6 +12,7 @@ from reproduction.page_templates import page
 from reproduction.pages.results import results_of
 from saver_advisors.cli.catalogue import COLUMNS, dense_twin, pixel_ids
 from saver_advisors.reporting.tables import markdown, rows_table
+from saver_envs.digest import world_digest
 from saver_envs.registration import ControlOptions, default_options, make_episodes
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
@@ -69,6 +70,7 @@ def environment_page(one: Mapping[str, Any], results: list[dict[str, Any]]) -> s
         goal=_layout_table(task.goal_layout, lambda part: part.unit, told.goal),
         can_be_lost=task.keeps_to_table and len(episodes.scene.loose_qpos) > 0,
         keywords=_keywords(one["env_id"], task),
+        world=world_digest(one["env_id"]),
         results=results_of(one["env_id"], results),
     )
 

@@ -14,6 +14,7 @@ from reproduction.pages.environments import (
     environments_page,
     environments_table,
 )
+from reproduction.pages.gallery import gallery_page
 from reproduction.pages.results import read_result_files, results_page, success_overview
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
@@ -26,7 +27,8 @@ from saver_envs.files import read_json
 def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     """Render all generated pages, and insert tables between the README's markers.
 
-    :param output: folder of the documentation; its ``results/*.json`` are read.
+    :param output: folder of the documentation; its ``results/*.json`` are read, and the clips in
+        ``images`` are listed.
     :param readme: the README next to that folder; None to leave it out.
     :return: text by path.
     :raises UsageError: if the README cannot be read or lacks a marker.
@@ -36,6 +38,7 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries)
     pages["worlds.md"] = worlds_page(sparse_ids())
+    pages["gallery.md"] = gallery_page(output / "images", sparse_ids())
     pages["weights.md"] = weights_page()
     pages["results.md"] = results_page(results)
     pose = output / "results" / "pose.json"

@@ -12,6 +12,7 @@ COMMANDS: Final = {
     "envs": "list the environments with their sizes, horizon, success and costs",
     "train": "train a policy, with or without advice from a teacher",
     "evaluate": "evaluate a policy on episodes with fixed seeds, and record videos",
+    "dataset": "write a data set of episodes, for learning offline",
     "export": "export a training run as a weight file with a card",
     "curves": "plot the learning curves of training runs",
     "experiments": "run a grid of training runs on this machine or on a cluster",
@@ -62,7 +63,7 @@ SAVER: Final = Program(
     moved=MOVED,
     examples=EXAMPLES,
     version=_version(),
-    extras={"pose": "pose", "train-pose": "pose", "model": "modelling"},
+    extras={"dataset": "datasets", "pose": "pose", "train-pose": "pose", "model": "modelling"},
 )
 
 

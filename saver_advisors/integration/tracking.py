@@ -19,8 +19,10 @@ from saver_envs.validation import NonNegativeFloat, PositiveFloat, check_fields
 #: who lies on the back with the head towards -x.
 SIDES: Final = ("right", "left")
 WRISTS: Final = tuple(JOINTS.index(f"{side}_wrist") for side in SIDES)
+"""Indices of the wrists among the skeleton's joints, right and left."""
 ELBOWS: Final = tuple(JOINTS.index(f"{side}_elbow") for side in SIDES)
 HIPS: Final = tuple(JOINTS.index(f"{side}_hip") for side in SIDES)
+"""Indices of the hips among the skeleton's joints, right and left."""
 Gain: TypeAlias = Annotated[float, "above 0, at most 1", lambda value: 0 < value <= 1]
 #: Least confidence of a joint.
 LEAST_SCORE: Final = 0.05

@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,26 @@ BoolArray = npt.NDArray[np.bool_]
 FILE_FORMAT = "saver-goal-replay-1"
 _MOST_HEADER_BYTES = 2**20
 _SLOT_ARRAYS = ("length", "observation", "achieved_goal", "desired_goal", "action", "advised")
+
+
+@dataclass(frozen=True)
+class StoredEpisode:
+    """An episode of T steps, as :class:`EpisodeBuffer` stores it.
+
+    :param observation: (T + 1, observation_dim).
+    :param achieved_goal: (T + 1, goal_dim).
+    :param desired_goal: (goal_dim,).
+    :param action: (T, action_dim), scaled to [-1, 1].
+    :param advised: (T,), whether a teacher chose the action.
+    :param cost: (T,), 0 if no costs are stored.
+    """
+
+    observation: FloatArray
+    achieved_goal: FloatArray
+    desired_goal: FloatArray
+    action: FloatArray
+    advised: BoolArray
+    cost: FloatArray
 
 
 class EpisodeBuffer(ReplayBuffer):
@@ -255,6 +276,27 @@ class EpisodeBuffer(ReplayBuffer):
         index = self._random.integers(0, stored, batch_size)
         slot = np.searchsorted(self._ends, index, side="right")
         return slot, index - (self._ends[slot] - self.length[slot])
+
+    def ended_slots(self) -> IntArray:
+        """Return the slots of the episodes that have ended, the oldest first."""
+        slots = np.roll(np.arange(self.n_slots), -self.pos) if self.full else np.arange(self.pos)
+        running = self._slot[self._running]
+        return slots[(self.length[slots] > 0) & ~np.isin(slots, running)]
+
+    def stored_episode(self, slot: int) -> StoredEpisode:
+        """Return a copy of an episode.
+
+        :param slot: of :meth:`ended_slots`.
+        """
+        steps = int(self.length[slot])
+        return StoredEpisode(
+            observation=self.observation[slot, : steps + 1].copy(),
+            achieved_goal=self.achieved_goal[slot, : steps + 1].copy(),
+            desired_goal=self.desired_goal[slot].copy(),
+            action=self.action[slot, :steps].copy(),
+            advised=self.advised[slot, :steps].copy(),
+            cost=self.cost[slot, :steps].copy(),
+        )
 
     # Files -----------------------------------------------------------------------------------
 

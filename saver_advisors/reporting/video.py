@@ -119,7 +119,7 @@ def write_mp4(path: Path, recordings: list[EpisodeVideo], title: str) -> None:
 
 
 def mp4_writer(
-    path: Path, width: int, height: int, fps: float = FPS
+    path: Path, width: int, height: int, fps: float = FPS, keyframes_every: int | None = None
 ) -> Generator[None, Frame, None]:
     """Open a writer of H.264: `send` it frames, then `close` it.
 
@@ -127,15 +127,20 @@ def mp4_writer(
     :param width: of a frame, pixels
     :param height: of a frame, pixels
     :param fps: frames per second
+    :param keyframes_every: frames from one that is decoded by itself to the next, for readers of
+        single frames; the encoder's choice if None
     :return: a generator that is ready for the first frame, (height, width, 3)
     :raises OSError: if the file cannot be written, as on a full disk; so do ``send`` and ``close``
     """
-    writer = _write_frames(path, width, height, fps)
+    keyframes = [] if keyframes_every is None else ["-g", str(keyframes_every)]
+    writer = _write_frames(path, width, height, fps, keyframes)
     next(writer)
     return writer
 
 
-def _write_frames(path: Path, width: int, height: int, fps: float) -> Generator[None, Frame, None]:
+def _write_frames(
+    path: Path, width: int, height: int, fps: float, more: list[str]
+) -> Generator[None, Frame, None]:
     import imageio_ffmpeg
 
     encoder = imageio_ffmpeg.write_frames(
@@ -147,7 +152,7 @@ def _write_frames(path: Path, width: int, height: int, fps: float) -> Generator[
         macro_block_size=2,
         ffmpeg_log_level="error",
         # With the index at the start, a browser plays the video while it loads.
-        output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart"],
+        output_params=["-crf", str(QUALITY), "-preset", "slow", "-movflags", "+faststart", *more],
     )
     try:
         with closing(encoder):

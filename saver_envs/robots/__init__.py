@@ -5,5 +5,6 @@ from saver_envs.robots.jaco import JACO
 from saver_envs.robots.mico import MICO
 
 ROBOTS: dict[str, Robot] = {robot.name: robot for robot in (JACO, MICO)}
+"""Every robot by its name; `register_robot` adds to it."""
 
 __all__ = ["JACO", "MICO", "ROBOTS", "Robot"]

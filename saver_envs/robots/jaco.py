@@ -164,3 +164,4 @@ JACO = Robot(
     reach=0.62,
     off_table_geoms=("base", "shoulder"),
 )
+"""The Kinova Jaco: six joints and a hand with three fingers."""

@@ -178,3 +178,4 @@ MICO = Robot(
     upright_at=0.375,
     wrist_lead=0.55,
 )
+"""The Kinova MICO of the dissertation: four joints and a hand with two fingers."""

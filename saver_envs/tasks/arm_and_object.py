@@ -27,6 +27,7 @@ HAND_PARTS = (
     Part("finger positions", 3, "rad"),
     Part("finger velocities", 3, "rad/s", FINGER_VELOCITY_SCALE),
 )
+"""Parts of the observation that describe a hand."""
 OBJECT_PARTS = (
     Part("object position", 3, "m"),
     Part("object position relative to the gripper", 3, "m"),

@@ -1,12 +1,14 @@
-"""Every snippet of the README and the quick start runs, in the order of the page."""
+"""The snippets of the README and the tutorials run, in the order of the page; links work."""
 
 from __future__ import annotations
 
 import re
 import shlex
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
+import yaml
 from commands import ROOT, TINY, Saver
 
 PAGES = (
@@ -18,6 +20,20 @@ PAGES = (
     "docs/variable-reward.md",
     "docs/worlds.md",
     "docs/learner.md",
+    "docs/index.md",
+    "docs/first-policy.md",
+    "docs/your-own-algorithm.md",
+    "docs/your-own-teacher.md",
+    "docs/constraints.md",
+    "docs/pose-in-the-loop.md",
+    "docs/learned-ik.md",
+    "docs/grid-on-a-cluster.md",
+    "docs/reproducibility.md",
+)
+#: Every page that a reader can come to.
+READ = sorted(
+    str(path.relative_to(ROOT))
+    for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md")
 )
 #: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
 #: counts.
@@ -35,13 +51,27 @@ SHORTER = {
     ],
     "curves": [],
     "export": ["--episodes", "2"],
+    "benchmark run": [
+        *("--steps", "40", "--eval-every", "20", "--eval-episodes", "2", "--report-episodes", "2"),
+        *("--env-kwargs", "max_episode_steps=10", "--n-envs", "2"),
+    ],
+    "benchmark compare": [],
+    "experiments run": [],
+    "experiments status": [],
+    "experiments resume": [],
+    "model train": ["--samples", "400", "--set", "epochs=1"],
+    "run": ["--trials", "1"],
+}
+#: The settings of a grid's runs that take a second.
+TINY_GRID = {
+    **yaml.safe_load("{" + ", ".join(word.replace("=", ": ") for word in TINY) + "}"),
+    **{"total_steps": 40, "env_kwargs": {"max_episode_steps": 10}},
 }
 #: Tried elsewhere: they install, or take minutes.
 ELSEWHERE = (
     "pip ",
     "make ",
     "saver --help",
-    "saver benchmark",
     "saver demo",
     "saver COMMAND",
     "export ",
@@ -51,7 +81,19 @@ ELSEWHERE = (
 def blocks(page: str, language: str) -> list[str]:
     """The code of a page."""
     text = (ROOT / page).read_text()
-    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+    found = re.findall(rf"^( *)```{language}\n(.*?)^\1```", text, flags=re.DOTALL | re.MULTILINE)
+    return [dedent(code) for _, code in found]
+
+
+def commands(page: str) -> list[str]:
+    """The commands of a page that are tried here."""
+    text = "".join(blocks(page, "bash")).replace("\\\n", " ")
+    return [line for line in text.splitlines() if line and not line.startswith(ELSEWHERE)]
+
+
+def expanded(word: str, folder: Path) -> list[str]:
+    """The files that a pattern matches, as a shell would give them."""
+    return sorted(str(path) for path in folder.glob(word)) if "*" in word else [word]
 
 
 def write_files(page: str, folder: Path) -> None:
@@ -60,41 +102,52 @@ def write_files(page: str, folder: Path) -> None:
         r'^```\w+ title="([\w.]+)"\n(.*?)^```', (ROOT / page).read_text(), re.DOTALL | re.MULTILINE
     )
     for name, text in found:
-        (folder / name).write_text(text)
+        (folder / name).write_text(shorter_grid(text) if name == "grid.yml" else text)
+
+
+def shorter_grid(text: str) -> str:
+    """The grid of a page with tiny runs of one seed."""
+    grid = yaml.safe_load(text)
+    grid["final_episodes"] = 2
+    for group in grid["groups"].values():
+        group["settings"] |= TINY_GRID
+        group["seeds"] = [0]
+    return yaml.safe_dump(grid)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")])
 def test_python(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     write_files(page, tmp_path)
-    found = blocks(page, "python")
-    assert found
     names: dict[str, object] = {}
-    for code in found:
+    for code in blocks(page, "python"):
         exec(compile(code, page, "exec"), names)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "bash")])
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
 def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     write_files(page, tmp_path)
     (tmp_path / "runs").mkdir()
-    (tmp_path / "zoo_configs").symlink_to(ROOT / "zoo_configs")
-    lines = [line for code in blocks(page, "bash") for line in code.splitlines() if line]
-    ours = [line for line in lines if not line.startswith(ELSEWHERE)]
-    assert ours
-    for line in ours:
+    for folder in ("zoo_configs", "docs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    for line in commands(page):
         program, command, *words = shlex.split(line, comments=True)
         assert program == "saver", line
+        if f"{command} {words[0] if words else ''}" in SHORTER:
+            command = f"{command} {words.pop(0)}"
+        words = [file for word in words for file in expanded(word, tmp_path)]
         more = [] if "--resume" in words else SHORTER[command]
         if "DualJacoPush-v0" in words and command == "train" and "--advice" not in words:
             more = [*more, "net_arch=[256,256,256]"]  # it starts as two teachers: as wide as they
         # A run of the snippet before is finished: going on with it does nothing more.
-        result = saver(command, *words, *more, *(["--no-progress"] if "--resume" in words else []))
+        if "--resume" in words:
+            more = ["--no-progress"]
+        result = saver(*command.split(), *words, *more)
         assert result.status == 0, f"{line}\n{result.err}"
 
 
@@ -105,8 +158,8 @@ def test_make_targets_exist(page: str) -> None:
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
 
 
-@pytest.mark.parametrize("page", (*PAGES, "docs/index.md", "docs/architecture.md"))
+@pytest.mark.parametrize("page", READ)
 def test_links_lead_somewhere(page: str) -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text()):
+    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", (ROOT / page).read_text()):
         if not target.startswith("http"):
             assert ((ROOT / page).parent / target).exists(), target

@@ -40,7 +40,9 @@ def test_the_base_wheel_lists_environments_and_names_missing_extras(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("environment", ["train", "logging", "pose", "modelling", "all"])
+@pytest.mark.parametrize(
+    "environment", ["train", "logging", "datasets", "pose", "modelling", "all"]
+)
 def test_every_documented_command_runs_with_its_extras(
     environment: str, wheel: Path, tmp_path: Path
 ) -> None:

@@ -115,7 +115,7 @@ def test_a_recording_is_drawn_joint_by_joint() -> None:
 
 def test_the_pages_snippets_run() -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), flags=re.DOTALL | re.MULTILINE)
-    assert len(blocks) == 3
+    assert len(blocks) == 2
     names: dict[str, object] = {}
     for code in blocks:
         exec(compile(code, str(PAGE), "exec"), names)
