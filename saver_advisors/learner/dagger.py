@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 import torch as th
+from torch.nn import functional
 
 from saver_advisors.learner.algorithms import GoalTD3
 from saver_advisors.learner.imitation import fit
@@ -49,7 +50,9 @@ class GoalDAgger(GoalTD3):
             if known.any():
                 seen = {key: values[known] for key, values in batch.observations.items()}
                 wanted = th.as_tensor(drawn.label)[known]
-                losses.append(fit(self.actor, self.actor.optimizer, seen, wanted))
+                # Of several actions that an expert takes in alike states, the mean may be none.
+                median = functional.l1_loss
+                losses.append(fit(self.actor, self.actor.optimizer, seen, wanted, median))
         self._n_updates += len(losses)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         if losses:

@@ -345,18 +345,25 @@ def clone(
     return loss
 
 
-def fit(actor: Any, optimizer: th.optim.Optimizer, observations: Any, wanted: th.Tensor) -> float:
+def fit(
+    actor: Any,
+    optimizer: th.optim.Optimizer,
+    observations: Any,
+    wanted: th.Tensor,
+    loss_function: Callable[[th.Tensor, th.Tensor], th.Tensor] = functional.mse_loss,
+) -> float:
     """Take one step of an actor towards wanted actions.
 
     :param actor: of SB3's TD3 or SAC.
     :param optimizer: of its parameters.
     :param observations: entries (batch, dim).
     :param wanted: (batch, action_dim), scaled to [-1, 1].
-    :return: the mean squared difference before the step.
+    :param loss_function: of the actor's actions and the wanted ones.
+    :return: the loss before the step.
     """
     # SAC's actor samples unless it is asked for the deterministic action; TD3's does not sample.
     mode = {"deterministic": True} if hasattr(actor, "latent_pi") else {}
-    loss = functional.mse_loss(actor(observations, **mode), wanted)
+    loss = loss_function(actor(observations, **mode), wanted)
     optimizer.zero_grad()
     loss.backward()
     optimizer.step()
