@@ -32,6 +32,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from saver_advisors.advising.advisor import Advice, Advisor, make_advisor
 from saver_advisors.advising.context import Mask
 from saver_advisors.advising.warm_start import warm_start_from_teachers
+from saver_advisors.learner.algorithms import attribute_of
 from saver_advisors.learner.imitation import candidate_values
 
 
@@ -96,6 +97,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         if isinstance(self.advisor, Mapping):
             self.advisor = make_advisor(
                 **self.advisor,
+                episodes=None if self.env is None else attribute_of(self.env, "episodes"),
                 observation_space=self.observation_space,
                 action_space=self.action_space,
             )
@@ -125,6 +127,11 @@ class AdvisedMixin(OffPolicyAlgorithm):
             episode_steps=self._count_episode_steps(),
             student_values=self._student_values,
         )
+        self._labels = None
+        if advisor.labels is not None:
+            box: Any = self.action_space
+            labels = np.clip(advisor.labels, box.low, box.high)
+            self._labels = self.policy.scale_action(labels)
         return self._follow(advice, action, buffer_action)
 
     def _student_values(self, actions: NDArray[Any]) -> NDArray[np.float32]:
@@ -157,6 +164,7 @@ class AdvisedMixin(OffPolicyAlgorithm):
         if not isinstance(advisor, Advisor):
             raise TypeError("a model without an advisor has no teachers to demonstrate")
         assert self.env is not None and self._last_obs is not None, "reset the environments first"
+        self._labels = None
         nothing = np.zeros((self.n_envs, *(self.action_space.shape or ())), np.float32)
         for _ in range(-(-steps // self.n_envs)):
             self._count_episode_steps()
@@ -191,13 +199,11 @@ class AdvisedMixin(OffPolicyAlgorithm):
         self, advice: Advice, action: NDArray[Any], buffer_action: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Replace the advised arms' blocks in the action to execute and its scaled counterpart."""
-        advised_action, mask, labels = advice
-        box: Any = self.action_space
-        self._advice_mask, self._labels = mask, None
-        if labels is not None:
-            self._labels = self.policy.scale_action(np.clip(labels, box.low, box.high))
+        advised_action, mask = advice
+        self._advice_mask = mask
         if not mask.any():
             return action, buffer_action
+        box: Any = self.action_space
         replaced = np.repeat(mask, action.shape[1] // mask.shape[1], axis=1)
         executed = np.where(replaced, np.clip(advised_action, box.low, box.high), action)
         # All other entries stay bit-equal to the student's.

@@ -31,9 +31,10 @@ from saver_advisors.advising.strategies import import_object, make_strategy
 from saver_advisors.policies.files import load_teacher
 from saver_advisors.policies.inference import FloatArray
 from saver_advisors.policies.mapping import ArmMapping, flat_size
-from saver_advisors.policies.scripted import PREFIX, ExpertGroup, scripted_teachers
+from saver_advisors.policies.scripted import EXPERT, PREFIX, ExpertGroup, scripted_teachers
 from saver_advisors.policies.teacher import FunctionTeacher, Teacher, TeacherFunction, TeacherGroup
-from saver_envs.experts import Expert
+from saver_envs.episodes import Episodes
+from saver_envs.experts import Expert, expert_of
 from saver_envs.validation import require
 
 Compare = Literal["noisy", "noise-free"]
@@ -52,13 +53,10 @@ class Advice(NamedTuple):
     :param actions: (n_envs, n_arms * action_size), the student's with the advised arms' blocks
         replaced.
     :param mask: (n_envs, n_arms), which arms were advised.
-    :param labels: (n_envs, n_arms * action_size), the teachers' actions where the strategy labels
-        states, NaN in environments that the budget did not suffice for; else None.
     """
 
     actions: NDArray[Any]
     mask: Mask
-    labels: FloatArray | None = None
 
 
 class Advisor:
@@ -66,7 +64,8 @@ class Advisor:
 
     Attributes: ``enabled``, False in the stages of a run that have no teacher; ``advisable``,
     (n_arms,) which arms may be advised; ``advised_per_arm``, (n_arms,) transitions in which each
-    arm was advised.
+    arm was advised; ``labels``, (n_envs, n_arms * action_size) the teachers' actions at the last
+    step, NaN where the budget did not suffice, None unless the strategy labels states.
 
     :param strategy: decides when an arm is advised.
     :param teachers: one teacher for every arm, one per arm, or a group that advises all arms.
@@ -110,6 +109,7 @@ class Advisor:
         self.twin_minimum = twin_minimum
         self.advisable = _arm_mask(arms, mapping.n_arms)
         self.enabled = True
+        self.labels: FloatArray | None = None
         if strategy.needs_critics and not self.teachers.has_critics:
             raise ValueError(
                 f"strategy {strategy.name!r} compares Q values, but teacher "
@@ -177,7 +177,8 @@ class Advisor:
             advised.
         """
         mask = np.zeros((len(student_actions), self.mapping.n_arms), dtype=bool)
-        actions, labels = student_actions, None
+        actions = student_actions
+        self.labels = None
         if self.active:
             compared = student_actions if compared_actions is None else compared_actions
             by_arm = self.mapping.split_action(student_actions)
@@ -202,7 +203,7 @@ class Advisor:
             if getattr(self.strategy, "labels", False):
                 asked = self.budget.spend(np.ones(len(mask), dtype=bool))
                 given = self.mapping.join_actions(context.teacher_actions)
-                labels = np.where(asked[:, np.newaxis], given, np.float32(np.nan))
+                self.labels = np.where(asked[:, np.newaxis], given, np.float32(np.nan))
             self._log("disagreement", context.disagreement)
             # Reading this cached property would compute it; do so only if the strategy has.
             if "q_gap" in vars(context):
@@ -213,7 +214,7 @@ class Advisor:
                     student_actions.dtype, copy=False
                 )
         self._count(mask)
-        return Advice(actions, mask, labels)
+        return Advice(actions, mask)
 
     def _decide(self, context: AdviceContext) -> Mask:
         """Return the strategy's mask, restricted to the arms that may be advised.
@@ -375,6 +376,7 @@ def make_advisor(
     teacher: TeacherLike | Sequence[TeacherLike] | Expert,
     budget: int,
     *,
+    episodes: Episodes | None = None,
     n_arms: int | None = None,
     observation_space: spaces.Space[Any] | None = None,
     action_space: spaces.Space[Any] | None = None,
@@ -395,8 +397,10 @@ def make_advisor(
         SB3 model; a teacher; a function of one arm's observation and goal, or its name
         "module:function" (see ``FunctionTeacher``); or a list of those, one per arm.
         ``scripted:ID`` is the scripted expert of an environment, for each arm by itself; an
-        expert of ``saver_envs.experts.make_expert`` advises all arms, which give way.
+        expert of ``saver_envs.experts.make_expert`` advises all arms, which give way, as does
+        ``expert``, that of ``episodes``.
     :param budget: environment steps that may be advised.
+    :param episodes: the student's, for the teacher ``expert``.
     :param n_arms: arms of the student; may be omitted if the spaces are given, except for a
         function, whose sizes follow from both.
     :param observation_space: the student's, checked immediately.
@@ -422,6 +426,13 @@ def make_advisor(
             "the object instead"
         )
     teachers: Sequence[Teacher] | ExpertGroup
+    if teacher == EXPERT:
+        if episodes is None:
+            raise ValueError(
+                f"teacher={EXPERT!r} is the scripted expert of the student's environment, which is "
+                "not one of saver_envs: pass make_expert(ID)"
+            )
+        teacher = expert_of(episodes.task, episodes.settings)
     if isinstance(teacher, Expert):
         teachers = ExpertGroup(teacher)
         first = teachers.teachers[0]

@@ -56,12 +56,12 @@ def episode_horizon(env: VecEnv) -> int:
     :return: steps.
     :raises ValueError: if the environment has neither.
     """
-    horizon = _attribute(env, "horizon")
+    horizon = attribute_of(env, "horizon")
     if horizon is None:
-        horizon = getattr(_attribute(env, "spec"), "max_episode_steps", None)
+        horizon = getattr(attribute_of(env, "spec"), "max_episode_steps", None)
     if horizon is None:
         # Our own vector env keeps it with the episodes' other settings.
-        settings = getattr(_attribute(env, "episodes"), "settings", None)
+        settings = getattr(attribute_of(env, "episodes"), "settings", None)
         horizon = getattr(settings, "horizon", None)
     if horizon is None:
         raise ValueError(
@@ -82,7 +82,7 @@ def arms_of(env: VecEnv) -> ArmBlocks:
             "weights shared by arms need an environment of saver_envs, whose task says where the "
             "arms' blocks are"
         )
-    return ArmBlocks.of_episodes(_attribute(env, "episodes"))
+    return ArmBlocks.of_episodes(attribute_of(env, "episodes"))
 
 
 def task_of(env: VecEnv) -> Any:
@@ -91,14 +91,17 @@ def task_of(env: VecEnv) -> Any:
     :param env: our vector env, or SB3's vector env of our goal envs.
     :return: the task, None for a third-party environment.
     """
-    return getattr(_attribute(env, "episodes"), "task", None)
+    return getattr(attribute_of(env, "episodes"), "task", None)
 
 
-def _attribute(env: VecEnv, name: str) -> Any:
-    """Return an attribute of the vector env's first environment, or None.
+def attribute_of(env: VecEnv, name: str) -> Any:
+    """Return an attribute of a vector env's first environment.
 
-    ``has_attr`` first: a missing attribute would terminate a worker process.
+    :param env: the vector env.
+    :param name: of the attribute.
+    :return: its value, None if the environment lacks it.
     """
+    # Asked first: in a worker process, a missing attribute ends the process.
     return env.get_attr(name, indices=[0])[0] if env.has_attr(name) else None
 
 

@@ -25,16 +25,15 @@ from saver_advisors.learner.algorithms import (
     GoalSAC,
     GoalTD3,
     GoalTQC,
+    attribute_of,
     episode_horizon,
     task_of,
 )
 from saver_advisors.learner.dagger import GoalDAgger
 from saver_advisors.learner.replay import DemonstrationReplayBuffer, GoalReplayBuffer
-from saver_advisors.policies.scripted import EXPERT
 from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
-from saver_envs.experts import make_expert
 from saver_envs.registration import make_episodes
 
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
@@ -180,13 +179,11 @@ def build_advisor(config: RunConfig, env: VecEnv) -> Advisor:
     assert advice is not None
     accepted = signature(make_advisor).parameters
     named = {f.name: getattr(advice, f.name) for f in fields(advice) if f.name in accepted}
-    if advice.teacher == EXPERT:
-        options = {**config.env_kwargs, **config.train_env_kwargs}
-        named["teacher"] = make_expert(config.env_id, **options)
     if any(map(names_code, advice.teachers)):
         named["n_arms"] = getattr(task_of(env), "n_arms", None)
     advisor = make_advisor(
         **named,
+        episodes=attribute_of(env, "episodes"),
         observation_space=env.observation_space,
         action_space=env.action_space,
         total_steps=config.total_steps,

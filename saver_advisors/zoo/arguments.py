@@ -107,6 +107,7 @@ def ready_advice(
     ready = {**run, **advice}
     make_advisor(
         **{name: value for name, value in ready.items() if name != "warm_start"},
+        episodes=episodes,
         observation_space=observation_space(episodes),
         action_space=action_space(episodes),
     )

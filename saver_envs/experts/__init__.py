@@ -1,5 +1,5 @@
 """Scripted experts that solve the tasks from the observation alone."""
 
-from saver_envs.experts.expert import Expert, make_expert
+from saver_envs.experts.expert import Expert, expert_of, make_expert
 
-__all__ = ["Expert", "make_expert"]
+__all__ = ["Expert", "expert_of", "make_expert"]

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from saver_envs.episodes import Settings
 from saver_envs.experts.blocks import ArmView, Viewer
 from saver_envs.experts.geometry import FloatArray
 from saver_envs.registration import task_and_settings
@@ -71,8 +72,6 @@ def make_expert(
 ) -> Expert:
     """Build the expert of an id.
 
-    The task names a function ``(task, settings, coordinated, free_arm) -> Expert``.
-
     :param env_id: a registered id.
     :param coordinated: arms give way to one another; else each acts as if it were alone.
     :param free_arm: the only arm that moves, and serves all objects in turn; all move by default.
@@ -83,8 +82,25 @@ def make_expert(
     :raises TypeError: for an unknown option.
     """
     task, settings = task_and_settings(env_id, options)
+    return expert_of(task, settings, coordinated=coordinated, free_arm=free_arm)
+
+
+def expert_of(
+    task: Task, settings: Settings, *, coordinated: bool = True, free_arm: int | None = None
+) -> Expert:
+    """Build the expert of a task; see :func:`make_expert`.
+
+    The task names a function ``(task, settings, coordinated, free_arm) -> Expert``.
+
+    :param task: of the episodes.
+    :param settings: of the episodes.
+    :param coordinated: as for :func:`make_expert`.
+    :param free_arm: as for :func:`make_expert`.
+    :return: the expert.
+    :raises ValueError: for a task without an expert, or settings that no expert is written for.
+    """
     if task.expert is None:
-        raise ValueError(f"the task {task.name!r} of {env_id} has no expert")
+        raise ValueError(f"the task {task.name!r} has no expert")
     if settings.control != "cartesian":
         raise ValueError(f"control={settings.control!r}: experts command Cartesian displacements")
     if task.bases != "row" and task.n_arms > 1 and coordinated:

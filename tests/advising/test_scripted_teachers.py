@@ -45,11 +45,11 @@ def test_an_expert_labels_the_states_of_all_arms(env_id: str) -> None:
         assert advice.actions is own and not advice.mask.any()
         asked = max(0, min(3, 14 - 3 * step))
         if asked == 0:
-            assert advice.labels is None
+            assert advisor.labels is None
             break
-        assert advice.labels is not None
-        np.testing.assert_allclose(advice.labels[:asked], expected[:asked], atol=1e-6)
-        assert np.isnan(advice.labels[asked:]).all()
+        assert advisor.labels is not None
+        np.testing.assert_allclose(advisor.labels[:asked], expected[:asked], atol=1e-6)
+        assert np.isnan(advisor.labels[asked:]).all()
         observation, *_ = env.step(expected)
     assert advisor.spent == 14
     env.close()

@@ -55,9 +55,10 @@ def build(algorithm: str, env_id: str, folder: Path) -> Any:
     return model
 
 
-BUILT = [(name, env_id) for name in (*STOCK, "goal_td3") for env_id in IDS]
+OWN_FILE = ("goal_dagger", "goal_td3")
+BUILT = [(name, env_id) for name in (*STOCK, *OWN_FILE) for env_id in IDS]
 # The others have their settings from the same files: one of them each.
-BUILT += [(name, "DualJacoPickAndPlace-v0") for name in ALGORITHMS if name != "goal_td3"]
+BUILT += [(name, "DualJacoPickAndPlace-v0") for name in ALGORITHMS if name not in OWN_FILE]
 
 
 @pytest.mark.parametrize(("algorithm", "env_id"), BUILT)
@@ -72,7 +73,7 @@ def test_rl_zoo_builds_every_algorithm_for_every_id(
         expected = ConstraintReplayBuffer
         assert model.policy.critic_target.value_bounds == pytest.approx((-100.0, 0.0))
     assert type(model.replay_buffer) is expected
-    assert model.n_envs == 16
+    assert model.n_envs == (64 if algorithm == "goal_dagger" else 16)
     assert model.gamma in (0.95, 0.98)
     # A transition's later goals are known only when its episode is over.
     if stock:
@@ -80,7 +81,7 @@ def test_rl_zoo_builds_every_algorithm_for_every_id(
     model.env.close()
 
 
-@pytest.mark.parametrize("name", [*STOCK, "goal", "goal_td3"])
+@pytest.mark.parametrize("name", [*STOCK, "goal", *OWN_FILE])
 def test_advice_is_names_and_numbers_and_fits_the_arms(name: str) -> None:
     content = yaml.safe_load((CONFIGS / f"{name}.yml").read_text())
     for env_id, advice in content["advice"].items():
