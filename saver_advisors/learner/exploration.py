@@ -30,8 +30,10 @@ class HeldActions:
     def __init__(self, fraction: float, mean_steps: int = 1) -> None:
         require_share("random_action_probability", fraction)
         require("random_action_steps", mean_steps, mean_steps >= 1, "at least 1")
-        self.fraction = fraction
         self.mean_steps = mean_steps
+        # Random and other steps alternate: the former last `mean_steps`, the latter
+        # (1 - begin) / begin steps on average.
+        self.begin = fraction / (fraction + mean_steps * (1.0 - fraction))
         self._left = np.zeros((0, 1), np.int64)
         self._action = np.zeros((0, 0))
 
@@ -46,12 +48,9 @@ class HeldActions:
         :return: (n_envs, action_dim).
         """
         shape = len(actions), n_explorers
-        # Random and other steps alternate: the former last `mean_steps`, the latter
-        # (1 - begin) / begin steps on average.
-        begin = self.fraction / (self.fraction + self.mean_steps * (1.0 - self.fraction))
         if self._left.shape != shape or self._action.shape != actions.shape:
             self._left, self._action = np.zeros(shape, np.int64), np.zeros(actions.shape)
-        begins = (self._left == 0) & (random.random(shape) < begin)
+        begins = (self._left == 0) & (random.random(shape) < self.begin)
         width = actions.shape[1] // n_explorers
         chosen = np.repeat(begins, width, axis=1)
         self._action = np.where(chosen, random.uniform(-1.0, 1.0, actions.shape), self._action)

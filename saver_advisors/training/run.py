@@ -238,8 +238,6 @@ class Run:
         """Play an episode in each environment, then do the gradient steps."""
         # SB3 passes the schedule the progress of one `learn`, which here is a block.
         self.model.lr_schedule = ConstantSchedule(self.config.learning_rate_at(self.steps))
-        fraction = self.config.random_action_probability_at(self.steps)
-        self.model.held_actions.fraction = fraction
         self.model.learn(
             self.block,
             callback=callback,

@@ -140,8 +140,6 @@ class RunConfig:
         that ``start_from`` or a warm start gives.
     :param exploration_noise: standard deviation of the noise on the action scaled to [-1, 1].
     :param random_action_probability: fraction of steps with a uniform action instead.
-    :param final_random_action_probability: that fraction at the end of the run, approached linearly
-        from its beginning; None keeps it constant.
     :param random_action_steps: mean number of steps for which a uniform action is held.
     :param action_penalty: weight of the mean squared action in the actor's loss (DDPG, TD3).
     :param layer_norm: use LayerNorm in the critics.
@@ -202,7 +200,6 @@ class RunConfig:
     learning_starts: NonNegativeInt = 0
     exploration_noise: NonNegativeFloat = 0.15
     random_action_probability: UnitFloat = 0.2
-    final_random_action_probability: UnitFloat | None = None
     random_action_steps: PositiveInt = 1
     action_penalty: NonNegativeFloat = 0.1
     layer_norm: bool = True
@@ -298,16 +295,6 @@ class RunConfig:
             return self.learning_rate
         left = min(1.0, 3.0 * max(0.0, 1.0 - steps / self.total_steps))
         return self.final_learning_rate + left * (self.learning_rate - self.final_learning_rate)
-
-    def random_action_probability_at(self, steps: int) -> float:
-        """Compute the fraction of uniform actions at a point of the run.
-
-        :param steps: environment steps done.
-        """
-        first, last = self.random_action_probability, self.final_random_action_probability
-        if last is None:
-            return first
-        return first + min(1.0, steps / self.total_steps) * (last - first)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for ``from_mapping``, JSON and YAML."""
