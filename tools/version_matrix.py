@@ -3,8 +3,8 @@
     python tools/version_matrix.py base train --pythons 3.11 3.12 3.13 --json versions.json
 
 *lowest* are the lower bounds of `pyproject.toml`, *newest* is what pip finds within its upper
-bounds. The wheel is built from the sdist. A Python that is not on PATH as `python3.X` is skipped, with a
-line that says so. Only the installation needs a network.
+bounds. The wheel is built from the sdist. A Python that is not on PATH as `python3.X` is skipped,
+with a line that says so. Only the installation needs a network.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ VERSIONS = ("lowest", "newest")
 #: A requirement of pyproject.toml: name, extras, lower bound, and the rest.
 REQUIREMENT = re.compile(r"([\w-]+)(?:\[[\w,]+\])?>=([\d.]+)(?:,<[\d.]+)?$")
 
-#: A step of every id with a sparse reward, the checkers of Gymnasium and PettingZoo, and 60 steps of
-#: a vector.
+#: A step of every id with a sparse reward, the checkers of Gymnasium and PettingZoo, and 60 steps
+#: of a vector.
 ROLLOUTS = """
 import sys
 import gymnasium

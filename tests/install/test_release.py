@@ -13,12 +13,6 @@ import pytest
 import release
 from release import CheckFailed
 
-from saver_advisors.cli.model import MODEL_CARD
-from saver_advisors.policies.cards import card_markdown
-from saver_advisors.policies.files import read_networks
-from saver_advisors.reporting.templates import rendered
-from saver_envs.modelling.models import read_card
-
 ROOT = release.ROOT
 RESULTS = ROOT / "docs" / "results"
 HISTORY = "## [Unreleased]\n{unreleased}\n## [{version}] - 2026-12-01\n\n- The first one.\n"
@@ -209,30 +203,6 @@ def test_every_path_in_the_notice_exists() -> None:
     paths = re.findall(r"(?:saver_\w+|licenses|tools)/[\w./*-]*\w", (ROOT / "NOTICE").read_text())
     assert len(paths) > 5
     assert [path for path in paths if not list(ROOT.glob(path))] == []
-
-
-POLICIES = sorted((ROOT / "saver_advisors" / "pretrained" / "weights").glob("*.safetensors"))
-MODELS = sorted((ROOT / "saver_envs" / "modelling" / "weights").glob("*.safetensors"))
-
-
-@pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
-def test_cards_of_policies_are_those_of_the_files(path: Path) -> None:
-    text = path.with_suffix(".md").read_text()
-    assert text == card_markdown(path.stem, read_networks(path)[1])
-
-
-@pytest.mark.parametrize("path", MODELS, ids=lambda path: path.stem)
-def test_cards_of_models_are_those_of_the_files(path: Path) -> None:
-    text = rendered("saver_advisors.cli", MODEL_CARD, stem=path.stem, card=read_card(path))
-    assert path.with_suffix(".md").read_text() == text
-
-
-@pytest.mark.parametrize("path", [*POLICIES, *MODELS], ids=lambda path: path.stem)
-def test_a_card_states_task_data_use_limits_and_licence(path: Path) -> None:
-    text = path.with_suffix(".md").read_text()
-    for part in ("| task |", "Intended use:", "Training data:", "Limits:", "Licence:"):
-        assert part in text
-    assert re.search(r"\| (success|validation RMSE) \| [\d.]+", text)
 
 
 @pytest.mark.slow
