@@ -22,7 +22,7 @@ endif
 export OMP_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-long fuzz mutants lint format docs wheel rendering clean distclean
+.PHONY: help install demo test test-long fuzz mutants lint format docs wheel release rendering clean distclean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -52,10 +52,10 @@ demo: $(STAMP) rendering  ## play the shipped policies, learn for two minutes, l
 	$(BIN)/saver demo --output demo_output
 
 test: lint rendering  ## lint, types and tests, within ten minutes
-	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not long" --durations=10
+	$(BIN)/python -m pytest -n $(PYTEST_WORKERS) -m "not long" --durations=10 --junitxml=.reports/test.xml
 
 test-long: $(CLUSTER_STAMP) rendering  ## the tests that take longer
-	$(BIN)/python -m pytest -m long --durations=0
+	$(BIN)/python -m pytest -m long --durations=0 --junitxml=.reports/test-long.xml
 
 fuzz: $(STAMP)  ## thousands of bad inputs: FUZZ_CASES for each test, drawn by SEED
 	FUZZ_CASES=$(FUZZ_CASES) $(BIN)/python -m pytest tests/fuzz --hypothesis-seed=$(SEED) \
@@ -80,8 +80,11 @@ docs: $(STAMP) rendering  ## regenerate the pages that come from code, then buil
 wheel: $(STAMP)  ## build the sdist and the wheel into dist/
 	$(BIN)/python -m build
 
+release: $(STAMP)  ## the checklist of a release; builds dist/
+	$(BIN)/python tools/release.py
+
 clean:  ## remove what the other targets made, but for the virtual environment
-	rm -rf build dist site demo_output *.egg-info .mutants .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf build dist site demo_output *.egg-info .mutants .reports .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find saver_envs saver_advisors reproduction tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean  ## and the virtual environment .venv

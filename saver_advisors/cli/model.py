@@ -29,6 +29,8 @@ examples:
   saver model train --robot mico --task id --model cgan --set sigma=0.2 --output id.safetensors
   saver model search --robot mico --trials 50 --json search.json    the paper's Table 7.3"""
 
+MODEL_CARD: Final = "model_card.md.j2"
+"""Template of the readable card of a model."""
 _QUANTITIES: Final = (
     ("position", "position (rad)"),
     ("velocity", "velocity (rad/s)"),
@@ -242,7 +244,7 @@ def _train(args: argparse.Namespace) -> int:
         card["unseen_trajectory_rmse"] = float(np.sqrt(np.square(errors).mean()))
     model.save(args.output, card)
     # The card, as Markdown next to the weights.
-    text = rendered("saver_advisors.cli", "model_card.md.j2", stem=args.output.stem, card=card)
+    text = rendered("saver_advisors.cli", MODEL_CARD, stem=args.output.stem, card=card)
     args.output.with_suffix(".md").write_text(text, encoding="utf-8")
     print(f"validation RMSE {min(history.validation_rmse):.4g} after {seconds:.0f} s")
     print(f"wrote {args.output}")

@@ -11,6 +11,16 @@ from saver_advisors.evaluation.protocol import environment_text
 from saver_advisors.policies.networks import NetworkSpec
 from saver_envs.validation import NonNegativeFloat, NonNegativeInt, UnitFloat, check_fields
 
+#: The end of a readable card.
+USE_AND_LIMITS = (
+    "- Intended use: baseline, teacher or start of further training in the environment above, in",
+    "  simulation. Not for a robot near people.",
+    "- Training data: episodes of that environment, and nothing recorded from people or robots.",
+    "- Limits: objects, robots, delays and sensors that differ from the training environment lower",
+    "  the success; `saver benchmark worlds` measures by how much.",
+    "- Licence: MIT, as the code.",
+)
+
 
 @dataclass(frozen=True)
 class PolicyCard:
@@ -134,7 +144,7 @@ def card_markdown(name: str, card: PolicyCard) -> str:
     lines += ["", "Trained by:", "", "```", card.command, "```", ""]
     lines += ["Use:", "", "```python", "from saver_advisors.pretrained import load_policy", ""]
     lines += [f'policy = load_policy("{name}")', "action, _ = policy.predict(observation)", "```"]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", *USE_AND_LIMITS]) + "\n"
 
 
 def rate_text(rate: float | None) -> str:

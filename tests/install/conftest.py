@@ -14,7 +14,7 @@ import fresh_install
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fresh_install.build_wheel(tmp_path_factory.mktemp("dist"))
+    return fresh_install.build(tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="session")
