@@ -169,7 +169,7 @@ class Playback:
 
     def _advance(self) -> RecordedEpisode | None:
         self._step = next(self._steps)
-        self._tape.add(self._step, 0, self._action, {})
+        self._tape.add(self._step, 0, self._actions, {})
         self._push_left -= 1
         if self._push_left <= 0:
             self.episodes.simulation.applied_force[:] = 0.0
@@ -186,7 +186,7 @@ class Playback:
         actions = np.clip(np.asarray(self._predict(observation), np.float32), -1.0, 1.0)
         if self.operator is not None:
             actions = self.operator.replace(actions)
-        self._action = actions[0]
+        self._actions = actions
         return actions
 
     def status(self) -> dict[str, str]:

@@ -54,5 +54,7 @@ def demonstrations(shown: Playback, hand: Any = drag) -> Iterator[RecordedEpisod
             hand(shown, block[:3])
             if len(block) > 3:
                 shown.operator.grip(is_open=block[3] > 0)
+            if not shown.operator.acts:  # nothing is left to do, and time would wait
+                shown.press("enter")
         if (episode := shown.tick()) is not None:
             yield episode
