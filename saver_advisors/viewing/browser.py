@@ -24,6 +24,7 @@ OPERATOR_KEYS: Final = {
     "delete": "Close the gripper",
     **{key: f"Move the hand ({key})" for key in KEYS},
 }
+GRIPPER_KEYS: Final = ("insert", "delete")
 DEFAULT_PUSH: Final = 2.0
 MOST_PUSH: Final = 20.0
 
@@ -108,6 +109,8 @@ class BrowserView:
             waits = gui.add_checkbox("Time waits for me", playback.waits)
             waits.on_update(lambda _: setattr(playback, "waits", waits.value))
             for key, label in OPERATOR_KEYS.items():
+                if key in GRIPPER_KEYS and not operator.grips:
+                    continue
                 if key in KEYS:
                     self._hotkey(label, partial(playback.press, key), key)
                 else:

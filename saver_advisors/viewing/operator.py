@@ -89,7 +89,9 @@ class Operator:
         self.drag(self.target + self._longest() * np.array(KEYS[key]))
 
     def grip(self, is_open: bool) -> None:
-        """Open or close the gripper."""
+        """Open or close the gripper, if there is one."""
+        if not self.grips:
+            return
         self._open = is_open
         self._waited_for = GRIPPER_ACTIONS
 
@@ -107,14 +109,15 @@ class Operator:
         """
         self._waited_for = max(0, self._waited_for - 1)
         motion = (self._target - self._set_point()) / self._longest()
-        command = [*shortened(motion, 1.0), *([1.0 if self._open else -1.0] * self._grips)]
+        command = [*shortened(motion, 1.0), *([1.0 if self._open else -1.0] * int(self.grips))]
         blocks = actions.reshape(self._episodes.task.n_arms, -1).copy()
         blocks[self.arm] = command
         return blocks.reshape(actions.shape)
 
     @property
-    def _grips(self) -> int:
-        return self._episodes.action_size_per_arm - 3
+    def grips(self) -> bool:
+        """Whether the arm has a gripper to command."""
+        return self._episodes.action_size_per_arm > 3
 
     def _set_point(self) -> NDArray[np.float64]:
         return self._episodes.set_point[0, self.arm].copy()
