@@ -36,7 +36,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) \
 	  || { echo "Could not make $(VENV). On Debian or Ubuntu: apt-get install python3-venv" >&2; exit 1; }
 	$(BIN)/python -m pip install --quiet $(TORCH)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[train,logging,datasets,modelling,pose,pose-tools,integration,docs,dev]'
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[train,logging,datasets,view,modelling,pose,pose-tools,integration,docs,dev]'
 	@touch $@
 
 # The long tests start a cluster of two nodes.

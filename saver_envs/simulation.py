@@ -347,6 +347,14 @@ class Simulation:
         weights[ids[:, None], arms] = self.scene.model.body_invweight0[arms]
 
     @cached_property
+    def applied_force(self) -> NDArray[np.float64]:
+        """Forces and torques on bodies, (n, bodies, 6), world frame, N and N m.
+
+        Written ones act from the next step on, until they are written again or at a reset.
+        """
+        return self._batch.bind("xfrc_applied")
+
+    @cached_property
     def arm_bodies(self) -> NDArray[np.intp]:
         """Ids (k,) of all bodies of all arms."""
         model = self.scene.model

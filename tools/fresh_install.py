@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-ALL = "train,logging,cluster,datasets,pose,pose-tools,modelling,integration"
+ALL = "train,logging,cluster,datasets,view,pose,pose-tools,modelling,integration"
 #: Name of an environment -> the extras that are installed there.
 ENVIRONMENTS = {
     "base": "",
@@ -45,7 +45,7 @@ ZOO = "learning_starts=900 batch_size=16 gradient_steps=1"
 PLOT = "-a sac -e JacoPush-v0 -f logs"
 
 HELPFUL = (
-    *("envs", "train", "evaluate", "dataset", "export", "curves", "experiments"),
+    *("envs", "train", "evaluate", "dataset", "view", "export", "curves", "experiments"),
     *("pose", "train-pose"),
     *("benchmark", "benchmark speed", "benchmark run", "benchmark compare", "benchmark pose"),
     *("model", "run", "demo"),
@@ -120,6 +120,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("train,datasets", f"{DATA} replay runs/push --output sets"),
     ("train,datasets", f"{DATA} expert --env JacoPush-v0 --episodes 2 --format lerobot "
                        "--output lerobot --size 64 48"),
+    ("all", f"saver view --env JacoPush-v0 --port 0 --episodes 1 --env-kwargs {SHORT}"),
     ("pose", "saver pose photo.png --json joints.json"),
     ("modelling", "saver model train --robot mico --data workspace --samples 400 --set epochs=1 "
                   "--output mico-ik.safetensors"),

@@ -54,7 +54,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
         "variable_reward",
         "training",
         "datasets experiments zoo",
-        "benchmark integration",
+        "benchmark integration viewing",
         "cli",
     ),
     "reproduction": (

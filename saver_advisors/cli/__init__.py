@@ -12,6 +12,7 @@ COMMANDS: Final = {
     "envs": "list the environments with their sizes, horizon, success and costs",
     "train": "train a policy, with or without advice from a teacher",
     "evaluate": "evaluate a policy on episodes with fixed seeds, and record videos",
+    "view": "watch a policy in a browser or a window, and demonstrate by hand",
     "dataset": "write a data set of episodes, for learning offline",
     "export": "export a training run as a weight file with a card",
     "curves": "plot the learning curves of training runs",
@@ -63,7 +64,10 @@ SAVER: Final = Program(
     moved=MOVED,
     examples=EXAMPLES,
     version=_version(),
-    extras={"dataset": "datasets", "pose": "pose", "train-pose": "pose", "model": "modelling"},
+    extras={
+        **{"dataset": "datasets", "view": "view"},
+        **{"pose": "pose", "train-pose": "pose", "model": "modelling"},
+    },
 )
 
 

@@ -94,6 +94,21 @@ def positive_seconds(text: str) -> float:
     return value
 
 
+def positive(text: str) -> float:
+    """Parse a positive number for argparse.
+
+    :param text: as given
+    :return: the number
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be more than 0")
+    return value
+
+
 def new_file(*suffixes: str) -> Any:
     """Make an argparse type for a file to write, checked before the work starts.
 

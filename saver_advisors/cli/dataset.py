@@ -124,20 +124,11 @@ def run(args: argparse.Namespace) -> int:
     import pyarrow  # noqa: F401
 
     from saver_advisors.reporting import tables
-    from saver_advisors.reporting.provenance import provenance
-    from saver_envs.digest import world_digest
 
     source = _replayed(args) if args.kind == "replay" else _played(args)
-    figures: dict[str, Any] = {
-        "kind": "dataset",
-        "episodes_of": args.kind,
-        "env": source.env_id,
-        "env_kwargs": source.env_kwargs,
-        "world": world_digest(source.env_id, source.env_kwargs),
-        "algorithm": source.algorithm,
-        **source.about,
-        "provenance": provenance(),
-    }
+    figures = about_episodes(
+        args.kind, source.env_id, source.env_kwargs, source.algorithm, source.about
+    )
     totals = _Totals()
     try:
         where = _write(args, source, figures, totals)
@@ -148,6 +139,32 @@ def run(args: argparse.Namespace) -> int:
     tables.show(("data set", "episodes", "steps", "success", "advised"), rows)
     arguments.write_json(args.json, figures)
     return 0
+
+
+def about_episodes(
+    kind: str, env_id: str, env_kwargs: dict[str, Any], algorithm: str, more: dict[str, Any]
+) -> dict[str, Any]:
+    """Return what a data set says about its episodes, with their provenance.
+
+    :param kind: such as ``expert``
+    :param env_id: their environment
+    :param env_kwargs: its keyword arguments
+    :param algorithm: what chose the actions
+    :param more: further JSON-able facts
+    """
+    from saver_advisors.reporting.provenance import provenance
+    from saver_envs.digest import world_digest
+
+    return {
+        "kind": "dataset",
+        "episodes_of": kind,
+        "env": env_id,
+        "env_kwargs": env_kwargs,
+        "world": world_digest(env_id, env_kwargs),
+        "algorithm": algorithm,
+        **more,
+        "provenance": provenance(),
+    }
 
 
 def _write(

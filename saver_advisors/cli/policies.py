@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,23 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
         f"argument --policy: {word!r} does not fit {env_id}: the policy has {_in_words(needed)}; "
         f"the environment has {_in_words(given)}"
     )
+
+
+def fitting(env_id: str, env_kwargs: Mapping[str, Any]) -> list[str]:
+    """Return names of policies that ship and fit an environment.
+
+    :param env_id: id of the environment
+    :param env_kwargs: keyword arguments of that environment
+    :return: of scripted, random and trained ones
+    """
+    from saver_advisors.pretrained import shipped_policies
+
+    names = []
+    for name in ("expert", "random", *shipped_policies()):
+        with suppress(UsageError):
+            resolve(name, env_id, env_kwargs)
+            names.append(name)
+    return names
 
 
 def _in_words(sizes: Sizes) -> str:

@@ -87,7 +87,7 @@ def _play_batch(actor: Actor, env: SaverVecEnv, seeds: list[int]) -> list[Record
         played.append((actions, notes))
         return actions
 
-    tapes = [_Tape(seed) for seed in seeds]
+    tapes = [EpisodeTape(seed) for seed in seeds]
     for step in play(act, env, seeds):
         for index in np.flatnonzero(step.running).tolist():
             if step.number == 0:
@@ -97,7 +97,7 @@ def _play_batch(actor: Actor, env: SaverVecEnv, seeds: list[int]) -> list[Record
     return [tape.episode() for tape in tapes]
 
 
-class _Tape:
+class EpisodeTape:
     """Collects the steps of one episode.
 
     :param seed: of the episode
@@ -137,6 +137,10 @@ class _Tape:
         self.actions.append(actions[index])
         self.rewards.append(step.rewards[index])
         self.dones.append(done)
+
+    def total(self, name: str) -> float:
+        """Return the sum of an entry of the infos of all steps so far."""
+        return float(sum(info[name] for info in self.infos[1:]))
 
     def episode(self) -> RecordedEpisode:
         """Return the episode."""

@@ -59,10 +59,14 @@ class SingleEpisodeEnv:
 
     def __init__(self, env: Any) -> None:
         self.env = env
+        #: Of the last reset.
+        self.reset_infos: list[dict[str, Any]] = [{}]
 
     def reset_episodes(self, seeds: Sequence[int]) -> Observation:
         """Start the episode of ``seeds[0]``."""
-        return self._batch(self.env.reset(seed=seeds[0])[0])
+        observation, info = self.env.reset(seed=seeds[0])
+        self.reset_infos = [info]
+        return self._batch(observation)
 
     def step(self, actions: NDArray[Any]) -> Stepped:
         """Step the env; see :class:`EpisodeVecEnv`."""

@@ -29,6 +29,7 @@ PAGES = (
     "docs/learned-ik.md",
     "docs/grid-on-a-cluster.md",
     "docs/reproducibility.md",
+    "docs/viewer.md",
 )
 #: Every page that a reader can come to.
 READ = sorted(
@@ -61,6 +62,7 @@ SHORTER = {
     "experiments resume": [],
     "model train": ["--samples", "400", "--set", "epochs=1"],
     "run": ["--trials", "1"],
+    "view": ["--episodes", "1", "--port", "0", "--env-kwargs", "max_episode_steps=5"],
 }
 #: The settings of a grid's runs that take a second.
 TINY_GRID = {
@@ -74,6 +76,8 @@ ELSEWHERE = (
     "saver --help",
     "saver demo",
     "saver COMMAND",
+    "saver view --env JacoPush-v0 --control",
+    "python docs/examples/",
     "export ",
 )
 
