@@ -76,7 +76,8 @@ class BrowserScene:
                 handle.vertices = vertices
             return
         pose = np.array([*geom.pos, *geom.mat.ravel()])
-        if not np.array_equal(pose, self._poses.get(index)):
+        shown = self._poses.get(index)
+        if shown is None or not np.array_equal(pose, shown):
             self._poses[index] = pose
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, pose[3:])
