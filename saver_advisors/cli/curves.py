@@ -139,11 +139,14 @@ def draw(runs: Sequence[TrainingRun], panels: Sequence[tuple[str, str]] = PANELS
     """Plot curves over environment steps, on the left, and over wall-clock time, on the right.
 
     :param runs: at least one run
-    :param panels: column of the curve and its label, one pair per row
+    :param panels: column of the curve and its label, one pair per row; those without a value are
+        omitted
     :return: the figure
     """
     from matplotlib.figure import Figure
 
+    points = [point for run in runs for point in run.points]
+    panels = [one for one in panels if any(point.get(one[0]) is not None for point in points)]
     figure = Figure(figsize=(10, 0.9 + 2.5 * len(panels)), layout="constrained", dpi=120)
     grid = figure.subplots(len(panels), 2, sharex="col", sharey="row", squeeze=False)
     for row, (name, label) in enumerate(panels):

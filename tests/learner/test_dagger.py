@@ -13,6 +13,7 @@ from safetensors.torch import load_file
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tiny_runs import TINY_RUN
 
+from saver_advisors.cli.curves import draw, read_run
 from saver_advisors.learner import GoalDAgger
 from saver_advisors.policies.files import load_teacher, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
@@ -84,6 +85,8 @@ def test_a_run_stores_what_the_expert_would_do(tmp_path: Path) -> None:
     train(CONFIG, tmp_path, progress=False)
     assert read_curve(tmp_path)[-1]["advice_spent"] == 60
     assert read_curve(tmp_path)[-1]["mean_q"] is None
+    labels = [axes.get_ylabel() for axes in draw([read_run(tmp_path, "run")]).axes]
+    assert [label for label in labels if label] == ["success rate", "collisions per episode"]
     with np.load(tmp_path / "latest" / "replay.npz") as stored:
         labels, actions, advised = stored["label"], stored["action"], stored["advised"]
         seen, goals = stored["observation"], stored["desired_goal"]
