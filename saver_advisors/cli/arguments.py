@@ -36,10 +36,12 @@ def teacher(text: str) -> str:
     :param text: as given
     :return: the same
     """
+    from saver_advisors.policies.scripted import EXPERT
     from saver_advisors.pretrained import shipped_policies
 
-    if text not in shipped_policies() and ":" not in text and not os.path.exists(text):
-        message = unknown("teacher", text, shipped_policies())
+    names = [*shipped_policies(), EXPERT]
+    if text not in names and ":" not in text and not os.path.exists(text):
+        message = unknown("teacher", text, names)
         raise argparse.ArgumentTypeError(
             f"{message}; or give the path of a .safetensors file, of a run's folder or of an SB3 "
             "zip file; or MODULE:FUNCTION"
@@ -85,27 +87,23 @@ def positive_seconds(text: str) -> float:
     :param text: as given
     :return: seconds
     """
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds") from None
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: must be more than 0 seconds")
-    return value
+    return positive(text, "seconds")
 
 
-def positive(text: str) -> float:
+def positive(text: str, unit: str = "") -> float:
     """Parse a positive number for argparse.
 
     :param text: as given
+    :param unit: what the messages call it, such as seconds
     :return: the number
     """
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        of_unit = f" of {unit}" if unit else ""
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number{of_unit}") from None
     if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: must be more than 0")
+        raise argparse.ArgumentTypeError(f"{text}: must be more than 0 {unit}".rstrip())
     return value
 
 

@@ -269,6 +269,7 @@ def _advised(
             args.advice,
             teacher,
             steps if args.budget is None else args.budget,
+            episodes=episodes,
             n_arms=episodes.task.n_arms,
             observation_space=observation_space(episodes),
             action_space=action_space(episodes),

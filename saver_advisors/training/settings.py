@@ -84,6 +84,9 @@ class AdviceConfig:
         possible = self.cloning_updates == 0 or self.demonstration_steps > 0
         wanted = "0 if advice.demonstration_steps is 0: there is nothing to clone"
         _require(possible, self, "cloning_updates", wanted)
+        single = not (self.bootstrap and self.teacher == "expert")
+        wanted = "false with the teacher 'expert', which keeps plans from step to step"
+        _require(single, self, "bootstrap", wanted)
         named = bool(self.teachers) and all(isinstance(one, str) and one for one in self.teachers)
         _require(named, self, "teacher", "a name, or a list of one name per arm")
 

@@ -17,13 +17,6 @@ ENV = ("--env", "JacoPush-v0", "--episodes", 3, "--env-kwargs", "max_episode_ste
 DUAL = ("--env", "DualJacoPush-v0", *ENV[2:])
 
 
-@pytest.fixture
-def sets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that Minari reads from."""
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "sets"))
-    return tmp_path / "sets"
-
-
 def test_expert(saver: Saver, sets: Path, tmp_path: Path) -> None:
     result = saver("dataset", "expert", *ENV, "--json", tmp_path / "set.json")
     assert result.status == 0, result.err
@@ -70,6 +63,13 @@ def test_advised_by_the_own_expert_by_default(saver: Saver, sets: Path, tmp_path
     assert (figures["teacher"], figures["advice"]) == ("scripted:JacoPush-v0", "mc-act")
     assert figures["threshold"] == 1.0
     assert 0 < figures["advised_share"] < 1
+
+
+def test_advised_by_the_expert_of_all_arms(saver: Saver, sets: Path) -> None:
+    result = saver("dataset", "advised", *DUAL, "--teacher", "expert", "--advice", "early")
+    assert result.status == 0, result.err
+    (first, *_) = minari.load_dataset("saver/DualJacoPush-v0/advised-v0").iterate_episodes()
+    assert first.infos["advised"][1:].all()
 
 
 def test_replay(saver: Saver, sets: Path, run_dir: Path) -> None:

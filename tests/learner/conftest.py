@@ -15,6 +15,15 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 HORIZON = 10
 
 
+def before_resets(after: Any, done: npt.NDArray[Any], infos: list[dict[str, Any]]) -> Any:
+    """The observations after a step, with the last ones of the episodes that ended."""
+    following = {key: value.copy() for key, value in after.items()}
+    for index in np.flatnonzero(done):
+        for key, value in infos[index]["terminal_observation"].items():
+            following[key][index] = value
+    return following
+
+
 class PointReach(gymnasium.Env[Any, Any]):
     """A point moves in a plane to a goal. The action box is asymmetric on purpose.
 

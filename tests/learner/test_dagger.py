@@ -21,7 +21,7 @@ from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained, train
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.experts import make_expert
-from tests.learner.conftest import PointReach
+from tests.learner.conftest import PointReach, before_resets
 
 CONFIG = replace(
     TINY_RUN,
@@ -51,10 +51,7 @@ def learner(known: float) -> Any:
     for _ in range(100):
         action = random.uniform(-1.0, 1.0, (2, 2)).astype(np.float32)
         after, reward, done, infos = env.step(action)
-        following = {key: value.copy() for key, value in after.items()}  # type: ignore[union-attr]
-        for index in np.flatnonzero(done):
-            for key, value in infos[index]["terminal_observation"].items():
-                following[key][index] = value
+        following = before_resets(after, done, infos)
         infos = [
             {**info, "label": np.array([0.6, -0.4])} if random.random() < known else info
             for info in infos
@@ -143,6 +140,10 @@ def test_its_policy_ships_without_critics(env_id: str, shared: bool, tmp_path: P
         (
             {"advice": {"strategy": "dagger", "teacher": "expert", "budget": 1}},
             "algorithm='td3' and advice.strategy='dagger'",
+        ),
+        (
+            {"advice": {"strategy": "ibrl", "teacher": "expert", "budget": 1, "bootstrap": True}},
+            "advice.bootstrap=True must be false with the teacher 'expert'",
         ),
         ({"algorithm": "sac", "shared_arms": True}, "shared_arms=True needs algorithm='td3' or"),
     ],

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from saver_advisors.learner import GoalTD3
 from saver_advisors.learner.algorithms import GoalLearnerMixin
 from saver_advisors.learner.policies import GoalTD3Policy
-from tests.learner.conftest import PointReach
+from tests.learner.conftest import PointReach, before_resets
 
 
 class PlainTD3(GoalLearnerMixin, TD3):
@@ -36,10 +36,7 @@ class Shown:
         for _ in range(episodes * 10):
             executed = self.model.policy.unscale_action(self.action)
             after, reward, done, infos = env.step(executed)
-            following = {key: value.copy() for key, value in after.items()}
-            for index in np.flatnonzero(done):
-                for key, value in infos[index]["terminal_observation"].items():
-                    following[key][index] = value
+            following = before_resets(after, done, infos)
             infos = [{**info, "advised": True} for info in infos]
             buffer.add(observation, following, self.action, reward, done, infos)
             observation = after
