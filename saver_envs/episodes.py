@@ -22,7 +22,7 @@ from saver_envs.randomization.presets import NO_RANDOMIZATION, Randomization, Va
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, Scene, compose
 from saver_envs.simulation import ACTION_DURATION, ArmState, Simulation
-from saver_envs.tasks.contract import Memory, NoStart, Start, Task
+from saver_envs.tasks.contract import PENDING, Memory, NoStart, Start, Task
 from saver_envs.tasks.layout import Layout
 from saver_envs.validation import require
 from saver_envs.worlds import Worlds
@@ -354,6 +354,9 @@ class Episodes:
         checked = self.checked(actions)
         everything = slice(None) if ids is None else ids
         self.require_begun(everything)
+        if self.task.observe_pending_motion:
+            sent = checked.reshape(self.n, self.task.n_arms, -1)
+            self.worlds.send(sent[..., : self._motion_size], self._rows(ids))
         arriving = self.worlds.delayed("action_delay", checked, self._rows(ids))
         blocks = arriving.reshape(self.n, self.task.n_arms, -1)
         self.task.drive(self.simulation, self.memory, everything)
@@ -436,13 +439,16 @@ class Episodes:
         task, simulation = self.task, self.simulation
         self._arms = simulation.arm_state()
         seen = task.observe(simulation, self.memory, self._arms)
-        every = self._rows(rows)
-        observation = self.worlds.measured(task.observation_layout.join(seen), every)
-        observation = self._clipped(observation, task.observation_layout)
+        seen[PENDING.name] = np.zeros_like(self.set_point)
+        every, layout = self._rows(rows), task.observation_layout
+        observation = self.worlds.measured(layout.join(seen), every)
+        observation = self._clipped(observation, layout)
         if begins:
             self.worlds.begin_delays(every, self._resting_actions()[every], observation[every])
         else:
             observation = self.worlds.delayed("observation_delay", observation, every)
+        if task.observe_pending_motion:  # which is known without delay
+            layout.get(observation, PENDING.name)[...] = self.worlds.pending_motion()
         achieved = task.achieved(simulation, self.memory, seen)
         achieved = self._clipped(achieved, task.goal_layout)
         if rows is None:

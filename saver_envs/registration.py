@@ -348,6 +348,11 @@ def _described(
 ) -> tuple[Task, Settings]:
     n_arms = row.n_arms if control.n_arms is None else control.n_arms
     task = row.task(n_arms=n_arms, reward_type=row.reward_type, **of_task)
+    if task.observe_pending_motion and control.control != "cartesian":
+        raise ValueError(
+            f"observe_pending_motion=True: set-points are displaced with control='cartesian', "
+            f"not {control.control!r}"
+        )
     known = parameters_of(task)
     randomization = parse_randomization(control.randomization, known)
     speeds = randomization.distribution_of("max_speed")

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.control import SetPointRule
+from saver_envs.control import SetPointRule, shortened
 from saver_envs.randomization.presets import Randomization, Values
 from saver_envs.robots.description import Fingers
 from saver_envs.sensor_errors import SensorErrors
@@ -69,6 +69,10 @@ class Worlds:
         #: Name -> (n,) where the latest value is, and by how many actions values are late.
         self._latest = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
         self._late = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
+        #: (n, k, arms, 3) displacements of the last k actions, of which the oldest comes first.
+        longest = sum(line.shape[1] - 1 for line in self._lines.values())
+        kept = longest if task.observe_pending_motion else 0
+        self._sent = np.zeros((n, kept, task.n_arms, 3))
         self._every = np.arange(n)
         self._errors: SensorErrors | None = None
         if randomization.greatest("sensor_noise") > 0:
@@ -151,6 +155,28 @@ class Worlds:
         for name, values in (("action_delay", resting), ("observation_delay", seen)):
             if name in self._lines:
                 self._lines[name][rows] = values[:, None]
+        self._sent[rows] = 0.0
+
+    def send(self, motion: Array, rows: Rows) -> None:
+        """Remember how far actions shall move the set-points, for :meth:`pending_motion`.
+
+        :param motion: (n, arms, 3) in [-1, 1].
+        :param rows: (k,) which episodes are stepped.
+        """
+        if self._sent.shape[1]:
+            rule = self.set_points
+            displacement = shortened(motion * rule.longest, rule.longest)
+            if rule.held_height is not None:
+                displacement[..., 2] = 0.0
+            self._sent[rows, :-1] = self._sent[rows, 1:]
+            self._sent[rows, -1] = displacement[rows]
+
+    def pending_motion(self) -> Array:
+        """Return the displacements (n, arms, 3) of actions that cannot be seen yet, metres."""
+        age = np.arange(self._sent.shape[1])[::-1]
+        late = sum(self._late.values(), np.zeros(len(self._sent)))
+        pending = age < late[:, None]
+        return np.einsum("nk,nkai->nai", pending, self._sent)
 
     def measured(self, observation: Array, rows: Rows) -> Array:
         """Return observations (n, size) of which those of ``rows`` are what the sensors measure."""
@@ -187,7 +213,7 @@ class Worlds:
 
     def get_state(self) -> dict[str, Any]:
         """Return a copy of everything that differs."""
-        names = ("values", "_drawn", "_lines", "_latest", "_errors")
+        names = ("values", "_drawn", "_lines", "_latest", "_sent", "_errors")
         return copy.deepcopy({name: getattr(self, name) for name in names})
 
     def set_state(self, state: Mapping[str, Any]) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.experts.geometry import FloatArray, length
-from saver_envs.tasks.contract import Task
+from saver_envs.robots.description import Fingers
+from saver_envs.tasks.contract import PENDING, Task
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,8 @@ class Viewer:
     #: Observations over which heights are averaged at the beginning of an episode, and after which
     #: arms have moved at their full speed.
     BEGINNING, MOVED = 10, 15
+    #: Mean finger angle of a hand that holds an object (rad), and how near that is (m).
+    CLOSED, WITHIN = 0.35, 0.06
     #: Weight of an observation in the average of the tools' velocities.
     NEWEST = 0.25
 
@@ -98,6 +101,12 @@ class Viewer:
         tool = layout.get(seen, "gripper position")
         position = layout.get(seen, "object position")
         target = task.goal_layout.get(observation["desired_goal"], "object position")
+        fingers = layout.get(seen, "finger positions")
+        if task.observe_pending_motion:
+            # Where the hands, and what they hold, will be when what is decided now takes effect.
+            pending = layout.get(seen, PENDING.name)
+            held = self._held(position - tool, fingers)
+            tool, position = tool + pending, np.where(held, position + pending, position)
         begins = self._begins(tool, target)
         moving = layout.get(seen, tool_velocity.name) / tool_velocity.scale
         if self._last is not None and self._last.tool.shape == tool.shape:
@@ -110,7 +119,7 @@ class Viewer:
             tool=tool,
             tool_velocity=moving,
             top_speed=self._top_speed(length(moving).max(axis=1), begins),
-            fingers=layout.get(seen, "finger positions"),
+            fingers=fingers,
             finger_velocity=layout.get(seen, finger_velocity.name) / finger_velocity.scale,
             object=position,
             object_quaternion=layout.get(seen, "object orientation, a quaternion with w >= 0"),
@@ -121,6 +130,13 @@ class Viewer:
             begins=begins,
         )
         return self._last
+
+    def _held(self, offset: FloatArray, fingers: FloatArray) -> FloatArray:
+        """Return which objects at ``offset`` (n, arms, 3) from the tools are held, (n, arms, 1)."""
+        closed = fingers.mean(axis=-1) > self.CLOSED
+        near = length(offset) < self.WITHIN
+        grasps = self.task.fingers is Fingers.ACTUATED
+        return (closed & near & grasps)[..., None]
 
     def _begins(self, tool: FloatArray, target: FloatArray) -> NDArray[np.bool_]:
         """Return whether an episode begins, (n,)."""

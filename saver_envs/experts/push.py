@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class PushSkill(Skill):
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
+    :param gentle: whether cubes may slide further, or resist more, than usual ones: hands begin to
+        push slowly, and press on where a cube that tips over its edge lifts them.
     :param upright_at, lead: ``upright_at`` and ``wrist_lead`` of a robot with such a hand.
     """
 
@@ -46,6 +48,7 @@ class PushSkill(Skill):
     stop: float = 0.015
     good_enough: float = 0.035
     trail: float = 0.0
+    gentle: bool = False
     upright_at: float = 0.0
     lead: float = 0.0
 
@@ -77,7 +80,10 @@ class PushSkill(Skill):
     PREFER = 1.5
     #: A hand whose tool is less or more than this above the table (m) is jammed, with its fingers
     #: on the table or under the cube, and backs off.
-    SUNK, RAISED = 0.0195, 0.031
+    SUNK, RAISED, RAISED_GENTLY = 0.0195, 0.031, 0.04
+    #: Displacement of a gentle push in an action (m), by hands that are not lifted as high as this
+    #: above the table (m).
+    GENTLY, LIFTED = 0.012, 0.0275
     #: Weight of the hand's way, besides the detour, where a push has to begin aside (1).
     NEARER = 0.5
     #: Orbits shorter than this ignore the requested side (rad).
@@ -90,6 +96,11 @@ class PushSkill(Skill):
     INWARD = 0.15
     #: A hand this near the edge of its workspace (m) goes along it.
     EDGE = 0.01
+
+    def fitted(self, settings: Settings) -> Self:
+        """Return the skill of an arm with these settings."""
+        varies = settings.randomization.distribution_of("object_friction") is not None
+        return replace(super().fitted(settings), gentle=varies)
 
     def ring(self, size: FloatArray) -> FloatArray:
         """Return the radii around cubes of edges ``size`` on which a hand touches none, metres."""
@@ -148,7 +159,8 @@ class PushSkill(Skill):
         drags = (dot(attainable, wanted) < 1 - 1e-3)[..., None]
         drive = np.where(drags, direct, heading)
         push = tool - np.where(high | drags, 0.0, self.CENTRING) * lateral
-        push = push + drive * np.minimum(self.GAIN * left, self.step)
+        height = (view.tool[..., 2] - view.table)[..., None]
+        push = push + drive * np.minimum(self.GAIN * left, self._advance(height))
         away = length(cube - heading * ring)
         trail = self._trail(cube, -heading, view.object_size, away)[..., None]
         gap = -relative - heading * (ring + trail)
@@ -175,9 +187,18 @@ class PushSkill(Skill):
         approach = tool + share * length(gap)[..., None] * way
         point = np.where(aligned, push, approach)
         rests = (left < self.stop) | (~aligned & (left < self.good_enough))
-        height = (view.tool[..., 2] - view.table)[..., None]
-        jammed = (height < self.SUNK) | (height > self.RAISED)
+        jammed = (height < self.SUNK) | (height > self._raised)
         return np.where(jammed, tool + self.step * unit(relative), np.where(rests, tool, point))
+
+    @property
+    def _raised(self) -> float:
+        """Height of tools above the table beyond which hands are jammed, metres."""
+        return self.RAISED_GENTLY if self.gentle else self.RAISED
+
+    def _advance(self, height: FloatArray) -> FloatArray:
+        """Return the longest displacement of a push by hands at a height above the table, m."""
+        slow = self.gentle & (height < self.LIFTED)
+        return np.minimum(np.where(slow, self.GENTLY, self.step), self.step)
 
     def _with_wrist(
         self,

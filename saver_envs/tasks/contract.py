@@ -37,6 +37,8 @@ Seen = dict[str, NDArray[np.float64]]
 
 #: Distance within which an object counts as at its target (m).
 SUCCESS_THRESHOLD = 0.05
+#: Part of the observation with the option ``observe_pending_motion``.
+PENDING = Part("displacement of pending actions", 3, "m")
 #: Least distance of an object's start from its target (m).
 LEAST_WAY = 0.10
 
@@ -87,11 +89,15 @@ class Task(Content):
     :param reward_type: ``sparse`` (eq. 6.4: 0 where the goal is reached, else -1) or ``dense``
         (the negative sum of the objects' distances to their targets, metres).
     :param success_threshold: distance of an object from its target that counts as reached, metres.
+    :param observe_pending_motion: add to each arm's observation by how much the set-point has been
+        told to move by actions whose effect the observation does not show yet, because actions or
+        observations are delayed. Drivers that acknowledge commands let their users know that.
     """
 
     n_arms: int
     reward_type: RewardType = "sparse"
     success_threshold: float = SUCCESS_THRESHOLD
+    observe_pending_motion: bool = False
 
     #: Lower-case name of the task.
     name: ClassVar[str]
@@ -143,7 +149,8 @@ class Task(Content):
     @cached_property
     def observation_layout(self) -> Layout:
         """Where the parts of the observation lie."""
-        return Layout(self.observation, self.n_arms)
+        parts = self.observation
+        return Layout((*parts, PENDING) if self.observe_pending_motion else parts, self.n_arms)
 
     @cached_property
     def goal_layout(self) -> Layout:
