@@ -70,8 +70,8 @@ class Worlds:
         self._latest = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
         self._late = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
         #: (n, k, arms, 3) displacements of the last k actions, of which the oldest comes first.
-        longest = sum(line.shape[1] - 1 for line in self._lines.values())
-        kept = longest if task.observe_pending_motion else 0
+        kept = sum(line.shape[1] - 1 for line in self._lines.values())
+        kept *= task.observe_pending_motion
         self._sent = np.zeros((n, kept, task.n_arms, 3))
         self._every = np.arange(n)
         self._errors: SensorErrors | None = None

@@ -89,9 +89,9 @@ class Task(Content):
     :param reward_type: ``sparse`` (eq. 6.4: 0 where the goal is reached, else -1) or ``dense``
         (the negative sum of the objects' distances to their targets, metres).
     :param success_threshold: distance of an object from its target that counts as reached, metres.
-    :param observe_pending_motion: add to each arm's observation by how much the set-point has been
-        told to move by actions whose effect the observation does not show yet, because actions or
-        observations are delayed. Drivers that acknowledge commands let their users know that.
+    :param observe_pending_motion: add to each arm's observation how far pending actions will move
+        its set-point: those whose effect cannot be seen yet, since actions or observations are
+        delayed. A driver that acknowledges commands lets its users know that.
     """
 
     n_arms: int

@@ -125,6 +125,28 @@ def test_an_expert_copes_with_worlds_that_vary(env_id: str) -> None:
     assert success(env_id, 30, seed=1000, randomization="wide") >= 0.8
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
+def test_an_expert_that_sees_pending_motion_copes_with_delays(env_id: str) -> None:
+    options: dict[str, Any] = {"randomization": {"action_delay": 3, "observation_delay": 1}}
+    blind = success(env_id, 32, **options)
+    assert success(env_id, 32, observe_pending_motion=True, **options) >= max(0.8, blind + 0.2)
+
+
+@pytest.mark.slow
+def test_cubes_that_may_glide_are_pushed_gently() -> None:
+    glides = {"object_friction": 0.1}
+    assert success("JacoPush-v0", 32, randomization=glides) >= 0.7
+    hasty = make_expert("JacoPush-v0")  # made for the usual friction
+    result = evaluate_policy(
+        lambda seen: hasty.predict(seen)[0],
+        "JacoPush-v0",
+        episodes=32,
+        env_kwargs={"randomization": glides},
+    )
+    assert result.success_rate <= 0.4
+
+
 def test_a_pitched_hand_pushes_high_cubes_from_where_it_can_get() -> None:
     skill = PushSkill(trail=0.02, upright_at=MICO.upright_at, lead=MICO.wrist_lead)
     inward = np.array([[[-1.0, 0.0]]])

@@ -27,7 +27,7 @@ from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.envs.vector_env import SaverVectorEnv
 from saver_envs.episodes import Episodes
 from saver_envs.registration import make_episodes
-from saver_envs.tasks.contract import NoStart
+from saver_envs.tasks.contract import PENDING, NoStart
 
 HORIZON = 6
 KEYS = ("observation", "achieved_goal", "desired_goal")
@@ -216,6 +216,43 @@ def test_each_episode_has_its_own_delay() -> None:
     episodes.step(np.ones((8, 3)))
     moved = (episodes.set_point != before).any(axis=(1, 2))
     np.testing.assert_array_equal(moved, delays == 0)
+
+
+@pytest.mark.parametrize("delays", [(0, 0), (2, 0), (0, 1), (2, 1)])
+@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", PICK])
+def test_pending_motion_is_that_of_actions_that_cannot_be_seen_yet(
+    env_id: str, delays: tuple[int, int]
+) -> None:
+    names = ("action_delay", "observation_delay")
+    worlds = {"max_speed": 0.3, **dict(zip(names, delays, strict=True))}
+    late = begun(env_id, 2, randomization=worlds, observe_pending_motion=True)
+    plain = begun(env_id, 2, randomization=worlds)
+    layout, sent = late.task.observation_layout, [np.zeros((2, late.task.n_arms, 3))]
+    assert layout.size == plain.observation_size + 3 * late.task.n_arms
+    for action in random_actions(late.action_size, 9, 2):
+        for episodes in (late, plain):
+            episodes.step(action)
+        motion = action.reshape(2, late.task.n_arms, -1)[..., :3]
+        longest = np.linalg.norm(motion, axis=-1, keepdims=True)
+        motion = 0.3 * 0.04 * motion / np.maximum(longest, 1.0)
+        motion[..., 2] *= late.task.held_height is None
+        sent.append(motion)
+        if len(sent) == 7:
+            late.reset([1])
+            plain.reset([1])
+            sent = [of * [[[1]], [[0]]] for of in sent]
+        pending = layout.get(seen(late)["observation"], PENDING.name)
+        expected = sum(sent[len(sent) - sum(delays) :], np.zeros_like(sent[0]))
+        np.testing.assert_allclose(pending, expected, atol=1e-7)
+        blocks = layout.blocks(seen(late)["observation"])[..., :-3]
+        assert_same(blocks.reshape(2, -1), seen(plain)["observation"])
+    copied = pickled_and_back(late)
+    play_and_compare(late, copied, random_actions(late.action_size, 5, 2))
+
+
+def test_pending_motion_is_one_of_set_points() -> None:
+    with pytest.raises(ValueError, match=r"observe_pending_motion=True.*not 'joints'"):
+        make_episodes(PICK, control="joints", observe_pending_motion=True)
 
 
 # ---------------------------------------------------------------- speeds and friction
