@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from tiny_grids import GridFile, run_named, tiny_grid
 
 from saver_advisors.cli import main
 from saver_advisors.evaluation.protocol import EVALUATE_EVERY
-from saver_advisors.experiments.grid import ExperimentRun, check_rows, read_grid
+from saver_advisors.experiments.grid import ExperimentRun, Grid, check_rows, read_grid
 from saver_advisors.experiments.recorder import BenchmarkPlan
 
 ALGORITHMS = Path(__file__).resolve().parents[1] / "benchmarks" / "algorithms.py"
@@ -119,7 +120,29 @@ def test_the_shipped_grid_has_the_rows_of_the_table() -> None:
         for threshold in ("0.01", "0.05", "0.1"):
             assert (f"{strategy} {threshold}", strategy) in strategies
     assert {("none", None), ("early", "early"), ("early-mc", "early-mc")} <= strategies
-    # Runs of a group differ in advice and seed alone.
+    assert_groups_differ_in_advice_and_seed_alone(grid)
+
+
+def test_the_grid_of_shared_arms_has_the_rows_of_the_table_and_five_seeds_of_push() -> None:
+    grid = read_grid(CONFIGS / "advising_shared_arms.yml")
+    seeds: dict[tuple[str, str], list[int]] = {}
+    for run in grid.runs:
+        seeds.setdefault((run.group, run.row), []).append(run.config.seed)
+    table = {"none", "early", "early-mc", "mc-q 0.1", "mc-act 0.1", "mc-actabs 0.1"}
+    for group, count in (("push", 5), ("pick-and-place", 3)):
+        of_group = {row: given for (name, row), given in seeds.items() if name == group}
+        assert of_group == {row: list(range(count)) for row in table}
+    advised = [run.config for run in grid.runs if run.config.advice is not None]
+    budgets = [one.advice.budget / one.total_steps for one in advised if not one.advice.warm_start]
+    assert budgets == pytest.approx([0.2222] * len(budgets))
+    assert_groups_differ_in_advice_and_seed_alone(grid)
+    # The runs without advice are those that a page of the documentation tells how to make.
+    entries = yaml.safe_load((CONFIGS / "shared_arms.yml").read_text())
+    alone = next(run for run in grid.runs if run.name == "push-none-seed0").config
+    assert entries["DualJacoPush-v0"].items() <= alone.to_mapping().items()
+
+
+def assert_groups_differ_in_advice_and_seed_alone(grid: Grid) -> None:
     for group in {run.group for run in grid.runs}:
         rest = set()
         for run in grid.runs:
