@@ -32,7 +32,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from saver_advisors.advising.advisor import Advice, Advisor, make_advisor
 from saver_advisors.advising.context import Mask
 from saver_advisors.advising.warm_start import warm_start_from_teachers
-from saver_advisors.learner.algorithms import attribute_of
+from saver_advisors.learner.algorithms import GoalLearnerMixin, attribute_of
 from saver_advisors.learner.imitation import candidate_values
 
 
@@ -70,6 +70,8 @@ class AdvisedMixin(OffPolicyAlgorithm):
             self.advisor = dict(self.advisor)
             warm_start = self.advisor.pop("warm_start", False)
         advisor = self._ready_advisor()
+        if advisor is not None and advisor.gives_labels and isinstance(self, GoalLearnerMixin):
+            self.replay_buffer_kwargs.setdefault("labels", True)
         super()._setup_model()
         # A model with an advice state is being loaded, and has trained weights already.
         if warm_start and advisor is not None and self.advice_state is None:

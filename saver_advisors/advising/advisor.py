@@ -133,6 +133,11 @@ class Advisor:
         return self.enabled and self.budget.remaining > 0 and self.strategy.name != "none"
 
     @property
+    def gives_labels(self) -> bool:
+        """Whether the strategy labels states, besides or instead of choosing actions."""
+        return bool(getattr(self.strategy, "labels", False))
+
+    @property
     def needs_noise_free(self) -> bool:
         """Whether the next call of `advise` needs the student's deterministic actions."""
         return self.active and self.compare == "noise-free"
@@ -200,7 +205,7 @@ class Advisor:
             wanted = self._decide(context)
             granted = self.budget.spend(np.any(wanted, axis=1))
             mask = wanted & granted[:, np.newaxis]
-            if getattr(self.strategy, "labels", False):
+            if self.gives_labels:
                 asked = self.budget.spend(np.ones(len(mask), dtype=bool))
                 given = self.mapping.join_actions(context.teacher_actions)
                 self.labels = np.where(asked[:, np.newaxis], given, np.float32(np.nan))

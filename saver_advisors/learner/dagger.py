@@ -7,15 +7,13 @@ states that no teacher visits, where it has learned nothing. DAgger (Ross, Gordo
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 import torch as th
-from torch.nn import functional
 
 from saver_advisors.learner.algorithms import GoalTD3
-from saver_advisors.learner.imitation import fit
+from saver_advisors.learner.imitation import LABEL_LOSS, fit
 
 
 class GoalDAgger(GoalTD3):
@@ -45,14 +43,9 @@ class GoalDAgger(GoalTD3):
         losses = []
         for _ in range(gradient_steps if self.replay_buffer.size() > 0 else 0):
             drawn = self.replay_buffer.sample_transitions(batch_size)
-            batch = self.replay_buffer.as_samples(replace(drawn, desired_goal=drawn.episode_goal))
-            known = th.as_tensor(np.isfinite(drawn.label).all(axis=1))
-            if known.any():
-                seen = {key: values[known] for key, values in batch.observations.items()}
-                wanted = th.as_tensor(drawn.label)[known]
-                # Of several actions that an expert takes in alike states, the mean may be none.
-                median = functional.l1_loss
-                losses.append(fit(self.actor, self.actor.optimizer, seen, wanted, median))
+            seen, wanted = self.replay_buffer.labelled(drawn)
+            if len(wanted):
+                losses.append(fit(self.actor, self.actor.optimizer, seen, wanted, LABEL_LOSS))
         self._n_updates += len(losses)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         if losses:

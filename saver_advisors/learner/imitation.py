@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,7 @@ from torch.nn import functional
 
 from saver_advisors.learner.multiplier import LagrangeMultiplier
 from saver_advisors.learner.policies import conservative_values, cost_values, goal_values
-from saver_advisors.learner.replay import GoalReplayBuffer
+from saver_advisors.learner.replay import GoalReplayBuffer, GoalTransitions
 from saver_envs.validation import require
 
 Values = Callable[[npt.NDArray[Any]], npt.NDArray[np.float32]]
@@ -42,12 +42,18 @@ Proposals = tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]
 take them, (n_arms,)."""
 
 
+LABEL_LOSS: Final = functional.l1_loss
+"""Its optimum is the median of several actions that an expert takes in alike states. The mean, that
+of the squared difference, may be none of them."""
+
+
 class ImitatingTD3(TD3):
     """TD3 with an imitation loss on transitions whose action was a teacher's.
 
     :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``.
     :param imitation_weight: of the mean squared difference, over advised transitions, between the
-        actor's action and the advised one; 0 for plain TD3.
+        actor's action and the advised one; 0 for plain TD3. If the replay buffer has labels: of the
+        mean absolute difference from these, in states with the episodes' own goals.
     :param imitation_filter_start: environment step from which on only those advised actions are
         imitated that the critic rates higher than the actor's.
     :param contact_cost: weight of the cost's value in the actor's objective, relative to that of
@@ -117,10 +123,11 @@ class ImitatingTD3(TD3):
         self._costs: list[float] = []
         for _ in range(gradient_steps):
             self._n_updates += 1
-            batch, advised = self._draw(batch_size)
+            drawn = self.replay_buffer.sample_transitions(batch_size)
+            batch = self.replay_buffer.as_samples(drawn)
             critic_losses.append(self._update_critic(batch))
             if self._n_updates % self.policy_delay == 0:
-                actor_loss, imitation_loss = self._update_actor(batch, advised)
+                actor_loss, imitation_loss = self._update_actor(batch, drawn)
                 actor_losses.append(actor_loss)
                 imitation_losses.append(imitation_loss)
                 polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
@@ -144,11 +151,6 @@ class ImitatingTD3(TD3):
             self.multiplier.update(episode_cost, self.cost_limit)
         self.logger.record("train/episode_cost", episode_cost)
         self.logger.record("train/cost_multiplier", float(self.multiplier))
-
-    def _draw(self, batch_size: int) -> tuple[DictReplayBufferSamples, th.Tensor]:
-        """Sample transitions as tensors, and which of them were advised (batch,)."""
-        drawn = self.replay_buffer.sample_transitions(batch_size)
-        return self.replay_buffer.as_samples(drawn), th.as_tensor(drawn.advised)
 
     def _update_critic(self, batch: DictReplayBufferSamples) -> float:
         """Take one step of the critics towards the minimum target value; return the loss."""
@@ -211,28 +213,51 @@ class ImitatingTD3(TD3):
         return [*modules, "multiplier", "multiplier.optimizer"], variables
 
     def _update_actor(
-        self, batch: DictReplayBufferSamples, advised: th.Tensor
+        self, batch: DictReplayBufferSamples, drawn: GoalTransitions
     ) -> tuple[float, float]:
-        """Take one step of the actor; return its loss without imitation, and the imitation loss."""
+        """Take one step of the actor; return its loss without imitation, and the imitation loss.
+
+        :param batch: the transitions as tensors.
+        :param drawn: the same as arrays, with their origins.
+        """
         actions = self.actor(batch.observations)
         # SB3's type hint does not cover the goal critic's dict observations.
         critic: Any = self.critic
         values = critic.q1_forward(batch.observations, actions)
         loss = -self._weighted(values).mean()
         imitation = th.zeros(())
-        if self.imitation_weight > 0 and advised.any():
-            followed = advised
-            if self.num_timesteps >= self.imitation_filter_start:
-                with th.no_grad():
-                    shown = critic.q1_forward(batch.observations, batch.actions)
-                followed = advised & (self._weighted(shown) > self._weighted(values))
-            difference = (actions - batch.actions).square().mean(dim=1)
-            imitation = (difference * followed).sum() / advised.sum()
+        if self.imitation_weight > 0 and self.replay_buffer.labels:
+            seen, wanted = self.replay_buffer.labelled(drawn)
+            imitation = LABEL_LOSS(self.actor(seen), wanted) if len(wanted) else imitation
+        elif self.imitation_weight > 0 and drawn.advised.any():
+            imitation = self._advice_loss(batch, th.as_tensor(drawn.advised), actions, values)
         total = loss + self.imitation_weight * imitation
         self.actor.optimizer.zero_grad()
         total.backward()
         self.actor.optimizer.step()
         return float(loss.item()), float(imitation.item())
+
+    def _advice_loss(
+        self,
+        batch: DictReplayBufferSamples,
+        advised: th.Tensor,
+        actions: th.Tensor,
+        values: th.Tensor,
+    ) -> th.Tensor:
+        """Compute the mean squared difference between the actor's actions and the advised ones.
+
+        :param batch: transitions.
+        :param advised: (batch,), which of their actions were a teacher's; at least one was.
+        :param actions: (batch, action_dim) of the actor.
+        :param values: (batch, values) of these actions.
+        """
+        followed, critic = advised, cast("Any", self.critic)
+        if self.num_timesteps >= self.imitation_filter_start:
+            with th.no_grad():
+                shown = critic.q1_forward(batch.observations, batch.actions)
+            followed = advised & (self._weighted(shown) > self._weighted(values))
+        difference = (actions - batch.actions).square().mean(dim=1)
+        return (difference * followed).sum() / advised.sum()
 
 
 @th.no_grad()

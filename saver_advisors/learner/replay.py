@@ -9,7 +9,7 @@ computed when its transition is sampled.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -173,6 +173,18 @@ class GoalReplayBuffer(EpisodeBuffer):
             dones=th.zeros((len(reward), 1), device=self.device),
             rewards=self._tensor(reward),
         )
+
+    def labelled(self, drawn: GoalTransitions) -> tuple[dict[str, th.Tensor], th.Tensor]:
+        """Return the states in which teachers were asked, with the episodes' own goals.
+
+        :param drawn: transitions of a buffer with labels.
+        :return: entries (k, dim) of the observations, and the teachers' actions (k, action_dim),
+            scaled to [-1, 1].
+        """
+        own = self.as_samples(replace(drawn, desired_goal=drawn.episode_goal)).observations
+        known = th.as_tensor(np.isfinite(drawn.label).all(axis=1))
+        seen = {name: values[known] for name, values in own.items()}
+        return seen, self._tensor(drawn.label)[known]
 
     def sample_transitions(self, batch_size: int) -> GoalTransitions:
         """Sample transitions as arrays, with their origins.

@@ -149,7 +149,8 @@ class RunConfig:
     :param achieved_goal_input: give the achieved goal to actor and critics too, for tasks in which
         it holds more than positions.
     :param relabel_probability: probability that a sampled transition gets a hindsight goal.
-    :param imitation_weight: weight of imitation in the actor's loss on advised transitions (TD3).
+    :param imitation_weight: weight of imitation in the actor's loss (TD3): of advised actions, or
+        of the labels that the strategy ``dagger`` gives.
     :param imitation_filter_start: steps after which the actor imitates only those advised actions
         that the critic prefers to its own (TD3).
     :param per_arm_critics: give each arm's part of the goal its own hindsight goal, reward and
@@ -239,10 +240,16 @@ class RunConfig:
         check_selection(self.eval_seed, self.eval_episodes)
         bootstrap = self.advice is not None and self.advice.bootstrap
         strategy = None if self.advice is None else self.advice.strategy
-        if strategy is not None and (strategy == "dagger") != (self.algorithm == "dagger"):
+        if self.algorithm == "dagger" and strategy not in (None, "dagger"):
             raise ValueError(
-                f"algorithm={self.algorithm!r} and advice.strategy={strategy!r}: both must be "
-                "'dagger', or neither"
+                f"algorithm='dagger' and advice.strategy={strategy!r}: it imitates labels, which "
+                "the strategy 'dagger' gives"
+            )
+        imitates = self.algorithm == "td3" and self.imitation_weight > 0
+        if strategy == "dagger" and not (imitates or self.algorithm == "dagger"):
+            raise ValueError(
+                f"advice.strategy='dagger' and algorithm={self.algorithm!r}: labels need algorithm="
+                "'dagger', or 'td3' with imitation_weight above 0"
             )
         if self.shared_arms and self.algorithm not in ("td3", "dagger"):
             raise ValueError(

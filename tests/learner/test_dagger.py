@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from tiny_runs import TINY_RUN
 
 from saver_advisors.cli.curves import draw, read_run
-from saver_advisors.learner import GoalDAgger
+from saver_advisors.learner import GoalDAgger, GoalTD3
 from saver_advisors.policies.files import load_teacher, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.training.curve_file import read_curve
@@ -34,10 +34,10 @@ CONFIG = replace(
 )
 
 
-def learner(known: float) -> Any:
+def learner(known: float, algorithm: Any = GoalDAgger, **arguments: Any) -> Any:
     """A learner with a replay whose labels are (0.6, -0.4), as far as they are known."""
     env = DummyVecEnv([PointReach for _ in range(2)])
-    model = GoalDAgger(
+    model = algorithm(
         "MultiInputPolicy",
         env,
         buffer_size=2_000,
@@ -45,6 +45,7 @@ def learner(known: float) -> Any:
         learning_rate=3e-3,
         seed=0,
         device="cpu",
+        **arguments,
     )
     model._setup_learn(100, None)
     random, observation = np.random.default_rng(0), env.reset()
@@ -76,6 +77,47 @@ def test_without_labels_nothing_is_learned() -> None:
     model.train(20, 64)
     assert model._n_updates == 0
     assert all(map(th.equal, before, model.policy.parameters()))
+
+
+@pytest.mark.parametrize("known", [1.0, 0.3, 0.0])
+def test_td3_weighs_labels_against_its_values(known: float) -> None:
+    models = []
+    for weight in (0.0, 1e4):
+        stored = {"labels": True}
+        model = learner(known, GoalTD3, imitation_weight=weight, replay_buffer_kwargs=stored)
+        model.train(200, 64)
+        models.append(model)
+    free, bound = models
+    actions = [model.predict(bound.env.reset(), deterministic=True)[0] for model in (free, bound)]
+    if known > 0:
+        wanted = [[0.6, -0.4]] * 2
+        np.testing.assert_allclose(bound.policy.scale_action(actions[1]), wanted, atol=0.05)
+        assert not np.allclose(actions[0], actions[1], atol=0.1)
+    else:
+        assert all(map(th.equal, free.policy.parameters(), bound.policy.parameters()))
+
+
+def test_labels_count_in_states_with_the_goals_of_their_episodes() -> None:
+    model = learner(0.5)
+    drawn = model.replay_buffer.sample_transitions(64)
+    assert (drawn.desired_goal != drawn.episode_goal).any()
+    seen, wanted = model.replay_buffer.labelled(drawn)
+    known = np.isfinite(drawn.label).all(axis=1)
+    assert 0 < len(wanted) == known.sum() < 64
+    np.testing.assert_array_equal(seen["desired_goal"], drawn.episode_goal[known])
+    np.testing.assert_array_equal(seen["observation"], drawn.observation[known])
+
+
+def test_a_run_of_td3_with_labels_learns_values_as_well(tmp_path: Path) -> None:
+    labelled = replace(CONFIG, algorithm="td3", imitation_weight=5.0)
+    train(labelled, tmp_path, progress=False)
+    assert read_curve(tmp_path)[-1]["advice_spent"] == 60
+    assert read_curve(tmp_path)[-1]["mean_q"] is not None
+    with np.load(tmp_path / "latest" / "replay.npz") as stored:
+        assert np.isfinite(stored["label"]).all(axis=2).sum() == 60
+    alone = replace(labelled, env_id="JacoPush-v0")
+    train(alone, tmp_path / "alone", progress=False)
+    assert networks_from_sb3(load_trained(tmp_path / "alone", "latest")).spec.n_critics == 2
 
 
 def test_a_run_stores_what_the_expert_would_do(tmp_path: Path) -> None:
@@ -135,11 +177,11 @@ def test_its_policy_ships_without_critics(env_id: str, shared: bool, tmp_path: P
     [
         (
             {"algorithm": "dagger", "advice": {"strategy": "none", "teacher": "a", "budget": 0}},
-            "algorithm='dagger' and advice.strategy='none': both must be",
+            "algorithm='dagger' and advice.strategy='none': it imitates labels",
         ),
         (
             {"advice": {"strategy": "dagger", "teacher": "expert", "budget": 1}},
-            "algorithm='td3' and advice.strategy='dagger'",
+            "advice.strategy='dagger' and algorithm='td3': labels need",
         ),
         (
             {"advice": {"strategy": "ibrl", "teacher": "expert", "budget": 1, "bootstrap": True}},
