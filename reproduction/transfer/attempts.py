@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 from reproduction.transfer.failures import Failure
 from reproduction.transfer.trajectories import FrameCallback, TrialTrajectory, run_trials
-from saver_advisors.cli.policies import resolve
+from saver_advisors.cli.policies import options_that_fit, resolve
 from saver_advisors.evaluation.episodes import Predict
 from saver_envs.robots import ROBOTS
 
@@ -122,10 +123,11 @@ class Attempt:
         """
         return resolve(self.policy, self.env_id, self.options, seed)
 
-    @property
+    @cached_property
     def options(self) -> dict[str, Any]:
-        """Keyword arguments of the environment."""
-        return {"randomization": self.condition.randomization}
+        """Keyword arguments of the environment, with what the policy observes."""
+        world = {"randomization": self.condition.randomization}
+        return options_that_fit(self.policy, self.env_id, world)
 
     def play(
         self, trials: int, seed: int, frame_callback: FrameCallback | None = None

@@ -14,6 +14,7 @@ from saver_advisors.evaluation.episodes import Observation, Predict
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.run_folder import RECORD_FILE
 from saver_envs.registration import make_episodes
+from saver_envs.tasks.contract import PENDING
 
 SIDE_BY_SIDE = "side-by-side"
 FROZEN = "frozen-arm"
@@ -21,6 +22,7 @@ BLIND = "expert-uncoordinated"
 KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
 
 
+PENDING_OPTION = "observe_pending_motion"
 #: Size of each entry of an observation, and of an action.
 Sizes = dict[str, int]
 
@@ -55,10 +57,30 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
     given = {name: sizes.get(name, 0) for name in needed}
     if needed == given:
         return _deterministic(model)
+    pending = PENDING.size * n_arms * (not episodes.task.observe_pending_motion)
+    fits = needed == {**given, "observation": given.get("observation", 0) + pending}
+    hint = f": pass --env-kwargs {PENDING_OPTION}=true" if fits else ""
     raise UsageError(
         f"argument --policy: {word!r} does not fit {env_id}: the policy has {_in_words(needed)}; "
-        f"the environment has {_in_words(given)}"
+        f"the environment has {_in_words(given)}{hint}"
     )
+
+
+def options_that_fit(word: str, env_id: str, env_kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keyword arguments with which a policy fits: these, or with pending motion as well.
+
+    :param word: as for :func:`resolve`
+    :param env_id: id of the environment
+    :param env_kwargs: keyword arguments of that environment
+    :raises UsageError: for an unknown policy, or one that fits neither
+    """
+    try:
+        resolve(word, env_id, env_kwargs)
+    except UsageError as error:
+        if PENDING_OPTION not in str(error):
+            raise
+        return {**env_kwargs, PENDING_OPTION: True}
+    return dict(env_kwargs)
 
 
 def fitting(env_id: str, env_kwargs: Mapping[str, Any]) -> list[str]:

@@ -12,8 +12,10 @@ import pytest
 from commands import Saver, read_json, tiny_train
 from tiny_runs import TINY_RUN
 
+from saver_advisors.cli.policies import options_that_fit
 from saver_advisors.evaluation.episodes import EpisodeOutcomes
 from saver_advisors.policies.files import read_networks
+from saver_advisors.reporting.errors import UsageError
 from saver_advisors.training import run as training_run
 from saver_advisors.training.launch import train
 from saver_advisors.training.settings import RunConfig
@@ -123,6 +125,25 @@ def test_mappings_reach_settings_from_everywhere(saver: Saver, tmp_path: Path) -
         options = yaml.safe_load(result.out)["env_kwargs"]
         assert options["randomization"] == {"object_size": [0.04, 0.09]}
         assert varied_in(PUSH, options) == SIZES
+
+
+def test_a_policy_that_observes_pending_motion_says_where_it_fits(
+    saver: Saver, tmp_path: Path
+) -> None:
+    options = {"max_episode_steps": 10, "observe_pending_motion": True}
+    train(replace(TINY_RUN, env_kwargs=options), tmp_path / "run", progress=False)
+    words = ("evaluate", "--env", PUSH, "--policy", tmp_path / "run", "--episodes", 2)
+    result = saver(*words)
+    assert result.status == 2
+    assert "pass --env-kwargs observe_pending_motion=true" in result.err
+    assert saver(*words, "--env-kwargs", "observe_pending_motion=true").status == 0
+    policy = str(tmp_path / "run")
+    for kwargs in ({}, {"observe_pending_motion": True}):
+        fitting = options_that_fit(policy, PUSH, {"rated": True, **kwargs})
+        assert fitting == {"rated": True, "observe_pending_motion": True}
+    assert options_that_fit("jaco-push", PUSH, {}) == {}
+    with pytest.raises(UsageError, match=r"does not fit DualJacoPush-v0.*action 6$"):
+        options_that_fit(policy, "DualJacoPush-v0", {})
 
 
 def test_distributions_of_python_survive_the_record(tmp_path: Path) -> None:
