@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 from commands import ROOT, Saver, read_json, tiny_train
 
 from saver_advisors.cli import COMMANDS, main
+from saver_advisors.experiments.grid import read_grid
+from saver_advisors.training.settings import RunConfig
 from saver_envs.registration import ENVIRONMENTS
 
 NAME = "jaco-push"
@@ -187,11 +191,7 @@ def test_a_student_is_advised(saver: Saver, tmp_path: Path) -> None:
 
 def test_the_settings_are_those_of_the_shipped_weights(saver: Saver) -> None:
     """What a card's command does, a run of its own or of a grid, is what the card says was done."""
-    import yaml
-
-    from saver_advisors.experiments.grid import read_grid
     from saver_advisors.pretrained import load_policy, shipped_policies
-    from saver_advisors.training.settings import RunConfig
 
     free = {"total_steps", "eval_every", "eval_episodes", "checkpoint_every"}
     for name in shipped_policies():
@@ -212,8 +212,6 @@ def test_the_settings_are_those_of_the_shipped_weights(saver: Saver) -> None:
 
 
 def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
-    import yaml
-
     content = yaml.safe_load((ROOT / "zoo_configs" / "saver.yml").read_text())
     names = set(content) - {"default", "dual"}
     assert names <= set(ENVIRONMENTS)
@@ -228,6 +226,19 @@ def test_the_settings_of_shared_arms_are_those_of_the_environment(saver: Saver) 
         assert result.status == 0, result.err
         assert f"shared_arms: {shared}" in result.out and "random_action_steps: 8" in result.out
         assert "advice: null" in result.out
+
+
+def test_the_run_with_labels_is_that_of_the_grid(saver: Saver) -> None:
+    path = ROOT / "zoo_configs" / "labels.yml"
+    result = saver("train", "--config", path, "--env", "DualJacoPush-v0", "--print-config")
+    assert result.status == 0, result.err
+    config = RunConfig.from_mapping(yaml.safe_load(result.out))
+    (run,) = (
+        read_grid(ROOT / "zoo_configs" / "advising_shared_arms.yml").only(["labels-seed0"]).runs
+    )
+    assert config.advice is not None and run.config.advice is not None
+    assert config.advice.budget >= run.config.advice.budget == config.total_steps
+    assert replace(config, advice=run.config.advice) == run.config
 
 
 def test_settings_add_up_however_they_are_given(saver: Saver) -> None:
