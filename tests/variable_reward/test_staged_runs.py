@@ -142,7 +142,8 @@ def test_weights_decide_what_the_actor_climbs(env: VecEnv) -> None:
     model: Any = build_model(settings(per_arm_critics=True, advice=None, stages=None), env)
     model.learn(3 * BLOCK)
     model.policy.critic.action_penalty = 0.0
-    batch, advised = model._draw(64)
+    drawn = model.replay_buffer.sample_transitions(64)
+    batch = model.replay_buffer.as_samples(drawn)
     gains = []
     for part in range(3):
         model.value_weights = tuple(float(part == other) for other in range(3))
@@ -154,7 +155,7 @@ def test_weights_decide_what_the_actor_climbs(env: VecEnv) -> None:
             with th.no_grad():
                 own = model.critic.q1_forward(batch.observations, model.actor(batch.observations))
             values.append(float(own[:, part].mean()))
-            model._update_actor(batch, advised)
+            model._update_actor(batch, drawn)
         gains.append(values[1] - values[0])
         model.actor.load_state_dict(before)
     assert min(gains) > 0, gains
