@@ -145,7 +145,7 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, Any, NDArray[np.floating]
         desired_goal: NDArray[np.floating],
         info: Any = None,
     ) -> NDArray[np.float32]:
-        """Return the reward of an agent's own goals (..., goal size of an agent), shape (...); pure.
+        """Return the reward of an agent's goals (..., size of its goal), shape (...); pure.
 
         It is the team's reward where the other agents' objects are at their targets.
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium import spaces
-from pettingzoo import ParallelEnv
+from counting_agents import Counting
 from rollouts import assert_same
 from sb3_contrib import TQC
 from stable_baselines3 import PPO, HerReplayBuffer
@@ -16,40 +15,6 @@ from saver_advisors.learner import GoalReplayBuffer, reward_function_of
 from saver_envs.envs.agents_vec_env import AgentsVecEnv
 from saver_envs.envs.parallel_env import parallel_env
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
-
-
-class Counting(ParallelEnv):
-    """A third-party environment: two agents count the steps, in terms of their own actions."""
-
-    metadata = {"name": "counting"}  # noqa: RUF012
-
-    def __init__(self, lengths: tuple[int, int] = (3, 3), sizes: tuple[int, int] = (1, 1)) -> None:
-        self.possible_agents = ["left", "right"]
-        self.lengths = dict(zip(self.possible_agents, lengths, strict=True))
-        self.sizes = dict(zip(self.possible_agents, sizes, strict=True))
-        self.seeds: list[int | None] = []
-
-    def observation_space(self, agent: str) -> spaces.Box:
-        return spaces.Box(-np.inf, np.inf, (self.sizes[agent],), np.float32)
-
-    def action_space(self, agent: str) -> spaces.Box:
-        return spaces.Box(-1.0, 1.0, (1,), np.float32)
-
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        self.seeds.append(seed)
-        self.agents = list(self.possible_agents)
-        self.clock = 0
-        self.sums = {agent: np.zeros(self.sizes[agent], np.float32) for agent in self.agents}
-        return dict(self.sums), {agent: {"begun": agent} for agent in self.agents}
-
-    def step(self, actions: dict[str, Any]) -> Any:
-        self.clock += 1
-        self.sums = {agent: self.sums[agent] + actions[agent] for agent in self.agents}
-        over = {agent: self.clock == self.lengths[agent] for agent in self.agents}
-        rewards = {agent: float(actions[agent][0]) for agent in self.agents}
-        never = dict.fromkeys(self.agents, False)
-        infos = {agent: {"of": agent} for agent in self.agents}
-        return dict(self.sums), rewards, over, never, infos
 
 
 def test_rows_are_agents_of_any_environment() -> None:
@@ -93,6 +58,10 @@ def agents_of(env_id: str, m: int = 2, seed: int = 3, **options: Any) -> AgentsV
     return AgentsVecEnv([lambda: parallel_env(env_id, **options)] * m, seed)
 
 
+def stacked(rows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {key: np.stack([one[key] for one in rows]) for key in rows[0]}
+
+
 @pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoDistance-v0"])
 def test_rows_are_the_blocks_of_the_whole_teams_environment(env_id: str) -> None:
     options = {"max_episode_steps": 6}
@@ -131,8 +100,7 @@ def test_rows_are_the_blocks_of_the_whole_teams_environment(env_id: str) -> None
             assert rewards[row] == reward
         if last:
             ends = [info["terminal_observation"] for info in teams]
-            joined = {key: np.stack([one[key] for one in last]) for key in last[0]}
-            assert_same(joined, dealt({key: np.stack([one[key] for one in ends]) for key in ends[0]}))
+            assert_same(stacked(last), dealt(stacked(ends)))
 
 
 @pytest.mark.parametrize("env_id", ["DualJacoPushDense-v0", "DualJacoDistance-v0"])

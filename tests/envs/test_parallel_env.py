@@ -92,7 +92,8 @@ def test_with_goals_of_their_own_agents_are_rewarded_apart() -> None:
         assert own in env.observation_space(agent)
         assert env.compute_reward(own["achieved_goal"], own["desired_goal"]) == rewards[agent]
     achieved = np.stack([own["achieved_goal"] for own in seen.values()])
-    np.testing.assert_array_equal(env.compute_reward(achieved[:, None], achieved), [[0, -1], [-1, 0]])
+    rewards = env.compute_reward(achieved[:, None], achieved)
+    np.testing.assert_array_equal(rewards, [[0, -1], [-1, 0]])
 
 
 def test_an_agents_goal_has_what_the_teams_goals_share() -> None:
@@ -104,7 +105,7 @@ def test_an_agents_goal_has_what_the_teams_goals_share() -> None:
         assert own["desired_goal"][3] == state[-1]
     own = seen["arm_0"]["desired_goal"]
     assert env.compute_reward(own, own) == 0
-    assert env.compute_reward(own + [0, 0, 0, 1], own) < 0
+    assert env.compute_reward(own + np.array([0, 0, 0, 1]), own) < 0
 
 
 def test_goals_of_another_size_and_shared_goals_are_refused() -> None:
