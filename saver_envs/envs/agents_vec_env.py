@@ -104,7 +104,7 @@ class AgentsVecEnv(VecEnv):
             ended = dones[rows.start : rows.stop]
             if ended.any():
                 valid = "those of all agents together, or of none"
-                require(f"ended episodes of environment {index}", ended, ended.all(), valid)
+                require(f"ended episodes of environment {index}", ended, bool(ended.all()), valid)
                 seen, begun = env.reset()
                 self._begin(index, begun)
             self._seen[rows.start : rows.stop] = [seen[agent] for agent in self.agents]
