@@ -31,6 +31,7 @@ policies:
   ZOO_DIR, FILE.zip       the best model of a run under RL Zoo, or one of its models
   random                  uniform actions
   side-by-side:TEACHER    one single-arm policy per arm; each ignores the other arms
+  side-by-side:A,B        the same with a policy of its own for each arm
   expert                  the scripted expert of the task
   expert-uncoordinated    the same; each arm ignores the others
   frozen-arm, frozen-arm:K   the expert with arm 0 or K only: it moves every cube in turn"""

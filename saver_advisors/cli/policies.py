@@ -15,6 +15,7 @@ from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.run_folder import RECORD_FILE
 from saver_envs.registration import make_episodes
 from saver_envs.tasks.contract import PENDING
+from saver_envs.tasks.layout import Layout
 
 SIDE_BY_SIDE = "side-by-side"
 FROZEN = "frozen-arm"
@@ -32,6 +33,7 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
 
     :param word: a shipped policy's name, a weight file, a run's folder (of ours or of RL Zoo),
         ``random``, ``expert``, ``expert-uncoordinated``, ``frozen-arm`` or ``side-by-side:TEACHER``
+        (``side-by-side:TEACHER,TEACHER`` with one for each arm)
     :param env_id: id of the environment
     :param env_kwargs: keyword arguments of that environment
     :param seed: of a random policy
@@ -51,7 +53,7 @@ def resolve(word: str, env_id: str, env_kwargs: Mapping[str, Any], seed: int = 0
     sizes |= dict.fromkeys(("achieved_goal", "desired_goal"), episodes.goal_size)
     with user_mistakes("argument --policy"):  # a name may be too long for a path
         if kind == SIDE_BY_SIDE:
-            model, needed = _side_by_side(rest, n_arms, sizes)
+            model, needed = _side_by_side(rest, episodes.task.goal_layout, sizes)
         else:
             model, needed = _loaded(word)
     given = {name: sizes.get(name, 0) for name in needed}
@@ -136,20 +138,25 @@ def _free_arm(arm: str, env_id: str, n_arms: int) -> int:
     return int(arm or 0)
 
 
-def _side_by_side(teacher: str, arms: int, sizes: Sizes) -> tuple[Any, Sizes]:
+def _side_by_side(teachers: str, goal_layout: Layout, sizes: Sizes) -> tuple[Any, Sizes]:
+    """Load a teacher for all arms, or one per arm, with the sizes of all arms."""
     from saver_advisors.pretrained import load_teacher, shipped_policies, side_by_side
 
-    if not teacher:
+    if not teachers:
         names = ", ".join(f"{SIDE_BY_SIDE}:{name}" for name in shipped_policies())
         raise UsageError(f"argument --policy: say which teacher drives each arm: {names}")
-    loaded = load_teacher(teacher)
-    goal = arms * loaded.goal_size
-    # A goal may end in entries that belong to no arm, such as a required distance. Single-arm
-    # teachers ignore them.
-    if goal < sizes["desired_goal"] < goal + loaded.goal_size:
+    loaded = [load_teacher(name) for name in teachers.split(",")]
+    first, arms = loaded[0], goal_layout.n_arms
+    # PettingZoo's agents see what the arms' goals share, such as a required distance.
+    agents = first.goal_size == goal_layout.block + goal_layout.shared
+    shared = goal_layout.shared if agents else 0
+    goal = arms * (first.goal_size - shared) + shared
+    # Other single-arm teachers ignore it.
+    if goal < sizes["desired_goal"] < goal + first.goal_size:
         goal = sizes["desired_goal"]
-    needed = {"observation": arms * loaded.observation_size, "desired_goal": goal}
-    return side_by_side(loaded, arms), {**needed, "action": arms * loaded.action_size}
+    needed = {"observation": arms * first.observation_size, "desired_goal": goal}
+    model = side_by_side(loaded, arms, shared)
+    return model, {**needed, "action": arms * first.action_size}
 
 
 def _loaded(word: str) -> tuple[Any, Sizes]:

@@ -85,23 +85,45 @@ class SideBySidePolicy(_Predictor):
 
     :param teachers: one for all arms, or one per arm.
     :param n_arms: number of arms.
+    :param shared_goal: size of the goal's part that belongs to no arm, if the teachers' goals end
+        with it.
+    :raises ValueError: if the number of teachers or the sizes do not match.
     """
 
-    def __init__(self, teachers: Teacher | Sequence[Teacher], n_arms: int) -> None:
+    def __init__(
+        self, teachers: Teacher | Sequence[Teacher], n_arms: int, shared_goal: int = 0
+    ) -> None:
         self._group = TeacherGroup(teachers, n_arms)
+        self.shared_goal = shared_goal
         first = self._group.teachers[0]
         self.mapping = ArmMapping(
-            n_arms, first.observation_size, first.goal_size, first.action_size
+            n_arms, first.observation_size, first.goal_size - shared_goal, first.action_size
         )
 
     def _act(self, batch: dict[str, NDArray[Any]]) -> FloatArray:
-        return self.mapping.join_actions(self._group.act(*self.mapping.split(batch)))
+        seen, *goals = self.mapping.split(batch)
+        if self.shared_goal:
+            given = batch["desired_goal"], batch.get("achieved_goal")
+            goals = [self._with_shared(*one) for one in zip(goals, given, strict=True)]
+        return self.mapping.join_actions(self._group.act(seen, *goals))
+
+    def _with_shared(self, blocks: Any, goal: NDArray[Any] | None) -> Any:
+        """Append the shared part of goals (n, size) to each arm's block (n, n_arms, block)."""
+        if goal is None:
+            return None
+        shape = *blocks.shape[:2], self.shared_goal
+        shared = np.broadcast_to(goal[:, None, -self.shared_goal :], shape)
+        return np.concatenate((blocks, shared), axis=2)
 
 
-def side_by_side(teacher: Teacher | Sequence[Teacher], n_arms: int) -> SideBySidePolicy:
+def side_by_side(
+    teacher: Teacher | Sequence[Teacher], n_arms: int, shared_goal: int = 0
+) -> SideBySidePolicy:
     """Return a policy for n arms from single-arm teachers, without a student.
 
     :param teacher: one for all arms, or one per arm.
     :param n_arms: number of arms.
+    :param shared_goal: size of the goal's part that belongs to no arm, if the teachers' goals end
+        with it, as those of PettingZoo's agents do.
     """
-    return SideBySidePolicy(teacher, n_arms)
+    return SideBySidePolicy(teacher, n_arms, shared_goal)

@@ -20,6 +20,7 @@ PAGES = (
     "docs/variable-reward.md",
     "docs/worlds.md",
     "docs/learner.md",
+    "docs/multi-agent.md",
     "docs/index.md",
     "docs/first-policy.md",
     "docs/your-own-algorithm.md",

@@ -17,10 +17,11 @@ from saver_envs.envs.parallel_env import SaverParallelEnv, parallel_env
 FEW_DUAL_IDS = ["DualJacoPush-v0", "DualJacoDistance-v0"]
 
 
+@pytest.mark.parametrize("own_goals", [False, True])
 @pytest.mark.parametrize("env_id", DUAL_IDS)
-def test_pettingzoos_own_tests(env_id: str) -> None:
+def test_pettingzoos_own_tests(env_id: str, own_goals: bool) -> None:
     def made() -> SaverParallelEnv:
-        return pettingzoo.make("parallel", f"saver_envs/{env_id}")
+        return pettingzoo.make("parallel", f"saver_envs/{env_id}", own_goals=own_goals)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
@@ -78,6 +79,41 @@ def test_own_success_is_the_own_objects() -> None:
     assert [infos[agent]["is_success"] for agent in env.possible_agents] == [False, True]
     assert not infos["arm_1"]["team_success"]
     assert rewards == {"arm_0": -1.0, "arm_1": -1.0}
+
+
+def test_with_goals_of_their_own_agents_are_rewarded_apart() -> None:
+    env = parallel_env(env_id="DualJacoPush-v0", own_goals=True)
+    env.reset(seed=0)
+    there = env.episodes.targets()[0, 1]
+    env.episodes.simulation.qpos[0, cubes_of(env.episodes).qpos[1, :3]] = there
+    seen, rewards, _, _, _ = env.step({agent: np.zeros(3) for agent in env.agents})
+    assert rewards == {"arm_0": -1.0, "arm_1": 0.0}
+    for agent, own in seen.items():
+        assert own in env.observation_space(agent)
+        assert env.compute_reward(own["achieved_goal"], own["desired_goal"]) == rewards[agent]
+    achieved = np.stack([own["achieved_goal"] for own in seen.values()])
+    rewards = env.compute_reward(achieved[:, None], achieved)
+    np.testing.assert_array_equal(rewards, [[0, -1], [-1, 0]])
+
+
+def test_an_agents_goal_has_what_the_teams_goals_share() -> None:
+    env = parallel_env(env_id="DualJacoDistance-v0", own_goals=True)
+    seen, _ = env.reset(seed=0)
+    state = env.state()
+    for own in seen.values():
+        assert own["achieved_goal"].shape == own["desired_goal"].shape == (4,)
+        assert own["desired_goal"][3] == state[-1]
+    own = seen["arm_0"]["desired_goal"]
+    assert env.compute_reward(own, own) == 0
+    assert env.compute_reward(own + np.array([0, 0, 0, 1]), own) < 0
+
+
+def test_goals_of_another_size_and_shared_goals_are_refused() -> None:
+    env = parallel_env(env_id="DualJacoPush-v0", own_goals=True)
+    with pytest.raises(ValueError, match=r"desired_goal.shape=\(6,\): must be \(..., 3\)"):
+        env.compute_reward(np.zeros(3), np.zeros(6))
+    with pytest.raises(ValueError, match="own_goals=False: must be True"):
+        parallel_env(env_id="DualJacoPush-v0").compute_reward(np.zeros(3), np.zeros(3))
 
 
 def test_bad_actions_change_nothing() -> None:
