@@ -36,10 +36,10 @@ class Beam(Task):
     """Both ends of the beam to their targets, hands closed and held low."""
 
     name = "beam"
-    fingers = Fingers.LOCKED
-    held_height = HAND_HEIGHT
+    fingers = Fingers.LOCKED  # the hand is closed, the action has no gripper
+    held_height = HAND_HEIGHT  # set-points stay at this height; None: the action sets it
     expert = "own_task:BeamExpert"
-    resting = ("beam",)
+    resting = ("beam",)  # geoms that may touch the table at the start
     observation = (
         *HAND_PARTS,
         Part("beam ends", 6, "m", shared=True),

@@ -15,6 +15,7 @@ from reproduction.pages.environments import (
     environments_table,
 )
 from reproduction.pages.gallery import gallery_page
+from reproduction.pages.notebooks import FOLDER, TUTORIALS, notebook
 from reproduction.pages.results import read_result_files, results_page, success_overview
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
@@ -25,10 +26,10 @@ from saver_envs.files import read_json
 
 
 def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
-    """Render all generated pages, and insert tables between the README's markers.
+    """Render all generated pages and notebooks, and insert tables between the README's markers.
 
-    :param output: folder of the documentation; its ``results/*.json`` are read, and the clips in
-        ``images`` are listed.
+    :param output: folder of the documentation; its ``results/*.json`` are read, the clips in
+        ``images`` are listed, and the tutorials that are there become notebooks.
     :param readme: the README next to that folder; None to leave it out.
     :return: text by path.
     :raises UsageError: if the README cannot be read or lacks a marker.
@@ -44,6 +45,8 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(read_json(pose))
+    tutorials = [page for name in TUTORIALS if (page := output / f"{name}.md").is_file()]
+    pages |= {f"{FOLDER}/{page.stem}.ipynb": notebook(page) for page in tutorials}
     texts = {output / name: text for name, text in pages.items()}
     if readme is not None:
         folder = f"{output.name}/environments/"

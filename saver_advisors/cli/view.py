@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +16,7 @@ from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
-    from saver_advisors.datasets.recorded_episodes import RecordedEpisode
+    from saver_advisors.datasets.episode_folder import EpisodeFolder
     from saver_advisors.viewing.playback import Playback, View
 
 EXAMPLES = """\
@@ -35,8 +33,10 @@ keys:
   page up, page down      move the hand up and down, where the task lets it
   insert, delete          open and close the gripper
   enter                   finish: let the rest of the episode's time run
+  A gamepad at the machine with the browser does all of this, too.
 
-Ctrl-C ends the view, and then writes what was recorded."""
+Ctrl-C ends the view, and then writes what was recorded. If the process is killed, the same command
+goes on with the demonstrations that it had."""
 
 CONTROLS: Final = ("policy", "keyboard")
 DEFAULT_PORT: Final = 8080
@@ -71,28 +71,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @one_thread_of_algebra()
 def run(args: argparse.Namespace) -> int:
     """Show episodes until nobody watches any longer."""
-    from saver_advisors.training.stopping import Stop
-    from saver_advisors.viewing.playback import watch
+    from saver_advisors.training.run_folder import locked
 
     _check(args)
     env_kwargs = arguments.checked_env_kwargs(args.env, args.env_kwargs)
+    if args.record is None:
+        _watch(args, env_kwargs, None)
+        return 0
+    with ExitStack() as stack:
+        with user_mistakes("argument --record or --output"):
+            stack.enter_context(locked(_unfinished(args)))
+            kept = _kept(args, env_kwargs)
+        if found := len(kept):
+            print(f"going on with {found} demonstrations in {kept.path}", file=sys.stderr)
+        try:
+            if args.episodes is None or found < args.episodes:
+                _watch(args, env_kwargs, kept)
+            if not (count := len(kept)):
+                print("nothing was recorded: no demonstration ended with success", file=sys.stderr)
+                return 1
+            folder = _write(args, env_kwargs, kept)
+            kept.remove()
+        finally:
+            if not len(kept):
+                kept.remove()
+    print(f"wrote {count} demonstrations to {folder}")
+    return 0
+
+
+def _watch(
+    args: argparse.Namespace, env_kwargs: dict[str, Any], kept: EpisodeFolder | None
+) -> None:
+    """Show episodes, and keep the demonstrations among them where they are recorded."""
+    from saver_advisors.training.stopping import Stop
+    from saver_advisors.viewing.playback import watch
+
     stop = Stop()
     with ExitStack() as stack:
-        playback = stack.enter_context(closing(_playback(args, env_kwargs)))
+        seed = args.seed if kept is None else max(args.seed, kept.next_seed)
+        playback = stack.enter_context(closing(_playback(args, env_kwargs, seed)))
         view = stack.enter_context(closing(_view(args, playback)))
         stack.enter_context(stop.on_signals())
-        episodes = _counted(args, playback, watch(playback, view, lambda: bool(stop), args.speed))
-        if args.record is None:
-            for _ in episodes:
-                pass
-            return 0
-        playback.demonstrations = 0
-        folder = _write(args, env_kwargs, episodes)
-    if folder is None:
-        print("nothing was recorded: no demonstration ended with success", file=sys.stderr)
-        return 1
-    print(f"wrote {playback.demonstrations} demonstrations to {folder}")
-    return 0
+        passed = 0
+        if kept is not None:
+            playback.demonstrations = passed = len(kept)
+        for episode in watch(playback, view, lambda: bool(stop), args.speed):
+            if kept is not None:
+                if playback.disturbed or not (episode.success or args.keep_failures):
+                    continue
+                kept.add(episode)
+                playback.demonstrations = len(kept)
+            passed += 1
+            if passed == args.episodes:
+                return
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -116,7 +147,25 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError(f"argument --record: {folder} exists: choose another id, or remove it")
 
 
-def _playback(args: argparse.Namespace, env_kwargs: dict[str, Any]) -> Playback:
+def _unfinished(args: argparse.Namespace) -> Path:
+    """Return the folder of demonstrations that are not a data set yet."""
+    from saver_advisors.datasets.minari_files import minari_folder
+
+    folder = minari_folder(args.record, args.output)
+    return folder.with_name(f"{folder.name}.unfinished")
+
+
+def _kept(args: argparse.Namespace, env_kwargs: dict[str, Any]) -> EpisodeFolder:
+    """Open the demonstrations so far, also those of a process that was killed."""
+    from saver_advisors.datasets.episode_folder import EpisodeFolder
+    from saver_envs.digest import world_digest
+
+    world = world_digest(args.env, env_kwargs)
+    about = {"env": args.env, "env_kwargs": env_kwargs, "world": world}
+    return EpisodeFolder(_unfinished(args), about)
+
+
+def _playback(args: argparse.Namespace, env_kwargs: dict[str, Any], seed: int) -> Playback:
     from saver_advisors.cli.policies import fitting, resolve
     from saver_advisors.viewing.playback import Playback
 
@@ -129,7 +178,7 @@ def _playback(args: argparse.Namespace, env_kwargs: dict[str, Any]) -> Playback:
             env_kwargs,
             lambda name: resolve(name, args.env, env_kwargs, args.seed),
             [args.policy, *others],
-            seed=args.seed,
+            seed=seed,
             arm=args.arm if args.control == "keyboard" else None,
         )
 
@@ -148,7 +197,7 @@ def _view(args: argparse.Namespace, playback: Playback) -> View:
     from saver_advisors.viewing.browser import BrowserView
 
     try:
-        view = BrowserView(playback, args.host, args.port)
+        view = BrowserView(playback, args.host, args.port, args.speed)
     except (OSError, OverflowError) as error:
         raise UsageError(
             f"argument --host or --port: {args.host}:{args.port} cannot be listened on "
@@ -158,42 +207,20 @@ def _view(args: argparse.Namespace, playback: Playback) -> View:
     return view
 
 
-def _counted(
-    args: argparse.Namespace, playback: Playback, episodes: Iterator[RecordedEpisode]
-) -> Iterator[RecordedEpisode]:
-    """Pass on the episodes that count: demonstrations where they are recorded, else all."""
-    passed = 0
-    for episode in episodes:
-        if playback.demonstrations is not None:
-            if playback.disturbed or not (episode.success or args.keep_failures):
-                continue
-            playback.demonstrations += 1
-        passed += 1
-        yield episode
-        if passed == args.episodes:
-            return
-
-
-def _write(
-    args: argparse.Namespace, env_kwargs: dict[str, Any], episodes: Iterator[RecordedEpisode]
-) -> Path | None:
-    """Write demonstrations, once they have all been made; return None if there are none."""
+def _write(args: argparse.Namespace, env_kwargs: dict[str, Any], kept: EpisodeFolder) -> Path:
+    """Write the data set, and return its folder."""
     from saver_advisors.cli.dataset import about_episodes
     from saver_advisors.datasets.minari_files import write_minari
 
     algorithm = f"a hand, arm {args.arm}"
     more = {"policy": args.policy, "arm": args.arm, "keeps_failures": args.keep_failures}
-    about = about_episodes("demonstrations", args.env, env_kwargs, algorithm, more)
-    first = next(episodes, None)
-    if first is None:
-        return None
     return write_minari(
         args.record,
-        chain([first], episodes),
+        kept,
         args.env,
         env_kwargs,
         algorithm=algorithm,
         description=f"Demonstrations of {args.env.rpartition(':')[2]} by hand.",
-        about=about,
+        about=about_episodes("demonstrations", args.env, env_kwargs, algorithm, more),
         root=args.output,
     )

@@ -12,10 +12,12 @@ import numpy as np
 import viser
 
 from saver_advisors.viewing.browser_scene import BrowserScene
+from saver_advisors.viewing.gamepad import gamepad_html
 from saver_advisors.viewing.operator import KEYS
 from saver_advisors.viewing.playback import Playback
 from saver_envs.cameras.off_screen import camera_index
 from saver_envs.cameras.rendering import DEFAULT_CAMERA, SceneRenderer
+from saver_envs.simulation import ACTION_DURATION
 
 TIME_KEYS: Final = {"space": "Pause or run", "home": "Restart", "end": "Next seed"}
 OPERATOR_KEYS: Final = {
@@ -35,13 +37,14 @@ class BrowserView:
     :param playback: what is shown
     :param host: address to listen on
     :param port: to listen on; a free one if 0
+    :param speed: how fast time runs, 1 for real time; a gamepad keeps up with it
     :raises OSError: for an address or a port that cannot be listened on
     """
 
-    def __init__(self, playback: Playback, host: str, port: int) -> None:
+    def __init__(self, playback: Playback, host: str, port: int, speed: float = 1.0) -> None:
         # viser takes another port, and waits for ever at a wrong address.
         socket.create_server((host, port)).close()
-        self._playback = playback
+        self._playback, self._speed = playback, speed
         self._server = viser.ViserServer(host=host, port=port, label=playback.env_id, verbose=False)
         #: Address of the page.
         self.url = f"http://{host}:{self._server.get_port()}"
@@ -103,6 +106,7 @@ class BrowserView:
         assert operator is not None
         with gui.add_folder("Hand"):
             gui.add_markdown("Drag the handle at the hand, or use arrow keys, page up and down.")
+            gui.add_html(gamepad_html(ACTION_DURATION / self._speed))
             arms = tuple(map(str, range(playback.episodes.task.n_arms)))
             arm = gui.add_dropdown("Arm", arms, initial_value=str(operator.arm))
             arm.on_update(lambda _: self._later(lambda: setattr(operator, "arm", int(arm.value))))

@@ -10,6 +10,7 @@ from textwrap import dedent
 import pytest
 import yaml
 from commands import ROOT, TINY, Saver
+from short_saver import shortened
 
 PAGES = (
     "README.md",
@@ -37,34 +38,6 @@ READ = sorted(
     str(path.relative_to(ROOT))
     for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md")
 )
-#: What a snippet's command gets on top, so that it takes seconds: the last value of an argument
-#: counts.
-SHORTER = {
-    "envs": [],
-    "evaluate": ["--episodes", "2", "--env-kwargs", "max_episode_steps=10"],
-    "train": [
-        "--steps",
-        "40",
-        "--no-progress",
-        "--env-kwargs",
-        "max_episode_steps=10",
-        "--set",
-        *TINY,
-    ],
-    "curves": [],
-    "export": ["--episodes", "2"],
-    "benchmark run": [
-        *("--steps", "40", "--eval-every", "20", "--eval-episodes", "2", "--report-episodes", "2"),
-        *("--env-kwargs", "max_episode_steps=10", "--n-envs", "2"),
-    ],
-    "benchmark compare": [],
-    "experiments run": [],
-    "experiments status": [],
-    "experiments resume": [],
-    "model train": ["--samples", "400", "--set", "epochs=1"],
-    "run": ["--trials", "1"],
-    "view": ["--episodes", "1", "--port", "0", "--env-kwargs", "max_episode_steps=5"],
-}
 #: The settings of a grid's runs that take a second.
 TINY_GRID = {
     **yaml.safe_load("{" + ", ".join(word.replace("=", ": ") for word in TINY) + "}"),
@@ -80,6 +53,8 @@ ELSEWHERE = (
     "saver view --env JacoPush-v0 --control",
     "python docs/examples/",
     "export ",
+    "python3 -m venv",
+    "source ",
 )
 
 
@@ -143,16 +118,8 @@ def test_commands(page: str, saver: Saver, tmp_path: Path, monkeypatch: pytest.M
     for line in commands(page):
         program, command, *words = shlex.split(line, comments=True)
         assert program == "saver", line
-        if f"{command} {words[0] if words else ''}" in SHORTER:
-            command = f"{command} {words.pop(0)}"
         words = [file for word in words for file in expanded(word, tmp_path)]
-        more = [] if "--resume" in words else SHORTER[command]
-        if "DualJacoPush-v0" in words and command == "train" and "--advice" not in words:
-            more = [*more, "net_arch=[256,256,256]"]  # it starts as two teachers: as wide as they
-        # A run of the snippet before is finished: going on with it does nothing more.
-        if "--resume" in words:
-            more = ["--no-progress"]
-        result = saver(*command.split(), *words, *more)
+        result = saver(*shortened([command, *words]))
         assert result.status == 0, f"{line}\n{result.err}"
 
 

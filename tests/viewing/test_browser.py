@@ -1,4 +1,5 @@
-"""`saver view` in headless Chromium: the scene arrives, keys move the arm, episodes are written."""
+"""`saver view` in headless Chromium: the scene arrives, keys and a gamepad move the arm, episodes
+are written."""
 
 from __future__ import annotations
 
@@ -22,6 +23,12 @@ from scripted_operator import playback  # noqa: E402
 from saver_advisors.viewing.browser import BrowserView  # noqa: E402
 
 NAME = "saver/by-hand-v0"
+#: A gamepad, as far as the page can see.
+PAD = """
+window.pad = {mapping: "standard", axes: [0, 0, 0, 0], buttons: []};
+for (let i = 0; i < 17; i += 1) window.pad.buttons.push({pressed: false});
+navigator.getGamepads = () => [window.pad];
+"""
 
 
 def colours(picture: bytes) -> int:
@@ -52,7 +59,11 @@ def test_demonstrating_in_a_browser(tmp_path: Path) -> None:
             page.wait_for("action 1 of 6")
             page.press("ArrowRight")
             page.wait_for("action 2 of 6")
-            page.press("Enter")
+            page.evaluate(PAD)
+            page.wait_for("Gamepad: connected")
+            page.evaluate("window.pad.buttons[13].pressed = true")  # down, on the cross
+            page.wait_for("action 3 of 6")
+            page.evaluate("window.pad.buttons[3].pressed = true")  # finish
             out = server.stdout.read()
             assert server.wait() == 0
         finally:
@@ -62,7 +73,7 @@ def test_demonstrating_in_a_browser(tmp_path: Path) -> None:
     assert re.search(r"wrote 1 demonstrations? to ", out)
     (episode,) = minari.MinariDataset(tmp_path / "sets" / NAME / "data").iterate_episodes()
     wanted = np.zeros((6, 3))
-    wanted[0, 0], wanted[1, 1] = -1.0, 1.0
+    wanted[0, 0], wanted[1, 1], wanted[2, 0] = -1.0, 1.0, 1.0
     np.testing.assert_allclose(episode.actions, wanted, atol=1e-5)
 
 
