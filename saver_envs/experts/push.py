@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,8 @@ class PushSkill(Skill):
     :param good_enough: a push that has deviated is taken up again beyond this distance, metres.
     :param trail: how much wider the ring is on the cube's far side, metres: there a hand that is
         pitched forward, as that of an arm with few joints, has its wrist between tool and cube.
-    :param gentle: whether cubes may slide further, or resist more, than usual ones: hands begin to
-        push slowly, and press on where a cube that tips over its edge lifts them.
+    :param gentle: whether cubes may glide: hands push slowly, except where a cube that resists
+        tips over its edge and lifts them.
     :param upright_at, lead: ``upright_at`` and ``wrist_lead`` of a robot with such a hand.
     """
 
@@ -81,6 +81,8 @@ class PushSkill(Skill):
     #: A hand whose tool is less or more than this above the table (m) is jammed, with its fingers
     #: on the table or under the cube, and backs off.
     SUNK, RAISED, RAISED_GENTLY = 0.0195, 0.031, 0.04
+    #: Cubes glide where friction may be lower than this.
+    SLIPPERY = 0.3
     #: Displacement of a gentle push in an action (m), by hands that are not lifted as high as this
     #: above the table (m).
     GENTLY, LIFTED = 0.012, 0.0275
@@ -96,11 +98,6 @@ class PushSkill(Skill):
     INWARD = 0.15
     #: A hand this near the edge of its workspace (m) goes along it.
     EDGE = 0.01
-
-    def fitted(self, settings: Settings) -> Self:
-        """Return the skill of an arm with these settings."""
-        varies = settings.randomization.distribution_of("object_friction") is not None
-        return replace(super().fitted(settings), gentle=varies)
 
     def ring(self, size: FloatArray) -> FloatArray:
         """Return the radii around cubes of edges ``size`` on which a hand touches none, metres."""
@@ -436,4 +433,7 @@ def expert(task: Push, settings: Settings, coordinated: bool, free_arm: int | No
     skill = SKILLS.get(robot.name, PushSkill()).fitted(settings)
     if robot.wrist_lead > 0:
         skill = replace(skill, upright_at=robot.upright_at, lead=robot.wrist_lead)
+    varied = settings.randomization.distribution_of("object_friction")
+    least = task.object_friction if varied is None else varied.ends[0]
+    skill = replace(skill, gentle=least < skill.SLIPPERY)
     return alone_or_coordinated(task, settings, skill, JACO_CLOSED, coordinated, free_arm)

@@ -133,6 +133,22 @@ def test_an_expert_that_sees_pending_motion_copes_with_delays(env_id: str) -> No
     assert success(env_id, 32, observe_pending_motion=True, **options) >= max(0.8, blind + 0.2)
 
 
+@pytest.mark.parametrize(
+    ("options", "gentle"),
+    [
+        ({}, False),
+        ({"object_friction": 0.2}, True),
+        ({"randomization": "wide"}, True),
+        ({"randomization": "held-out:object_size"}, False),
+        ({"randomization": {"object_friction": 0.35}, "object_friction": 0.2}, False),
+    ],
+)
+def test_pushes_are_gentle_where_cubes_may_glide(options: dict[str, Any], gentle: bool) -> None:
+    planner = make_expert("DualJacoPush-v0", **options).planner
+    assert isinstance(planner, Coordinator) and isinstance(planner.skill, PushSkill)
+    assert planner.skill.gentle == gentle
+
+
 @pytest.mark.slow
 def test_cubes_that_may_glide_are_pushed_gently() -> None:
     glides = {"object_friction": 0.1}
