@@ -44,7 +44,7 @@ PAPER_SECTIONS = (
 PAPER_WORDS = (750, 1750)
 PAPER_FIELDS = ("title", "tags", "authors", "affiliations", "date", "bibliography")
 #: Endings of our own code and text.
-OWN = {".py", ".md", ".j2", ".yml", ".typed"}
+OWN = {".js", ".py", ".md", ".j2", ".yml", ".typed"}
 
 
 class CheckFailed(Exception):
