@@ -22,7 +22,8 @@ PARTS: Final = (
     ("", "_sample_action", "acting and exploring"),
     ("advisor", "advise", "advice"),
     ("", "_store_transition", "storing and normalising"),
-    ("", "_draw", "drawing and relabelling"),
+    ("replay_buffer", "sample_transitions", "drawing and relabelling"),
+    ("replay_buffer", "as_samples", "drawing and relabelling"),
     ("", "_update_critic", "critics' step"),
     ("", "_update_actor", "actor's step"),
 )
