@@ -439,7 +439,8 @@ class Episodes:
         task, simulation = self.task, self.simulation
         self._arms = simulation.arm_state()
         seen = task.observe(simulation, self.memory, self._arms)
-        seen[PENDING.name] = np.zeros_like(self.set_point)
+        if task.observe_pending_motion:  # its values follow, since they are known without delay
+            seen[PENDING.name] = np.zeros_like(self.set_point)
         every, layout = self._rows(rows), task.observation_layout
         observation = self.worlds.measured(layout.join(seen), every)
         observation = self._clipped(observation, layout)
@@ -447,7 +448,7 @@ class Episodes:
             self.worlds.begin_delays(every, self._resting_actions()[every], observation[every])
         else:
             observation = self.worlds.delayed("observation_delay", observation, every)
-        if task.observe_pending_motion:  # which is known without delay
+        if task.observe_pending_motion:
             layout.get(observation, PENDING.name)[...] = self.worlds.pending_motion()
         achieved = task.achieved(simulation, self.memory, seen)
         achieved = self._clipped(achieved, task.goal_layout)

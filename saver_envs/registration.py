@@ -350,7 +350,7 @@ def _described(
     task = row.task(n_arms=n_arms, reward_type=row.reward_type, **of_task)
     if task.observe_pending_motion and control.control != "cartesian":
         raise ValueError(
-            f"observe_pending_motion=True: set-points are displaced with control='cartesian', "
+            "observe_pending_motion=True: needs control='cartesian', which displaces set-points, "
             f"not {control.control!r}"
         )
     known = parameters_of(task)

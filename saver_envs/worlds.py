@@ -69,9 +69,9 @@ class Worlds:
         #: Name -> (n,) where the latest value is, and by how many actions values are late.
         self._latest = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
         self._late = {name: np.zeros(n, dtype=np.intp) for name in self._lines}
-        #: (n, k, arms, 3) displacements of the last k actions, of which the oldest comes first.
-        kept = sum(line.shape[1] - 1 for line in self._lines.values())
-        kept *= task.observe_pending_motion
+        longest_delays = [line.shape[1] - 1 for line in self._lines.values()]
+        kept = sum(longest_delays) if task.observe_pending_motion else 0
+        #: (n, kept, arms, 3) displacements of the last actions, the oldest first, metres.
         self._sent = np.zeros((n, kept, task.n_arms, 3))
         self._every = np.arange(n)
         self._errors: SensorErrors | None = None
@@ -158,7 +158,7 @@ class Worlds:
         self._sent[rows] = 0.0
 
     def send(self, motion: Array, rows: Rows) -> None:
-        """Remember how far actions shall move the set-points, for :meth:`pending_motion`.
+        """Remember how far actions will move the set-points, for :meth:`pending_motion`.
 
         :param motion: (n, arms, 3) in [-1, 1].
         :param rows: (k,) which episodes are stepped.

@@ -22,7 +22,7 @@ FROZEN = "frozen-arm"
 BLIND = "expert-uncoordinated"
 KINDS = f"random, expert, {BLIND}, {FROZEN}, {SIDE_BY_SIDE}:TEACHER"
 
-
+#: Keyword argument of environments that adds the part ``PENDING`` to their observations.
 PENDING_OPTION = "observe_pending_motion"
 #: Size of each entry of an observation, and of an action.
 Sizes = dict[str, int]
@@ -78,10 +78,12 @@ def options_that_fit(word: str, env_id: str, env_kwargs: Mapping[str, Any]) -> d
     """
     try:
         resolve(word, env_id, env_kwargs)
-    except UsageError as error:
-        if PENDING_OPTION not in str(error):
-            raise
-        return {**env_kwargs, PENDING_OPTION: True}
+    except UsageError:
+        wider = {**env_kwargs, PENDING_OPTION: True}
+        with suppress(UsageError):
+            resolve(word, env_id, wider)
+            return wider
+        raise
     return dict(env_kwargs)
 
 

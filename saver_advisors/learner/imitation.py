@@ -43,8 +43,8 @@ take them, (n_arms,)."""
 
 
 LABEL_LOSS: Final = functional.l1_loss
-"""Its optimum is the median of several actions that an expert takes in alike states. The mean, that
-of the squared difference, may be none of them."""
+"""Where an expert takes one of several actions in alike states, the optimum of this loss is their
+median. That of the squared difference is their mean, which may be none of them."""
 
 
 class ImitatingTD3(TD3):
@@ -53,7 +53,7 @@ class ImitatingTD3(TD3):
     :param arguments: as for TD3; the replay buffer must be a ``GoalReplayBuffer``.
     :param imitation_weight: of the mean squared difference, over advised transitions, between the
         actor's action and the advised one; 0 for plain TD3. If the replay buffer has labels: of the
-        mean absolute difference from these, in states with the episodes' own goals.
+        mean absolute difference from these, in states with the episodes' own goals, unfiltered.
     :param imitation_filter_start: environment step from which on only those advised actions are
         imitated that the critic rates higher than the actor's.
     :param contact_cost: weight of the cost's value in the actor's objective, relative to that of

@@ -12,9 +12,9 @@ from pettingzoo import ParallelEnv
 
 from saver_envs.control import checked_action
 from saver_envs.envs.single_episode import SingleEpisode
-from saver_envs.envs.spaces import box
+from saver_envs.envs.spaces import box, goal_array
 from saver_envs.episodes import Outcome
-from saver_envs.validation import real_array, require
+from saver_envs.validation import require
 
 Observations = dict[str, Any]
 """Of each agent: an array, or a Dict of arrays with ``own_goals``."""
@@ -159,9 +159,8 @@ class SaverParallelEnv(SingleEpisode, ParallelEnv[str, Any, NDArray[np.floating]
 
     def _team_goal(self, name: str, goals: NDArray[np.floating]) -> NDArray[Any]:
         """Return a team's goals (..., goal size) with an agent's for the first arm, else 0."""
-        own, layout = real_array(name, goals), self.episodes.task.goal_layout
-        size = layout.block + layout.shared
-        require(f"{name}.shape", own.shape, own.shape[-1:] == (size,), f"(..., {size})")
+        layout = self.episodes.task.goal_layout
+        own = goal_array(name, goals, layout.block + layout.shared)
         team = np.zeros((*own.shape[:-1], layout.size), own.dtype)
         layout.blocks(team)[..., 0, :] = own[..., : layout.block]
         layout.tail(team)[...] = own[..., layout.block :]

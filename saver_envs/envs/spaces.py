@@ -82,10 +82,19 @@ class GoalReward:
 
         :raises ValueError: for goals of another size, or that are not real numbers.
         """
-        achieved = real_array("achieved_goal", achieved_goal)
-        desired = real_array("desired_goal", desired_goal)
-        for name, goals in (("achieved_goal", achieved), ("desired_goal", desired)):
-            size = self.episodes.goal_size
-            holds = goals.shape[-1:] == (size,)
-            require(f"{name}.shape", goals.shape, holds, f"(..., {size})")
-        return self.episodes.task.reward(achieved, desired)
+        size = self.episodes.goal_size
+        achieved = goal_array("achieved_goal", achieved_goal, size)
+        return self.episodes.task.reward(achieved, goal_array("desired_goal", desired_goal, size))
+
+
+def goal_array(name: str, goals: NDArray[np.floating], size: int) -> NDArray[Any]:
+    """Return goals (..., size) as an array of real numbers.
+
+    :param name: what the messages call them.
+    :param goals: to be checked.
+    :param size: that each must have.
+    :raises ValueError: for goals of another size, or that are not real numbers.
+    """
+    checked = real_array(name, goals)
+    require(f"{name}.shape", checked.shape, checked.shape[-1:] == (size,), f"(..., {size})")
+    return checked
