@@ -270,7 +270,7 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
         "cost per episode": figure_text(_estimate(costs), 2),
         "cost in training": figure_text(_estimate(training), 0),
         "chosen checkpoint": "; ".join(outcome_cell(run.chosen) for run in row.runs),
-        "minutes": figure_text(row.wall_clock_s, 0, 1 / MINUTE) + on_threads(row),
+        "minutes": figure_text(row.training_s, 0, 1 / MINUTE) + on_threads(row),
     }
 
 

@@ -28,11 +28,12 @@ the other.
 - **RT**: epochs from there to 90% of it
 - **MSR**: that maximum
 - **ELR**: 0.9 MSR over the epochs that it took to get there
-- **to 0.9**: the first evaluation with a success rate of 0.9; where a run ended before, its length
-  stands in, and the figure is a lower bound
+- **to 0.9**: the first of two consecutive evaluations with a success rate of 0.9; where a run ended
+  before, its length stands in, and the figure is a lower bound
 - **all steps**: the teacher's training and demonstrations counted as well
-- **minutes**: of training, evaluations not counted; **load** is the system's, the median over the
-  run: where it is above the machine's cores, minutes say little
+- **minutes**: of training, evaluations not counted: processor time, or wall-clock time in older
+  results; **load** is the system's, the median over the run: where it is above the machine's cores,
+  wall-clock time says little
 - **final success**: of the last policy, on report seeds, which had no part in anything before; the
   **chosen checkpoint** was best on the seeds of the curve, and is measured on the report seeds too
 - **safe**: of those, without a step with a collision; **within 2 cm**: of those, with every object
@@ -100,7 +101,7 @@ def beyond(rows: Sequence[MethodRow]) -> str:
             "advice over by": figure_text(row.advice_over, 0),
             "steps before the run": " or ".join(f"{one:,}" for one in row.steps_before)
             or "unknown",
-            "minutes in all": _value(row.wall_clock_s, 1, 1 / MINUTE),
+            "minutes in all": _value(row.training_s, 1, 1 / MINUTE),
             "collisions per episode": figure_text(row.collisions, 2),
         }
         for row in rows

@@ -1,20 +1,21 @@
 """Plot the learning curves of training runs, and list the steps to a success rate of 0.9.
 
-"Steps to 0.9" is the first evaluation with at least that success rate. Mean Q is the student's
-estimate in the states of its evaluation episodes. Wall-clock time excludes evaluations.
+"Steps to 0.9" is the first of two consecutive evaluations with at least that success rate. Mean Q
+is the student's estimate in the states of its evaluation episodes. Training time excludes
+evaluations; it is processor time, or wall-clock time in runs that recorded no other.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from saver_advisors.cli.arguments import add_figure, add_json, add_path, write_json
-from saver_advisors.evaluation.metrics import SOLVED
+from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
 from saver_advisors.experiments.training_runs import TrainingRun, training_run
 from saver_advisors.reporting.curve_style import PENS, dress, line_style
 from saver_advisors.reporting.errors import UsageError, user_mistakes
@@ -75,7 +76,7 @@ def summary(run: TrainingRun) -> dict[str, Any]:
         "steps": points[-1]["steps"],
         "wall_clock_s": points[-1]["wall_clock_s"],
         "steps_to_solved": None if solved.steps is None else int(solved.steps),
-        "wall_clock_to_solved_s": solved.wall_clock_s,
+        "seconds_to_solved": solved.seconds,
         "best_success_rate": max(p["success_rate"] for p in points),
         "last_success_rate": points[-1]["success_rate"],
         "last_safe_success_rate": points[-1].get("safe_success_rate"),
@@ -86,13 +87,28 @@ def summary(run: TrainingRun) -> dict[str, Any]:
     }
 
 
+def _until_solved(name: str, form: str, unit: float = 1.0) -> Column:
+    """Return a column of a figure of ``TimeToLevel``, by the points of a :func:`summary`.
+
+    :param name: of the figure
+    :param form: its format
+    :param unit: by which it is divided
+    """
+
+    def cell(one: Mapping[str, Any]) -> str:
+        value = getattr(time_to_level(LearningCurve.from_points(one["points"])), name)
+        return "-" if value is None else format(value / unit, form)
+
+    return cell
+
+
 CURVE_COLUMNS: Final[dict[str, Column]] = {
     "run": "{name}",
     "environment": lambda one: one["env"] or "-",
     "advice": lambda one: one["advice"] or "none",
     "steps": "{steps:,}",
-    f"steps to {SOLVED:g}": optional("steps_to_solved", ",.0f"),
-    f"minutes to {SOLVED:g}": optional("wall_clock_to_solved_s", ".1f", 60),
+    f"steps to {SOLVED:g}": _until_solved("steps", ",.0f"),
+    f"minutes to {SOLVED:g}": _until_solved("seconds", ".1f", 60),
     "best success": "{best_success_rate:.2f}",
     "last success": "{last_success_rate:.2f}",
     "safe": optional("last_safe_success_rate"),
@@ -136,7 +152,7 @@ def read_run(folder: Path, name: str) -> TrainingRun:
 
 
 def draw(runs: Sequence[TrainingRun], panels: Sequence[tuple[str, str]] = PANELS) -> Figure:
-    """Plot curves over environment steps, on the left, and over wall-clock time, on the right.
+    """Plot curves over environment steps, on the left, and over training time, on the right.
 
     :param runs: at least one run
     :param panels: column of the curve and its label, one pair per row; those without a value are
@@ -150,10 +166,11 @@ def draw(runs: Sequence[TrainingRun], panels: Sequence[tuple[str, str]] = PANELS
     figure = Figure(figsize=(10, 0.9 + 2.5 * len(panels)), layout="constrained", dpi=120)
     grid = figure.subplots(len(panels), 2, sharex="col", sharey="row", squeeze=False)
     for row, (name, label) in enumerate(panels):
-        for column, (axis, scale) in enumerate((("steps", 1e3), ("wall_clock_s", 60.0))):
+        for column, (axis, scale) in enumerate((("steps", 1e3), ("seconds", 60.0))):
             axes = grid[row][column]
             for index, run in enumerate(runs):
-                x, y = (np.array([p.get(one) for p in run.points], float) for one in (axis, name))
+                x = getattr(run.curve, axis)
+                y = np.array([point.get(name) for point in run.points], float)
                 pen = PENS[index % len(PENS)]
                 drawn = {"color": pen.colour, "linestyle": pen.dashes, **line_style(len(x))}
                 axes.plot(x / scale, y, label=run.name, **drawn)

@@ -4,8 +4,9 @@ and the area under the curve.
 The dissertation defines them relative to a run's own maximum success rate, MSR: the inspired epoch
 IE is the first at 10% of it, the rise time RT lasts from there to 90% of it, and the effective
 learning rate ELR is 0.9 MSR over the epochs until then. Its table agrees with
-ELR = 0.9 MSR / (IE + RT) in every row. A level counts as reached at the first evaluation that shows
-it: nothing is interpolated, so figures in epochs are no finer than the gaps between evaluations.
+ELR = 0.9 MSR / (IE + RT) in every row. These levels count as reached at the first evaluation that
+shows them; an absolute success rate at the first of two consecutive ones, since one may be luck.
+Nothing is interpolated, so figures in epochs are no finer than the gaps between evaluations.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 EPOCH_STEPS: Final = 2_500
@@ -25,7 +27,10 @@ RISEN: Final = 0.9
 """Fractions of a run's own maximum success rate between which the rise time is measured."""
 
 SOLVED: Final = 0.9
-"""Absolute success rate whose first appearance is reported."""
+"""Absolute success rate of a solved task."""
+
+CONSECUTIVE: Final = 2
+"""Evaluations in a row that must show an absolute success rate."""
 
 TOLERANCE: Final = 1e-9
 """Tolerance for floating-point error when success rates are compared."""
@@ -39,17 +44,17 @@ class LearningCurve:
 
     :param steps: (evaluations,) environment steps, at least 0 and increasing
     :param success: (evaluations,) success rates, in [0, 1]
-    :param wall_clock_s: (evaluations,) seconds of training, or None if unknown
+    :param seconds: (evaluations,) of training until then, or None if unknown
     :raises ValueError: for no evaluation, different shapes, NaN, rates outside [0, 1], or steps
         that do not increase
     """
 
     steps: Floats
     success: Floats
-    wall_clock_s: Floats | None = None
+    seconds: Floats | None = None
 
     def __post_init__(self) -> None:
-        for name in ("steps", "success", "wall_clock_s"):
+        for name in ("steps", "success", "seconds"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(self, name, self._checked(name, values))
         if self.steps[0] < 0 or (np.diff(self.steps) <= 0).any():
@@ -75,38 +80,41 @@ class LearningCurve:
         """Build the curve of a run.
 
         :param points: one mapping per evaluation, as in ``curve.jsonl``
-        :return: the curve; without wall-clock time unless every evaluation has it
+        :return: the curve; its seconds are processor time if every evaluation has it, else
+            wall-clock time if every evaluation has that
         :raises ValueError: as the class, and for a point without steps or success rate
         """
         columns: dict[str, list[Any]] = {
             name: [point.get(name) for point in points]
-            for name in ("steps", "success_rate", "wall_clock_s")
+            for name in ("steps", "success_rate", "processor_s", "wall_clock_s")
         }
         for name in ("steps", "success_rate"):
             if None in columns[name]:
                 raise ValueError(f"evaluation {columns[name].index(None)} has no {name}")
-        known = (column for column in columns.values() if None not in column)
-        return cls(*(np.asarray(column, np.float64) for column in known))
+        known = [
+            np.asarray(column, np.float64) for column in columns.values() if None not in column
+        ]
+        return cls(*known[:3])
 
 
 @dataclass(frozen=True)
 class TimeToLevel:
-    """When a success rate first appeared; censored if it never did.
+    """When a success rate was reached; censored if it never was.
 
-    :param steps: environment steps at its first evaluation, None if it was never seen
-    :param wall_clock_s: seconds of training there, None if never seen or unknown
+    :param steps: environment steps at the first of the evaluations that show it, None without them
+    :param seconds: of training there, None if never reached or unknown
     :param observed_steps: steps of the last evaluation, a lower bound if ``steps`` is None
     :param observed_s: seconds of training there, None if unknown
     """
 
     steps: float | None
-    wall_clock_s: float | None
+    seconds: float | None
     observed_steps: float
     observed_s: float | None
 
 
 def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
-    """Find the first evaluation with a success rate.
+    """Find the first of ``CONSECUTIVE`` evaluations with a success rate.
 
     :param curve: of a run
     :param level: an absolute success rate, in (0, 1]
@@ -115,11 +123,11 @@ def time_to_level(curve: LearningCurve, level: float = SOLVED) -> TimeToLevel:
     """
     if not 0 < level <= 1:
         raise ValueError(f"level={level} must lie in (0, 1]")
-    first = _first_at(curve, level)
-    seconds = curve.wall_clock_s
+    first = _first_at(curve, level, CONSECUTIVE)
+    seconds = curve.seconds
     return TimeToLevel(
         steps=None if first is None else float(curve.steps[first]),
-        wall_clock_s=None if first is None or seconds is None else float(seconds[first]),
+        seconds=None if first is None or seconds is None else float(seconds[first]),
         observed_steps=float(curve.steps[-1]),
         observed_s=None if seconds is None else float(seconds[-1]),
     )
@@ -160,7 +168,7 @@ class LearningMetrics:
     :param maximum_success_rate: MSR, the highest success rate of the evaluations
     :param effective_learning_rate: ELR, 0.9 MSR over the epochs at the first evaluation with that
         rate; None as above, or if that evaluation precedes the first step
-    :param solved: when ``SOLVED`` was first seen
+    :param solved: when ``SOLVED`` was reached
     :param resolution: longest gap between evaluations in epochs, which limits the precision of
         figures in epochs
     """
@@ -194,10 +202,13 @@ def learning_metrics(curve: LearningCurve, *, spent_before: float = 0.0) -> Lear
     )
 
 
-def _first_at(curve: LearningCurve, level: float) -> int | None:
-    """Return the index of the first evaluation with a success rate of at least ``level``."""
-    reached = np.flatnonzero(curve.success >= level - TOLERANCE)
-    return int(reached[0]) if reached.size else None
+def _first_at(curve: LearningCurve, level: float, consecutive: int = 1) -> int | None:
+    """Return the index of the first of some evaluations in a row of at least ``level``."""
+    reached = curve.success >= level - TOLERANCE
+    if reached.size < consecutive:
+        return None
+    found = np.flatnonzero(sliding_window_view(reached, consecutive).all(axis=1))
+    return int(found[0]) if found.size else None
 
 
 def _epochs_at(curve: LearningCurve, level: float) -> float | None:

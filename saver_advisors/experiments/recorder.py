@@ -94,8 +94,8 @@ class Recorder:
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
     _predict: Predict = field(init=False)
     _weights: Any = field(default=None, init=False)
-    _seconds: float = field(default=0.0, init=False)
-    _since: float | None = field(default=None, init=False)
+    _seconds: tuple[float, float] = field(default=(0.0, 0.0), init=False)
+    _since: tuple[float, float] | None = field(default=None, init=False)
     _started: dict[str, Any] = field(default_factory=provenance, init=False)
 
     @cached_property
@@ -127,7 +127,7 @@ class Recorder:
         """
         self._predict, self._weights = predict, weights
         self._write(finished=False)
-        self._since = time.perf_counter()
+        self._since = _clocks()
 
     def advance(self, steps: int) -> None:
         """Count steps, and evaluate if an evaluation is due.
@@ -171,7 +171,8 @@ class Recorder:
         best = max((earlier["success_rate"] for earlier in self.curve), default=0.0)
         line = {
             "steps": self.steps,
-            "wall_clock_s": round(self._seconds, 3),
+            "wall_clock_s": round(self._seconds[0], 3),
+            "processor_s": round(self._seconds[1], 3),
             "mean_q": None,
             **curve_point(summary),
             "advice_spent": 0,
@@ -186,12 +187,13 @@ class Recorder:
             save_policy(self.weights_path, self._weights)
         self._write(finished=False)
         self.progress(line)
-        self._since = time.perf_counter()
+        self._since = _clocks()
 
     def _pause(self) -> None:
-        """Stop the clock, which excludes evaluations."""
+        """Stop the clocks, which exclude evaluations."""
         if self._since is not None:
-            self._seconds += time.perf_counter() - self._since
+            wall, processor = (now - then for now, then in zip(_clocks(), self._since, strict=True))
+            self._seconds = self._seconds[0] + wall, self._seconds[1] + processor
             self._since = None
 
     def _evaluate(self, seed: int, episodes: int) -> dict[str, Any]:
@@ -227,6 +229,11 @@ class Recorder:
         }
         write_json_atomic(self.path, record)
         return record
+
+
+def _clocks() -> tuple[float, float]:
+    """Return wall-clock and processor time (s)."""
+    return time.perf_counter(), time.process_time()
 
 
 @contextmanager

@@ -114,7 +114,7 @@ class MethodRow:
     run are unknown.
     """
     seconds_to_solved = _time(
-        lambda run: (run.metrics.solved.wall_clock_s, run.metrics.solved.observed_s)
+        lambda run: (run.metrics.solved.seconds, run.metrics.solved.observed_s)
     )
     """Training time (s) to a success rate of 0.9; None if that of a run is unknown."""
     final_success = _figure(lambda run: run.final_success)
@@ -139,7 +139,7 @@ class MethodRow:
     """Environment steps until the last advice was given; None without advice."""
     collisions = _figure(lambda run: run.collisions)
     """Steps with a collision per episode."""
-    wall_clock_s = _figure(lambda run: run.metrics.solved.observed_s)
+    training_s = _figure(lambda run: run.metrics.solved.observed_s)
     """Training time (s) of a whole run, of the runs that recorded it."""
 
     @property

@@ -43,7 +43,7 @@ def test_the_figures_of_a_curve_by_hand():
     assert found.effective_learning_rate == pytest.approx(0.72 / 6)
     assert found.resolution == 1
     assert time_to_level(curve, 0.7).steps == 5 * EPOCH_STEPS
-    assert time_to_level(curve, 0.7).wall_clock_s == 300
+    assert time_to_level(curve, 0.7).seconds == 300
 
 
 def test_a_level_counts_when_floats_would_deny_it():
@@ -54,9 +54,17 @@ def test_a_level_counts_when_floats_would_deny_it():
 
 def test_what_was_never_reached_is_censored_at_the_last_evaluation():
     late = time_to_level(curve_of([0.1, 0.85, 0.89]))
-    assert (late.steps, late.wall_clock_s) == (None, None)
+    assert (late.steps, late.seconds) == (None, None)
     assert (late.observed_steps, late.observed_s) == (3 * EPOCH_STEPS, 180)
-    assert time_to_level(curve_of([0.1, 0.9])).steps is not None
+    assert time_to_level(curve_of([0.1, 0.9, 0.9])).steps == 2 * EPOCH_STEPS
+
+
+def test_a_level_must_be_seen_twice_in_a_row():
+    assert time_to_level(curve_of([0.9, 0.8, 0.95, 0.9])).steps == 3 * EPOCH_STEPS
+    for luck in ([0.1, 0.9], [0.9], [0.9, 0.8, 0.9]):
+        assert time_to_level(curve_of(luck)).steps is None
+    # Of a run's own maximum, one evaluation is enough.
+    assert learning_metrics(curve_of([0.1, 0.9, 0.5])).rise_time == 1
 
 
 def test_a_run_without_any_success_has_no_epochs():
@@ -99,11 +107,13 @@ def test_points_of_a_run_are_read_as_they_are_written():
     with pytest.raises(ValueError, match="evaluation 1 has no success_rate"):
         LearningCurve.from_points(points)
     points[1]["success_rate"] = 1.0
-    assert LearningCurve.from_points(points).wall_clock_s is None
+    assert LearningCurve.from_points(points).seconds is None
     points[1]["wall_clock_s"] = 3.0
-    curve = LearningCurve.from_points(points)
-    assert curve.wall_clock_s is not None
-    assert curve.wall_clock_s.tolist() == [1.5, 3.0]
+    assert LearningCurve.from_points(points).seconds.tolist() == [1.5, 3.0]
+    points[0]["processor_s"] = 1.0
+    assert LearningCurve.from_points(points).seconds.tolist() == [1.5, 3.0]
+    points[1]["processor_s"] = 2.0
+    assert LearningCurve.from_points(points).seconds.tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="at least one"):
         LearningCurve.from_points([])
 
