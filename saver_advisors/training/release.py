@@ -78,23 +78,25 @@ def release_run(
 ) -> dict[str, Any]:
     """Write the better of a run's best and latest policies as a weight file.
 
-    Selection and report use different episodes: those of ``SELECTION_SEED`` and ``REPORT_SEED``.
+    The better has the higher ``RunConfig.score``. Selection and report use different episodes:
+    those of ``SELECTION_SEED`` and ``REPORT_SEED``.
 
     :param run_dir: the run's folder.
     :param path: the file to write, ending in ``.safetensors``.
     :param task: the task in words, for the card.
     :param episodes: episodes per evaluation.
-    :return: the success rates of the selection, the choice, and the reported summary.
+    :return: the scores of the selection, the choice, and the reported summary.
     """
+    config = RunConfig.from_mapping(read_record(run_dir)["config"])
+    played = partial(evaluate_trained, run_dir, episodes=episodes, seed=SELECTION_SEED)
     selection = {
-        which: evaluate_trained(run_dir, which, episodes=episodes, seed=SELECTION_SEED).success_rate
+        which: config.score(played(which).summary())
         for which in ("best", "latest")
         if (Path(run_dir) / which).exists()
     }
     chosen = max(selection, key=lambda which: selection[which])
     summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=REPORT_SEED).summary()
     record = read_record(run_dir)
-    config = RunConfig.from_mapping(record["config"])
     best = chosen == "best"
     evaluation = Path(run_dir) / "best" / "evaluation.json"
     progress = read_json(evaluation) if best else read_curve(run_dir)[-1]

@@ -9,7 +9,6 @@ run equals an uninterrupted one.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -266,7 +265,7 @@ class Run:
             env_kwargs=self.config.env_kwargs,
             threads=self.threads,
         )
-        best_before = max(map(self._score, self.curve), default=0.0)
+        best_before = max(map(self.config.score, self.curve), default=0.0)
         success_rate = result.success_rate
         logged = self.model.logger.name_to_value
         averages = load_averages()
@@ -295,18 +294,12 @@ class Run:
         if self.advisor is not None:
             self.advisor.student_evaluated(success_rate)
         # Of equal policies keep the later one, which does better on other episodes.
-        if self._score(point) >= best_before:
+        if self.config.score(point) >= best_before:
             folder = self.output_dir / "best"
             folder.mkdir(exist_ok=True)
             save_policy(folder / POLICY_FILE, self.model.policy)
             write_json_atomic(folder / "evaluation.json", point)
         return success_rate
-
-    def _score(self, point: Mapping[str, Any]) -> float:
-        """Return by what the best policy is chosen: success, and where it costs, contact too."""
-        rate: float = point["success_rate"]
-        costs = self.config.contact_cost > 0 or self.config.cost_limit is not None
-        return (rate + point["safe_success_rate"]) / 2 if costs else rate
 
     def _checkpoint(self) -> None:
         """Save everything, then continue as a resumed run would."""

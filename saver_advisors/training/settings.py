@@ -306,6 +306,15 @@ class RunConfig:
         left = min(1.0, 3.0 * max(0.0, 1.0 - steps / self.total_steps))
         return self.final_learning_rate + left * (self.learning_rate - self.final_learning_rate)
 
+    def score(self, rates: Mapping[str, Any]) -> float:
+        """Return by what policies of the run are chosen: success, and where contact costs, safety.
+
+        :param rates: of an evaluation: ``success_rate`` and ``safe_success_rate``.
+        """
+        success: float = rates["success_rate"]
+        costs = self.contact_cost > 0 or self.cost_limit is not None
+        return (success + rates["safe_success_rate"]) / 2 if costs else success
+
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for ``from_mapping``, JSON and YAML."""
         return dict(json.loads(json.dumps(asdict(self))))

@@ -219,15 +219,6 @@ def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
         assert saver("train", "--env", name, "--print-config").status == 0
 
 
-def test_the_settings_of_shared_arms_are_those_of_the_environment(saver: Saver) -> None:
-    path = ROOT / "zoo_configs" / "shared_arms.yml"
-    for env, shared in (("JacoPush-v0", "false"), ("DualJacoPickAndPlace-v0", "true")):
-        result = saver("train", "--config", path, "--env", env, "--print-config")
-        assert result.status == 0, result.err
-        assert f"shared_arms: {shared}" in result.out and "random_action_steps: 8" in result.out
-        assert "advice: null" in result.out
-
-
 def test_the_run_with_labels_is_that_of_the_grid(saver: Saver) -> None:
     path = ROOT / "zoo_configs" / "labels.yml"
     result = saver("train", "--config", path, "--env", "DualJacoPush-v0", "--print-config")

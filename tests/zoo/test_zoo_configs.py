@@ -121,6 +121,10 @@ def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunCon
         "random_action_probability",
     ]
     assert {name: entry[name] for name in same} == {name: getattr(config, name) for name in same}
+    optional = {"random_action_steps": 1, "contact_cost": 0.0, "imitation_weight": 0.0}
+    for name, usual in optional.items():
+        assert entry.get(name, usual) == getattr(config, name)
+    assert (entry["policy"] == "SharedArmsPolicy") == config.shared_arms
     assert entry["n_timesteps"] == config.total_steps
     policy = entry["policy_kwargs"]
     assert tuple(policy["net_arch"]) == config.net_arch
