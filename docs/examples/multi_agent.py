@@ -32,7 +32,7 @@ RATES = ("success_rate", "safe_success_rate", "success_rate_2cm")
 
 
 def learner(env, seed, horizon, gradient_steps):
-    """Settings of zoo_configs/shared_arms.yml, for the observation and action of one agent."""
+    """Settings of zoo_configs/saver.yml, for the observation and action of one agent."""
     return GoalTD3(
         "MultiInputPolicy",
         env,

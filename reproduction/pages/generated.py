@@ -16,7 +16,13 @@ from reproduction.pages.environments import (
 )
 from reproduction.pages.gallery import gallery_page
 from reproduction.pages.notebooks import FOLDER, TUTORIALS, notebook
-from reproduction.pages.results import read_result_files, results_page, success_overview
+from reproduction.pages.results import (
+    CURVES_FOLDER,
+    curves_page,
+    read_result_files,
+    results_page,
+    success_overview,
+)
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
@@ -42,6 +48,7 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     pages["gallery.md"] = gallery_page(output / "images", sparse_ids())
     pages["weights.md"] = weights_page()
     pages["results.md"] = results_page(results)
+    pages["learning-curves.md"] = curves_page(read_result_files(output / CURVES_FOLDER))
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(read_json(pose))

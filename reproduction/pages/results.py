@@ -13,6 +13,10 @@ from saver_advisors.reporting.provenance import machine_in_words
 from saver_advisors.reporting.tables import markdown, rows_table
 from saver_envs.files import read_json
 
+FOLDER: Final = "results"
+CURVES_FOLDER: Final = "results/learner"
+"""Folders of result files, in that of the documentation."""
+
 PAGES: Final = {
     "advising": "advising-results.md",
     "constraints": "constraints-results.md",
@@ -108,14 +112,26 @@ def results_page(results: list[dict[str, Any]]) -> str:
     """
     evaluations = _evaluations(results)
     sections = [_section(one) for one in results if one not in evaluations]
-    return page("results", evaluations=evaluations, columns=SUCCESS_COLUMNS, sections=sections)
+    named = {"title": "Results", "folder": FOLDER, "evaluations": evaluations}
+    return page("results", **named, columns=SUCCESS_COLUMNS, sections=sections)
 
 
-def _section(one: dict[str, Any]) -> dict[str, str]:
+def curves_page(results: list[dict[str, Any]]) -> str:
+    """Render the learning curves of the present learner.
+
+    :param results: of ``CURVES_FOLDER``; see :func:`read_result_files`.
+    :return: Markdown.
+    """
+    sections = [_section(one, CURVES_FOLDER) for one in results]
+    named = {"title": "Learning curves", "folder": CURVES_FOLDER, "evaluations": []}
+    return page("results", **named, columns={}, sections=sections)
+
+
+def _section(one: dict[str, Any], folder: str = FOLDER) -> dict[str, str]:
     stem = Path(one["file"]).stem
     text = ""
     if one.get("kind") == "curves":
-        picture = f"![learning curves](results/{stem}.png)\n\n"
+        picture = f"![learning curves]({folder}/{stem}.png)\n\n"
         text = picture + rows_table(one["runs"], CURVE_COLUMNS)
     elif separate := PAGES_OF_FILES.get(stem) or PAGES.get(str(one.get("kind"))):
         text = f"See [the separate page]({separate})."

@@ -72,8 +72,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def draw_curves(folder: Path) -> None:
+    """Draw the learning curves in files of ``saver curves``, each next to its file.
+
+    :param folder: of the JSON files.
+    """
+    from saver_advisors.cli.curves import draw
+    from saver_advisors.experiments.training_runs import drawn_run
+    from saver_envs.files import read_json
+
+    for path in sorted(folder.glob("*.json")):
+        content = read_json(path)
+        draw([drawn_run(one, content) for one in content["runs"]]).savefig(path.with_suffix(".png"))
+
+
 def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
-    """Draw a picture and record a clip of every environment, and worlds that vary of some.
+    """Draw a picture and record a clip of every environment, worlds that vary of some, and curves.
 
     :param output: folder of the documentation.
     :param only: ids of the environments; all of them if None.
@@ -88,6 +102,7 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from reproduction.command_parts import write_clip
+    from reproduction.pages.results import CURVES_FOLDER
     from reproduction.pages.worlds import SHOWN, world_pictures
     from saver_advisors.reporting.video import start_picture
 
@@ -101,6 +116,7 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
             worlds = output / "images" / "worlds" / f"{env_id}.webp"
             worlds.parent.mkdir(exist_ok=True)
             Image.fromarray(world_pictures(env_id)).save(worlds, quality=80, method=6)
+    draw_curves(output / CURVES_FOLDER)
 
 
 def _clip(env_id: str) -> list[Frame]:

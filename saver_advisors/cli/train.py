@@ -1,7 +1,7 @@
 """Train a policy, alone or with the advice of a single-arm teacher.
 
-The default settings are those of the shipped weights, for environments that have some. Ctrl-C lets
-the current block finish and writes a checkpoint.
+The default settings are the environment's entry of zoo_configs/saver.yml. Ctrl-C lets the current
+block finish and writes a checkpoint.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from saver_advisors.reporting.errors import UsageError, user_mistakes
 
 EXAMPLES = """\
 examples:
-  saver train --env JacoPush-v0 --output runs/push                   like the shipped teacher
+  saver train --env JacoPush-v0 --output runs/push                   one arm
   saver train --output runs/push --resume                            continue after Ctrl-C
-  saver train --env DualJacoPush-v0 --output runs/dual               like the shipped student
+  saver train --env DualJacoPush-v0 --output runs/dual               two arms
   saver train --env JacoPush-v0 --output runs/tb --tensorboard       and: tensorboard --logdir runs
-  saver train --env DualJacoPush-v0 --output runs/alone --advice none
+  saver train --env DualJacoPush-v0 --output runs/three --env-kwargs n_arms=3
   saver train --env DualJacoPush-v0 --output runs/mcq --advice mc-q --teacher jaco-push \\
       --budget 100000 --threshold 0.1
   saver train --env MicoPush-v0 --output runs/mico --algorithm sac --set learning_rate=5e-4
