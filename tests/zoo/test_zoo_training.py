@@ -30,7 +30,9 @@ from saver_envs.registration import varied_in
 
 STOCK = ("ddpg", "td3", "sac", "tqc")
 DUAL = "DualJacoPush-v0"
-SOME = ("--advice", "mc-act", "--threshold", "1.2", "--budget", "120")
+DISTANCE = "DualJacoDistance-v0"
+"""Its student starts as two teachers, by `goal_td3.yml`."""
+SOME = ("--advice", "mc-act", "--teacher", "jaco-push", "--threshold", "1.2", "--budget", "120")
 """Advice to some of the arms at some of the steps."""
 
 
@@ -166,7 +168,7 @@ def test_our_loader_and_theirs_agree(algorithm: str, models: list[Any], tmp_path
 def test_a_resumed_run_goes_on_with_the_spent_budget(
     algorithm: str, models: list[Any], tmp_path: Path
 ) -> None:
-    early = ("--advice", "early", "--budget", "200")
+    early = ("--advice", "early", "--teacher", "jaco-push", "--budget", "200")
     keep = ("--", "--save-replay-buffer")
     assert main(tiny(algorithm, DUAL, tmp_path, *early, *keep)) == 0
     assert models[0].advisor.spent == 160
@@ -189,12 +191,12 @@ def test_a_student_starts_as_its_teachers_once(
         learn(self, model)
 
     monkeypatch.setattr(manager.SaverExperimentManager, "learn", keep)
-    assert main(tiny("goal_td3", DUAL, tmp_path, steps=20, settings=STARTING)) == 0
+    assert main(tiny("goal_td3", DISTANCE, tmp_path, steps=20, settings=STARTING)) == 0
     (model,) = models
     learned = weights(model)
     assert any((begun[0][name] != value).any() for name, value in learned.items())
     model.actor.load_state_dict(begun[0])
-    env = SaverVecEnv(DUAL, n_envs=4, seed=0)
+    env = SaverVecEnv(DISTANCE, n_envs=4, seed=0)
     observation: Any = env.reset()
     env.close()
     mapping = model.advisor.mapping
@@ -205,7 +207,7 @@ def test_a_student_starts_as_its_teachers_once(
     action, _ = model.predict(observation, deterministic=True)
     np.testing.assert_allclose(mapping.split_action(action), expected, atol=1e-5)
     # A run that goes on does so with what was learned, not as the teachers anew.
-    assert main(tiny("goal_td3", DUAL, tmp_path, "--resume", steps=20, settings=STARTING)) == 0
+    assert main(tiny("goal_td3", DISTANCE, tmp_path, "--resume", steps=20, settings=STARTING)) == 0
     assert all((begun[1][name] == value).all() for name, value in learned.items())
 
 
@@ -226,12 +228,12 @@ def weights(model: Any) -> dict[str, Any]:
 def test_settings_that_the_algorithm_refuses_are_told_in_a_line(
     settings: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(tiny("goal_td3", DUAL, tmp_path, settings=settings)) == 2
+    assert main(tiny("goal_td3", DISTANCE, tmp_path, settings=settings)) == 2
     assert message in capsys.readouterr().err
 
 
 def test_stages_go_on_where_a_run_was(models: list[Any], tmp_path: Path) -> None:
-    env = "DualJacoDistance-v0"
+    env = DISTANCE
     words = ("--config", str(CONFIGS / "stages.yml"), "--advice", "early", "--budget", "60")
     assert main(tiny("goal_td3", env, tmp_path, *words, steps=100)) == 0
     state = {"stages": ["teaching", "stretching", "exploring"], "stage": "stretching"}

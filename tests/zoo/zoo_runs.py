@@ -23,7 +23,7 @@ TINY = (
 )
 """Settings of a run that takes a second, with episodes of 10 steps."""
 STARTING = (*TINY[:-1], "policy_kwargs.net_arch=[256,256,256]")
-"""The same with networks that can start as two shipped teachers, as `goal_td3` has students do."""
+"""The same with networks that can start as two shipped teachers."""
 
 
 def tiny(
