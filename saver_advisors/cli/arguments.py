@@ -381,19 +381,22 @@ def add_env_kwargs(parser: argparse.ArgumentParser) -> None:
     add(parser, "--randomization", text, action="append", type=kind, **names)
 
 
-def checked_env_kwargs(env: str, pairs: Sequence[str] | None) -> dict[str, Any]:
+def checked_env_kwargs(
+    env: str, pairs: Sequence[str] | None, argument: str = "--env-kwargs"
+) -> dict[str, Any]:
     """Parse the keyword arguments of an environment, and check that it accepts them.
 
     :param env: id of the environment
     :param pairs: ``name=value`` words
+    :param argument: name of the argument, for error messages
     :return: the keyword arguments
     :raises UsageError: for an argument that the environment rejects
     """
     from saver_envs.registration import make_episodes
 
-    values = settings(pairs, "--env-kwargs")
+    values = settings(pairs, argument)
     if values:
-        with user_mistakes("argument --env-kwargs"):
+        with user_mistakes(f"argument {argument}"):
             make_episodes(env, **values)
     return values
 

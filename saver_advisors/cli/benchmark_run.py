@@ -86,6 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_folder(parser, "--output", "folder of the result file", required=True)
     add_count(parser, "--n-envs", 16, "environments stepped in parallel")
     add_env_kwargs(parser)
+    text = "further ones for training only, such as easier starts: in_hand_probability=0.4"
+    add_settings(parser, "--train-env-kwargs", text)
     earlier = parser.add_argument_group("earlier steps", "tables add them to the run's own steps")
     add_count(earlier, "--teacher-steps", 0, "steps that trained its teachers", least=0)
     add_count(earlier, "--demonstration-steps", 0, "steps of demonstrations", least=0)
@@ -170,7 +172,9 @@ def plan_of(args: argparse.Namespace, algorithm: type[Any], seed: int) -> Benchm
     name = args.name or getattr(algorithm, "__name__", args.algo.rpartition(":")[2])
     stem = re.sub(r"[^A-Za-z0-9._-]+", "-", f"{args.env}-{name}-seed{seed}")
     shared = {key: getattr(args, key) for key in ("n_envs", "eval_every", "eval_episodes")}
-    shared["env_kwargs"] = checked_env_kwargs(args.env, args.env_kwargs)
+    for argument in ("--env-kwargs", "--train-env-kwargs"):
+        key = argument[2:].replace("-", "_")
+        shared[key] = checked_env_kwargs(args.env, getattr(args, key), argument)
     if args.steps is not None:
         shared["total_steps"] = args.steps
     row = {key: getattr(args, key, None) for key in THIRD_PARTY_KEYS}

@@ -40,7 +40,9 @@ GROUP_KEYS: Final = ("env_id", "settings", "advice", "budget_fraction", "seeds",
 THIRD_PARTY_KEYS: Final = ("algorithm", "algo_kwargs", "teacher_steps", "demonstration_steps")
 ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds", *THIRD_PARTY_KEYS)
 #: Settings that a third-party algorithm shares with our learner.
-SHARED_SETTINGS: Final = ("env_kwargs", "n_envs", "total_steps", "eval_every", "eval_episodes")
+SHARED_SETTINGS: Final = (
+    *("env_kwargs", "train_env_kwargs", "n_envs", "total_steps", "eval_every", "eval_episodes"),
+)
 
 
 @dataclass(frozen=True)
@@ -246,6 +248,8 @@ def check_rows(runs: Sequence[ExperimentRun]) -> None:
         with naming(f"{group}.{row}"):
             if isinstance(config, BenchmarkPlan):
                 make_episodes(config.env_id, **config.env_kwargs)
+                with naming("train_env_kwargs"):
+                    make_episodes(config.env_id, **config.training_options)
             else:
                 with open_run(config, row):
                     pass

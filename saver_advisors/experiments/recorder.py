@@ -46,6 +46,7 @@ class BenchmarkPlan:
     :param teacher_steps: environment steps that trained its teachers, as stated by its author
     :param demonstration_steps: environment steps of its demonstrations, as stated by its author
     :param group: of the grid that the run is part of, None outside a grid
+    :param train_env_kwargs: further keyword arguments for training only, such as easier starts
     """
 
     name: str
@@ -64,6 +65,12 @@ class BenchmarkPlan:
     teacher_steps: int = 0
     demonstration_steps: int = 0
     group: str | None = None
+    train_env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def training_options(self) -> dict[str, Any]:
+        """Keyword arguments of the environments that it trains in."""
+        return {**self.env_kwargs, **self.train_env_kwargs}
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, the arguments of the class."""

@@ -92,7 +92,8 @@ def changed_settings(plan: BenchmarkPlan, config: Mapping[str, Any]) -> list[str
     """
     # Through JSON, so that tuples compare equal to lists.
     wanted = json.loads(json.dumps(plan.config()))
-    return sorted(name for name in wanted if wanted[name] != config.get(name))
+    found = {"train_env_kwargs": {}, **config}  # newer than some files
+    return sorted(name for name in wanted if wanted[name] != found.get(name))
 
 
 def state_of(run: ExperimentRun, folder: Path, path: Path) -> RunState:

@@ -9,6 +9,7 @@ docs/benchmark-protocol.md describes, and optionally torch's ``state_dict`` and 
 from __future__ import annotations
 
 import contextlib
+import copy
 import hashlib
 import importlib
 import importlib.util
@@ -155,16 +156,16 @@ def file_sha256(word: str) -> str | None:
 
 
 def resolved(kwargs: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace names of objects in keyword arguments by the objects.
+    """Copy keyword arguments, and replace names of objects by the objects.
 
     :param kwargs: values; ``import:stable_baselines3:HerReplayBuffer``, for example, names a class
-    :return: the same keyword arguments with the imported objects
+    :return: copies, which SB3 may change, with the imported objects
     :raises ValueError: for an unknown name
     """
     return {
         name: load_object(value.removeprefix(IMPORTED))
         if isinstance(value, str) and value.startswith(IMPORTED)
-        else value
+        else copy.deepcopy(value)
         for name, value in kwargs.items()
     }
 
@@ -192,12 +193,13 @@ def train(algorithm: type[Any], recorder: Recorder) -> dict[str, Any]:
     if is_class and lacking:
         raise AlgorithmError(f"{plan.algorithm} has no method {lacking[0]!r}")
     # Gymnasium would apply the registered length, also to slow arms, unlike the evaluations.
-    horizon = task_and_settings(plan.env_id, plan.env_kwargs)[1].horizon
+    options = plan.training_options
+    horizon = task_and_settings(plan.env_id, options)[1].horizon
     env = gymnasium.make_vec(
         f"saver_envs:{plan.env_id}",
         plan.n_envs,
         vectorization_mode="vector_entry_point",
-        **{**plan.env_kwargs, "max_episode_steps": horizon},
+        **{**options, "max_episode_steps": horizon},
     )
     with contextlib.closing(CountedVectorEnv(env, recorder)) as counted:
         learner = _build(lambda: algorithm(counted, seed=plan.seed, **kwargs), recorder)
@@ -221,7 +223,7 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
         recorder.advance(model.num_timesteps - recorder.steps)
         return not recorder.spent
 
-    batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.env_kwargs)
+    batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.training_options)
     with contextlib.closing(ProtocolVecEnv(batch, plan.seed)) as env:
         policy = kwargs.pop("policy", "MultiInputPolicy")
         if (deviation := kwargs.pop(NOISE, None)) is not None:

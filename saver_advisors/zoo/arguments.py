@@ -14,6 +14,8 @@ from saver_advisors.zoo.algorithms import ADVISED, ALGORITHMS, STOCK
 
 ADVICE_KEY: Final = "advice"
 """Entry of a settings file, beside those of the environments: the advice for each of them."""
+ON_POLICY: Final = ("ppo", *SAFE)
+"""Algorithms that cannot be advised."""
 SHARED: Final = {"goal_ddpg": "goal", "goal_sac": "goal", "goal_tqc": "goal"}
 """Algorithms whose settings are in a file of another name."""
 EVALUATION: Final = ("--eval-episodes", "50", "--n-eval-envs", "10")
@@ -45,14 +47,14 @@ def settings_path(algorithm: str) -> Path:
 def algorithm_name(name: str, advised: bool) -> str:
     """Return an algorithm's name in RL Zoo's table.
 
-    :param name: a key of `ALGORITHMS` or `STOCK`, or a safe one.
+    :param name: a key of `ALGORITHMS` or `STOCK`, or one of `ON_POLICY`.
     :param advised: whether advice is given, which selects the advised variant of a `STOCK` one.
     :raises UsageError: for an unknown one, or one that cannot be advised.
     """
-    known = (*STOCK, *ALGORITHMS, *SAFE)
+    known = (*STOCK, *ALGORITHMS, *ON_POLICY)
     if name not in known:
         raise UsageError(f"argument --zoo: {unknown('algorithm', name, known)}")
-    if advised and name in SAFE:
+    if advised and name in ON_POLICY:
         raise UsageError(
             f"argument --advice: {name} learns on policy, from its own actions alone; use one of "
             f"{', '.join((*STOCK, *ALGORITHMS))}"

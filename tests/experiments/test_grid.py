@@ -11,7 +11,12 @@ import pytest
 from tiny_grids import GridFile, run_named, tiny_grid
 
 from saver_advisors.cli import main
-from saver_advisors.evaluation.protocol import EVALUATE_EVERY
+from saver_advisors.evaluation.protocol import (
+    EVALUATE_EVERY,
+    REPORT_EPISODES,
+    SEEDS,
+    off_protocol,
+)
 from saver_advisors.experiments.grid import ExperimentRun, Grid, check_rows, read_grid
 from saver_advisors.experiments.recorder import BenchmarkPlan
 from saver_advisors.training.defaults import default_settings
@@ -167,6 +172,40 @@ def test_the_shipped_grid_of_stages_has_method_ablations_and_baselines() -> None
     assert by_row["own value"].constraint_relabelling == "keep"
     assert by_row["own value"].per_arm_critics
     assert by_row["min, eight layers"].net_arch == (512, 512, *(256,) * 6)
+
+
+def test_the_baselines_have_one_budget_and_five_seeds() -> None:
+    grid = read_grid(CONFIGS / "baselines.yml")
+    seeds: dict[tuple[str, str], list[int]] = {}
+    for run in grid.runs:
+        seeds.setdefault((run.config.env_id, run.row), []).append(run.config.seed)
+        assert (run.config.total_steps, run.final_episodes) == (500_000, REPORT_EPISODES)
+        assert (run.config.n_envs, run.config.env_kwargs) == (16, {})
+        assert off_protocol(run.config.to_mapping(), {}) == ["no final episodes"]
+    ids = ("JacoPush", "JacoPickAndPlace", "DualJacoPush", "DualJacoPickAndPlace")
+    rows = ("SAC + HER", "TQC + HER", "TD3 + HER", "DDPG + HER", "SAVER TD3")
+    expected = {(f"{name}-v0", row) for name in ids for row in rows}
+    assert seeds.keys() == expected | {(f"{name}Dense-v0", "PPO") for name in ids}
+    assert all(given == list(range(SEEDS)) for given in seeds.values())
+
+
+def test_all_baselines_of_an_id_train_on_the_same_starts() -> None:
+    options: dict[str, list[dict[str, Any]]] = {}
+    for run in read_grid(CONFIGS / "baselines.yml").runs:
+        env_id = run.config.env_id.replace("Dense", "")
+        options.setdefault(env_id, []).append(dict(run.config.train_env_kwargs))
+    assert all(one == given[0] for given in options.values() for one in given)
+
+
+@pytest.mark.parametrize("group", ["push", "pick-and-place", "dual-push", "dual-pick-and-place"])
+def test_our_baseline_is_saver_train(group: str) -> None:
+    config = run_named(f"{group}-saver-td3-seed0", read_grid(CONFIGS / "baselines.yml")).config
+    own = ("total_steps", "eval_every", "eval_episodes", "checkpoint_every")
+    told = {**default_settings(config.env_id), **{name: getattr(config, name) for name in own}}
+    assert config == RunConfig.from_mapping(told)
+    # As many transitions per environment step as those of other libraries.
+    drawn = config.gradient_steps * config.batch_size
+    assert drawn / (config.n_envs * 50) == 0.15 * 256
 
 
 def with_row(row: dict[str, Any], **settings: Any) -> dict[str, Any]:

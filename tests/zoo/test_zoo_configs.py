@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from rl_zoo3.utils import get_callback_list
 from stable_baselines3 import HerReplayBuffer
 from zoo_runs import CONFIGS
 
-from saver_advisors.experiments.grid import read_grid
+from saver_advisors.experiments.grid import ExperimentRun, read_grid
+from saver_advisors.experiments.recorder import BenchmarkPlan
 from saver_advisors.learner import GoalReplayBuffer
 from saver_advisors.training.defaults import default_settings
 from saver_advisors.training.settings import RunConfig
@@ -32,6 +34,12 @@ IDS = (
     "DualJacoDistance-v0",
 )
 STOCK = ("ddpg", "td3", "sac", "tqc")
+
+
+def baselines() -> list[ExperimentRun]:
+    """The first seed of each baseline of other libraries."""
+    runs = read_grid(CONFIGS / "baselines.yml").runs
+    return [run for run in runs if isinstance(run.config, BenchmarkPlan) and run.config.seed == 0]
 
 
 def build(algorithm: str, env_id: str, folder: Path) -> Any:
@@ -74,7 +82,7 @@ def test_rl_zoo_builds_every_algorithm_for_every_id(
         assert model.policy.critic_target.value_bounds == pytest.approx((-100.0, 0.0))
     assert type(model.replay_buffer) is expected
     assert model.n_envs == (64 if algorithm == "goal_dagger" else 16)
-    assert model.gamma in (0.95, 0.98)
+    assert model.gamma == 0.98
     # A transition's later goals are known only when its episode is over.
     if stock:
         assert model.learning_starts > 50 * model.n_envs
@@ -101,6 +109,28 @@ def test_the_stages_have_the_settings_of_the_method_as_written() -> None:
     grid = read_grid(CONFIGS / "constraints.yml")
     [run] = grid.only(["distance-min-seed0"]).runs
     compare(entry, advice, run.config)
+
+
+@pytest.mark.parametrize("run", baselines(), ids=lambda run: f"{run.config.env_id} {run.row}")
+def test_a_baseline_has_the_settings_of_rl_zoo(run: ExperimentRun) -> None:
+    """A baseline can be run again either way."""
+    plan = run.config
+    assert isinstance(plan, BenchmarkPlan)
+    module, _, name = plan.algorithm.partition(":")
+    entry, _ = read_settings(settings_path(name.lower()), plan.env_id)
+    assert ALGOS[name.lower()] is getattr(importlib.import_module(module), name)
+    same = dict(entry)
+    assert same.pop("policy") == "MultiInputPolicy"
+    assert same.pop("n_timesteps") == plan.total_steps
+    assert same.pop("n_envs") == plan.n_envs
+    assert same.pop("noise_type", "normal") == "normal"
+    del same["monitor_kwargs"]
+    contested = {"contested_share": 0.4}  # the default, which the grid says once more
+    training = {**contested, **plan.train_env_kwargs}
+    assert {**contested, **same.pop("env_kwargs", {})} == training
+    if "replay_buffer_class" in same:
+        same["replay_buffer_class"] = f"import:stable_baselines3:{same['replay_buffer_class']}"
+    assert same == plan.algo_kwargs
 
 
 def compare(entry: dict[str, Any], advice: dict[str, Any] | None, config: RunConfig) -> None:
