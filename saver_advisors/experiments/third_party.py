@@ -248,6 +248,7 @@ def _build(build: Callable[[], Any], recorder: Recorder) -> Any:
 
 
 def _weights_of(owner: Any) -> Any:
-    """Return an object if it has weights, else None."""
+    """Return an object if it has weights, else None: policies of SBX have them elsewhere."""
     named = ("state_dict", "load_state_dict")
-    return owner if all(callable(getattr(owner, name, None)) for name in named) else None
+    stored = all(callable(getattr(owner, name, None)) for name in named) and owner.state_dict()
+    return owner if stored else None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +28,11 @@ def default_settings(env_id: str) -> dict[str, Any]:
     :param env_id: a registered id.
     :return: fields of ``RunConfig``, with ``env_id``.
     """
+    return copy.deepcopy(_shipped(env_id))
+
+
+@functools.cache  # a grid asks for every run
+def _shipped(env_id: str) -> dict[str, Any]:
     return read_settings(defaults_path(), env_id)
 
 

@@ -38,6 +38,16 @@ class Drifter:
         return self.speed * np.sign(gap)
 
 
+class Elsewhere(Drifter):
+    """Has torch's methods, but none of its weights there, as SBX's policies."""
+
+    def state_dict(self) -> dict[str, torch.Tensor]:
+        return {}
+
+    def load_state_dict(self, state: dict[str, torch.Tensor]) -> None:
+        raise AssertionError("there is nothing to load")
+
+
 class Counter(torch.nn.Module):
     """Its policy is one number, which grows with every step; a checkpoint brings it back."""
 

@@ -31,6 +31,7 @@ from saver_advisors.evaluation.protocol import (
     training_seed,
 )
 from saver_advisors.experiments.recorder import BenchmarkPlan, Recorder
+from saver_advisors.experiments.results import changed_settings
 from saver_advisors.experiments.third_party import (
     BudgetSpent,
     CountedVectorEnv,
@@ -173,6 +174,28 @@ def test_worlds_vary_in_training_and_in_evaluations(tmp_path: Path) -> None:
     assert written["final"]["randomization"] == varied
 
 
+def test_options_for_training_alone_are_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = ("--train-env-kwargs", "object_mass=0.3")
+    assert main(words(tmp_path, f"{HERE}:Drifter", *more)) == 0
+    assert load_last("Drifter").made[-1].env.unwrapped.episodes.task.object_mass == 0.3
+    content = record(tmp_path)
+    assert content["config"]["train_env_kwargs"] == {"object_mass": 0.3}
+    assert content["world"] == world_digest("JacoPush-v0", {"max_episode_steps": 10})
+    assert main(words(tmp_path, f"{HERE}:Drifter", "--train-env-kwargs", "object_mas=1")) == 2
+    assert "argument --train-env-kwargs" in capsys.readouterr().err
+
+
+def test_results_without_options_for_training_are_still_finished(tmp_path: Path) -> None:
+    """Files of earlier versions do not have the entry."""
+    given = plan_of().config()
+    del given["train_env_kwargs"]
+    assert not changed_settings(plan_of(), given)
+    easier = plan_of(train_env_kwargs={"in_hand_probability": 0.4})
+    assert changed_settings(easier, given) == ["train_env_kwargs"]
+
+
 def test_greed_for_steps_ends_with_the_budget(tmp_path: Path) -> None:
     assert main(words(tmp_path, f"{HERE}:Drifter", "--algo-kwargs", "greedy=true")) == 0
     assert record(tmp_path)["curve"][-1]["steps"] == 80
@@ -225,6 +248,12 @@ def test_the_best_checkpoint_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
     assert content["final"]["success_rate"] == 0.25
     # What it had counted when that checkpoint was taken: the step in progress not yet.
     assert load_last("Counter").last.steps.item() == 18
+
+
+def test_no_checkpoint_is_reported_without_weights(tmp_path: Path) -> None:
+    assert main(words(tmp_path, f"{HERE}:Elsewhere")) == 0
+    assert record(tmp_path)["chosen"] is None
+    assert not list(tmp_path.glob("*.safetensors"))
 
 
 def test_an_interrupted_run_leaves_its_curve_and_is_redone(

@@ -18,10 +18,13 @@ RATIO = 0.15
 """Gradient steps per environment step."""
 
 
-def first_seeds() -> list[ExperimentRun]:
+def first_seeds(*grids: str) -> list[ExperimentRun]:
     """One run of each row of another library."""
-    runs = read_grid(CONFIGS / "baselines.yml").runs
+    runs = [run for name in grids for run in read_grid(CONFIGS / f"{name}.yml").runs]
     return [run for run in runs if isinstance(run.config, BenchmarkPlan) and run.config.seed == 0]
+
+
+BASELINES, IN_JAX = first_seeds("baselines"), first_seeds("baselines_sbx")
 
 
 def trained(plan: BenchmarkPlan, folder: Path, steps: int) -> tuple[Any, dict[str, Any]]:
@@ -41,13 +44,28 @@ def trained(plan: BenchmarkPlan, folder: Path, steps: int) -> tuple[Any, dict[st
 
 
 def test_every_row_can_be_built() -> None:
-    check_rows(read_grid(CONFIGS / "baselines.yml").runs)
+    check_rows(read_grid(CONFIGS / "baselines.yml").only(["seed0"]).runs)
+
+
+@pytest.mark.parametrize("run", IN_JAX, ids=lambda run: run.name)
+def test_baselines_in_jax_have_the_settings_of_the_others(run: ExperimentRun) -> None:
+    group = f"{run.group}-tqc-her-seed0"
+    (other,) = [one.config for one in BASELINES if one.name == group]
+    assert isinstance(run.config, BenchmarkPlan) and isinstance(other, BenchmarkPlan)
+    without = {"tau"} if run.config.algorithm == "sbx:CrossQ" else set()
+    wanted = {name: value for name, value in other.algo_kwargs.items() if name not in without}
+    assert run.config.algo_kwargs == wanted
+    labels = ("name", "row", "algorithm", "algo_kwargs")
+    same = {name: getattr(other, name) for name in labels}
+    assert replace(run.config, **same) == other
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("run", first_seeds(), ids=lambda run: run.name)
+@pytest.mark.parametrize("run", [*BASELINES, *IN_JAX], ids=lambda run: run.name)
 def test_every_row_learns_as_often_as_the_file_says(run: ExperimentRun, tmp_path: Path) -> None:
     assert isinstance(run.config, BenchmarkPlan)
+    if run.config.algorithm.startswith("sbx:"):
+        pytest.importorskip("sbx")
     block, given = 50 * run.config.n_envs, copy.deepcopy(run.config.algo_kwargs)
     # The first two blocks only fill the replay; after the last one the budget is spent.
     model, record = trained(run.config, tmp_path, 4 * block)
@@ -69,7 +87,7 @@ def test_every_row_learns_as_often_as_the_file_says(run: ExperimentRun, tmp_path
 
 def test_training_starts_are_not_those_of_evaluations(tmp_path: Path) -> None:
     """Options for training alone reach neither the evaluations nor the digest of the world."""
-    run = next(one for one in first_seeds() if one.name == "pick-and-place-sac-her-seed0")
+    run = next(one for one in BASELINES if one.name == "pick-and-place-sac-her-seed0")
     assert isinstance(run.config, BenchmarkPlan)
     model, record = trained(run.config, tmp_path, 16)
     assert model.env.unwrapped.episodes.task.in_hand_probability == 0.4
