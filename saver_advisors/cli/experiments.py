@@ -2,6 +2,7 @@
 
 A grid is a file such as zoo_configs/advising.yml. Every run writes a JSON file to the results
 folder. On Ctrl-C the active runs write their checkpoints; `resume` continues all unfinished runs.
+`estimate` trains each row for a short time, and computes how long the whole grid takes here.
 """
 
 from __future__ import annotations
@@ -12,7 +13,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from saver_advisors.cli.arguments import add, add_count, add_folder, add_seconds, add_threads
+from saver_advisors.cli.arguments import (
+    add,
+    add_count,
+    add_folder,
+    add_json,
+    add_seconds,
+    add_threads,
+    write_json,
+)
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, user_mistakes
 
@@ -22,6 +31,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
 examples:
+  saver experiments estimate zoo_configs/baselines.yml
   saver experiments run zoo_configs/advising.yml --output runs/advising --results results
   saver experiments run zoo_configs/advising.yml --output runs/advising --only mc-q --processes 2
   saver experiments resume runs/advising --time-limit 3600
@@ -31,20 +41,34 @@ examples:
 GRID_FILE: Final = "grid.yml"
 PLACES_FILE: Final = "places.json"
 RESULTS: Final = "results"
+ESTIMATE_COLUMNS: Final[dict[str, tables.Column]] = {
+    "row": lambda one: f"{one.group}: {one.row}",
+    "runs": lambda one: str(one.runs),
+    "steps": lambda one: f"{one.steps:,}",
+    "ms a step": lambda one: f"{1000 * one.step_s:.3f}",
+    "evaluation episodes": lambda one: f"{one.episodes:,}",
+    "ms an episode": lambda one: f"{1000 * one.episode_s:.1f}",
+    "core-hours": lambda one: f"{one.core_hours:.2f}",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     run_action = actions.add_parser("run", help="start or continue a grid")
-    run_action.add_argument("grid", type=Path, metavar="GRID.yml")
+    estimate = actions.add_parser("estimate", help="say how long a grid takes on this machine")
+    for action in (run_action, estimate):
+        action.add_argument("grid", type=Path, metavar="GRID.yml")
+    text = "least environment steps that are timed in each row, after as many of warm-up"
+    add_count(estimate, "--steps", 4000, text)
+    add_json(estimate)
     add_folder(run_action, "--output", "folder of the runs", required=True)
     add_folder(run_action, "--results", f"folder of the JSON files (default: DIR/{RESULTS})")
     resume = actions.add_parser("resume", help="continue a grid from its folder")
     status = actions.add_parser("status", help="show the state of every run")
     for action in (resume, status):
         action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
-    for action in (run_action, resume, status):
+    for action in (run_action, estimate, resume, status):
         text = "only runs whose names contain any of these words"
         add(action, "--only", text, [], nargs="+", action="extend", metavar="WORD")
     for action in (run_action, resume):
@@ -56,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the grid, or show its state."""
+    """Run the grid, show its state, or estimate its time."""
     from saver_advisors.experiments.grid import check_rows, read_grid
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.results import is_done
@@ -65,9 +89,13 @@ def run(args: argparse.Namespace) -> int:
     path, results = _starting_point(args)
     with user_mistakes("argument GRID.yml"):
         grid = read_grid(path)
-    places = Places(args.output, results)
     with user_mistakes("argument --only"):
         grid = grid.only(args.only)
+    if args.action == "estimate":
+        with user_mistakes("argument GRID.yml"):
+            check_rows(grid.runs)
+        return estimate_time(grid, args.steps, args.json)
+    places = Places(args.output, results)
     status = 0
     if args.action != "status":
         with user_mistakes("argument GRID.yml"):
@@ -79,8 +107,37 @@ def run(args: argparse.Namespace) -> int:
     return status
 
 
+def estimate_time(grid: Grid, steps: int, json_file: Path | None) -> int:
+    """Time each row, print the table, and write the given file.
+
+    :param grid: the runs
+    :param steps: least environment steps that are timed in each row
+    :param json_file: for the estimates, or None
+    :return: exit status
+    """
+    from tqdm import tqdm
+
+    from saver_advisors.experiments.estimate import estimate_row, rows_of
+    from saver_advisors.experiments.third_party import AlgorithmError
+
+    try:
+        rows = [estimate_row(runs, steps) for runs in tqdm(rows_of(grid), unit="row")]
+    except AlgorithmError as error:
+        raise UsageError(f"argument GRID.yml: {error}") from error
+    hours = sum(row.core_hours for row in rows)
+    runs, total = len(grid.runs), sum(run.config.total_steps for run in grid.runs)
+    title = f"{grid.title}: {runs:,} runs, {total:,} steps, {hours:.2f} core-hours"
+    tables.show_rows(rows, ESTIMATE_COLUMNS, title)
+    cells = [{**vars(row), "core_hours": row.core_hours} for row in rows]
+    figures = {"kind": "estimate", "title": grid.title, "runs": runs, "steps": total}
+    write_json(json_file, {**figures, "core_hours": hours, "rows": cells})
+    return 0
+
+
 def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
     """Return the grid's file and the results folder, from the arguments or the saved state."""
+    if args.action == "estimate":
+        return args.grid, Path(RESULTS)
     if args.action == "run":
         return args.grid, args.results or args.output / RESULTS
     try:
