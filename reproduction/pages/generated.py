@@ -15,6 +15,7 @@ from reproduction.pages.environments import (
     environments_table,
 )
 from reproduction.pages.gallery import gallery_page
+from reproduction.pages.leaderboard import leaderboard_page
 from reproduction.pages.notebooks import FOLDER, TUTORIALS, notebook
 from reproduction.pages.results import (
     CURVES_FOLDER,
@@ -49,6 +50,7 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     pages["weights.md"] = weights_page()
     pages["results.md"] = results_page(results)
     pages["learning-curves.md"] = curves_page(read_result_files(output / CURVES_FOLDER))
+    pages["leaderboard.md"] = leaderboard_page(output / "results")
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(read_json(pose))

@@ -19,6 +19,7 @@ KINDS: Final = {
     "speed": "measure environment steps per second, here and in other suites",
     "run": "train your own algorithm by the benchmark protocol",
     "compare": "compare your results with the baselines",
+    "submit": "check your results, and add them to the leaderboard",
     "worlds": "evaluate policies in worlds that vary",
     "pose": "measure pose estimation, here and in BlazePose",
 }

@@ -17,6 +17,7 @@ from typing import Any
 from saver_envs.files import written_whole
 
 PACKAGES = {
+    "saver_envs": "saver-envs",
     "torch": "torch",
     "sb3": "stable-baselines3",
     "sb3_contrib": "sb3-contrib",

@@ -552,11 +552,11 @@ def test_the_pages_commands_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None
     text = (ROOT / "docs" / "benchmark-protocol.md").read_text()
     blocks = re.findall(r"^```bash\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     commands = [line for block in blocks for line in block.replace("\\\n", "").splitlines()]
-    assert len(commands) == 4
+    assert len(commands) == 6
     for command in commands:
         program, *rest = shlex.split(command)
         assert program == "saver"
-        SAVER.parser("benchmark").parse_args(rest)
+        SAVER.parser(rest[0]).parse_args(rest)
 
 
 def test_the_budget_is_the_environments_own(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ TINY_HYPERPARAMETERS = (
     "buffer_size:1000",
     "policy_kwargs:{'net_arch':[8]}",
 )
+TINY_ROLLOUTS = ("n_envs=2", "n_steps=10", "batch_size=10", "policy_kwargs.net_arch=[8]")
 
 
 def commands() -> list[str]:
@@ -41,7 +42,7 @@ def shortened(words: list[str]) -> list[str]:
             at = words.index("--")
             ours, theirs = words[:at], words[at + 1 :]
         # Students of this algorithm start as their teachers, whom small networks cannot hold.
-        small = STARTING if "goal_td3" in words else TINY
+        small = STARTING if "goal_td3" in words else TINY_ROLLOUTS if "ppo" in words else TINY
         tiny = ["--steps", "80", "--env-kwargs", "max_episode_steps=10", "--set", *small]
         return [*ours, *tiny, "--", "--eval-freq", "-1", *theirs]
     if "rl_zoo3.train" in words:
