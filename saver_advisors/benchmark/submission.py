@@ -64,12 +64,12 @@ def violations(content: Mapping[str, Any]) -> list[str]:
         *(_names, _world, _budget, _seeds, _evaluations, _curve, _rates, _choice, _origin),
         _submission,
     )
-    told = []
+    told: list[str] = []
     for rule in rules:
         try:
             told += rule(content)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            told.append(f"{rule.__name__[1:]}: an entry is missing or of a wrong type: {error!r}")
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            told.append(f"{rule.__name__[1:]}: an entry is missing or invalid: {error!r}")
     return told
 
 
@@ -176,7 +176,7 @@ def _curve(content: Mapping[str, Any]) -> Iterator[str]:
     """One evaluation in each interval, and the last one at the end."""
     points, every = content["curve"], content["config"]["eval_every"]
     steps = LearningCurve.from_points(points).steps  # which increase, with rates from 0 to 1
-    intervals = [int(one // every) for one in steps]
+    intervals = [int(one) // every for one in steps]
     wanted = list(range(1, intervals[-1] + 1))
     if intervals != wanted and intervals[:-1] != wanted:
         yield f"curve: must have an evaluation every {every:,} steps; it has {len(points)}"

@@ -92,7 +92,7 @@ def estimate_row(runs: list[ExperimentRun], steps: int) -> RowEstimate:
     with tempfile.TemporaryDirectory() as folder:
         if isinstance(config, BenchmarkPlan):
             reports = 2  # its best checkpoint is evaluated on the report seeds as well
-            seconds = _third_party_slice(config, start, end, Path(folder))
+            seconds = _other_slice(config, start, end, Path(folder))
         else:
             reports, seconds = 1, _own_slice(config, start, end, Path(folder))
     episodes = ceil(config.total_steps / config.eval_every) * config.eval_episodes
@@ -133,16 +133,15 @@ def _own_slice(config: RunConfig, start: int, end: int, folder: Path) -> tuple[f
     return clock.per_step(start), episode_s
 
 
-def _third_party_slice(
-    plan: BenchmarkPlan, start: int, end: int, folder: Path
-) -> tuple[float, float]:
+def _other_slice(plan: BenchmarkPlan, start: int, end: int, folder: Path) -> tuple[float, float]:
     """Return the seconds per step and per episode of a third-party algorithm."""
     from saver_advisors.experiments.third_party import load_class, train
     from saver_advisors.training.threads import one_thread_of_algebra
 
     clock, evaluated = _Clock(), _Clock()
-    episodes = {"eval_episodes": TIMED_EPISODES, "report_episodes": 1}
-    short = replace(plan, total_steps=end, eval_every=end, **episodes)
+    short = replace(
+        plan, total_steps=end, eval_every=end, eval_episodes=TIMED_EPISODES, report_episodes=1
+    )
     recorder = Recorder(short, folder, lambda line: evaluated.mark(line["steps"]), clock.mark)
     with one_thread_of_algebra():
         train(load_class(plan.algorithm), recorder)

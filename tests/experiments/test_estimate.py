@@ -70,7 +70,7 @@ def test_the_slice_begins_after_the_first_updates(
         return 1.0, 1.0
 
     monkeypatch.setattr(estimate, "_own_slice", note)
-    monkeypatch.setattr(estimate, "_third_party_slice", note)
+    monkeypatch.setattr(estimate, "_other_slice", note)
     for runs in rows_of(read_grid(grid_file(content))):
         estimate_row(runs, steps)
     assert times == [slice_, slice_]
