@@ -20,6 +20,7 @@ KINDS: Final = {
     "run": "train your own algorithm by the benchmark protocol",
     "compare": "compare your results with the baselines",
     "worlds": "evaluate policies in worlds that vary",
+    "scaling": "measure how a grid scales with processes and nodes of a cluster",
     "pose": "measure pose estimation, here and in BlazePose",
 }
 

@@ -1,7 +1,9 @@
-"""Run a grid of training runs (tasks x methods x seeds), and resume it after an interruption.
+"""Run a grid of training runs (tasks x methods x seeds), or search for settings.
 
 A grid is a file such as zoo_configs/advising.yml. Every run writes a JSON file to the results
 folder. On Ctrl-C the active runs write their checkpoints; `resume` continues all unfinished runs.
+A search shares its trials between all processes that are started with the same file and folder;
+the same command continues it.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ examples:
   saver experiments run zoo_configs/advising.yml --output runs/advising --only mc-q --processes 2
   saver experiments resume runs/advising --time-limit 3600
   saver experiments status runs/advising
-  saver experiments run zoo_configs/advising.yml --output /shared/runs --ray auto"""
+  saver experiments run zoo_configs/advising.yml --output /shared/runs --ray auto
+  saver experiments search search.yml --output runs/search --processes 2"""
 
 GRID_FILE: Final = "grid.yml"
 PLACES_FILE: Final = "places.json"
@@ -41,13 +44,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_folder(run_action, "--output", "folder of the runs", required=True)
     add_folder(run_action, "--results", f"folder of the JSON files (default: DIR/{RESULTS})")
     resume = actions.add_parser("resume", help="continue a grid from its folder")
-    status = actions.add_parser("status", help="show the state of every run")
+    status = actions.add_parser("status", help="show the state of every run or trial")
+    search = actions.add_parser("search", help="start, join or continue a search over settings")
+    search.add_argument("search", type=Path, metavar="SEARCH.yml")
+    add_folder(search, "--output", "folder of the study and its runs", required=True)
+    add_count(search, "--trials", None, "number of trials, in place of the file's")
     for action in (resume, status):
-        action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
+        action.add_argument("output", type=Path, metavar="DIR", help="that was given as --output")
     for action in (run_action, resume, status):
         text = "only runs whose names contain any of these words"
         add(action, "--only", text, [], nargs="+", action="extend", metavar="WORD")
-    for action in (run_action, resume):
+    for action in (run_action, resume, search):
         add_count(action, "--processes", 1, "parallel runs on this machine")
         add_threads(action)
         add(action, "--ray", "run on a Ray cluster: auto, or ray://host:10001", metavar="ADDRESS")
@@ -56,12 +63,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the grid, or show its state."""
+    """Run the grid or the search, or show its state."""
+    from saver_advisors.cli.experiments_search import holds_search, run_search, show_search
     from saver_advisors.experiments.grid import check_rows, read_grid
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.results import is_done
     from saver_advisors.experiments.scheduler import Places
 
+    if args.action == "search":
+        places = Places(args.output, args.output / RESULTS)
+        return run_search(args, places, _backend(args, places))
+    if args.action == "status" and holds_search(args.output):
+        return show_search(Places(args.output, args.output / RESULTS), args.only)
     path, results = _starting_point(args)
     with user_mistakes("argument GRID.yml"):
         grid = read_grid(path)
