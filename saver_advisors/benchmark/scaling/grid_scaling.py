@@ -53,9 +53,9 @@ def scaling_row(backend: str, workers: int, grid: Grid, folder: Path) -> dict[st
     :param grid: of equal runs
     :param folder: of the runs, new
     :return: ``seconds`` of the grid, ``runs_per_hour``, and in seconds, medians over the runs:
-        ``placing_s`` from submitting a run that does not wait to its first step, ``starting_s``, the
-        part from the start of its process, ``training_s``, and ``process_s``, the whole process; and
-        ``idle_s``, the mean time per run in which a worker had no process
+        ``placing_s`` from submitting a run that does not wait to its first step, ``starting_s``,
+        the part from the start of its process, ``training_s``, and ``process_s``, the whole
+        process; and ``idle_s``, the mean time per run in which a worker had no process
     :raises RuntimeError: if a run fails
     """
     places = Places(folder, folder / "results")
