@@ -76,7 +76,8 @@ class Objective:
     def of_run(self, curve: Sequence[Mapping[str, Any]]) -> float:
         """Return the value of a finished run.
 
-        A run that never reaches 0.9 counts as longer than it is, the more the lower its best rate.
+        A run that never reaches 0.9 counts as longer than it is, the more so the lower its best
+        rate.
 
         :param curve: its evaluations
         """
@@ -84,8 +85,9 @@ class Objective:
         if self.last is not None:
             return float(points.success[-self.last :].mean())
         reached = time_to_level(points)
-        short_of = SOLVED - float(points.success.max())
-        return reached.steps or reached.observed_steps * (1.0 + short_of)
+        if reached.steps is not None:
+            return reached.steps
+        return reached.observed_steps * (1.0 + max(0.0, SOLVED - float(points.success.max())))
 
     def midway(self, point: Mapping[str, Any]) -> float:
         """Return what an evaluation shows so far, in the direction of the objective.

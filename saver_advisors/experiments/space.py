@@ -18,7 +18,10 @@ VALID: Final = (
     "{choice: [value, ...]}"
 )
 #: Settings that decide how a run is measured: with other values, trials are not comparable.
-FIXED: Final = ("env_id", "env_kwargs", "seed", "total_steps", "eval_every", "eval_episodes")
+FIXED: Final = (
+    *("env_id", "env_kwargs", "seed", "total_steps"),
+    *("eval_every", "eval_episodes", "eval_seed"),
+)
 
 
 @dataclass(frozen=True)

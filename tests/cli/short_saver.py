@@ -28,6 +28,7 @@ SHORTER = {
     ],
     "benchmark compare": [],
     "experiments run": [],
+    "experiments search": ["--trials", "1"],
     "experiments status": [],
     "experiments resume": [],
     "model train": ["--samples", "400", "--set", "epochs=1"],
