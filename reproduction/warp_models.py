@@ -20,7 +20,7 @@ from saver_advisors.cli.arguments import add_count, add_page
 from saver_advisors.cli.catalogue import sparse_ids
 from saver_advisors.cli.measured import measure_and_render
 from saver_advisors.reporting.provenance import measured_at
-from saver_advisors.reporting.tables import rows_table
+from saver_advisors.reporting.tables import Column, rows_table
 
 EXAMPLES: Final = """\
 examples:
@@ -125,7 +125,7 @@ def compared_step(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, Any]:
     return found
 
 
-COLUMNS: Final = {
+COLUMNS: Final[Mapping[str, Column]] = {
     "environment": "{env}",
     "accepted": lambda row: "yes" if row["accepted"] else f"no: {row['unsupported']}",
     "step": lambda row: _of_step(row, "at the start", "after {actions} actions"),

@@ -26,16 +26,17 @@ HOUR: Final = 3600.0
 #: Parts of the training's time that gradient steps take.
 UPDATES: Final = ("drawing and relabelling", "critics' step", "actor's step")
 
+
+def _hours(name: str) -> Column:
+    """Return a column of a grid's hours, and how busy the cores are."""
+    return lambda row: f"{row[name][0]:,.1f} h, {row[name][1]:.0%} busy"
+
+
 GRID_COLUMNS: Final[Mapping[str, Column]] = {
     "cores": "{cores:,}",
-    **{
-        heading: lambda row, name=name: f"{row[name][0]:,.1f} h, {row[name][1]:.0%} busy"
-        for name, heading in (
-            ("measured", "the grid as it was run"),
-            ("protocol", f"{SEEDS} seeds in every row"),
-            ("search", f"a search of {TRIALS:,} trials"),
-        )
-    },
+    "the grid as it was run": _hours("measured"),
+    f"{SEEDS} seeds in every row": _hours("protocol"),
+    f"a search of {TRIALS:,} trials": _hours("search"),
 }
 RUN_COLUMNS: Final[Mapping[str, Column]] = {
     "environment": "{env}",

@@ -231,7 +231,7 @@ def third_party_plan(
     usual = {"total_steps": default_settings(env_id)["total_steps"], "eval_every": EVALUATE_EVERY}
     # Our learner's class checks the types and ranges of the settings that both have.
     checked = RunConfig.from_mapping({**usual, **shared, "env_id": env_id, "seed": seed})
-    steps = {name: checked_whole(name, row, 0, 0) for name in THIRD_PARTY_KEYS[2:]}
+    steps: dict[str, Any] = {name: checked_whole(name, row, 0, 0) for name in THIRD_PARTY_KEYS[2:]}
     return BenchmarkPlan(
         **labels,
         **{name: getattr(checked, name) for name in SHARED_SETTINGS},

@@ -26,7 +26,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from saver_advisors.evaluation.metrics import SOLVED, LearningCurve, time_to_level
 from saver_advisors.experiments.grid import (
@@ -69,7 +69,7 @@ class Objective:
     last: int | None
 
     @property
-    def direction(self) -> str:
+    def direction(self) -> Literal["minimize", "maximize"]:
         """``maximize`` or ``minimize``."""
         return "minimize" if self.last is None else "maximize"
 
