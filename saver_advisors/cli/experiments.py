@@ -63,18 +63,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the grid or the search, or show its state."""
+    """Run a grid or a search, or show its state."""
     from saver_advisors.cli.experiments_search import holds_search, run_search, show_search
+    from saver_advisors.experiments.scheduler import Places
+
+    places = Places(args.output, args.output / RESULTS)
+    if args.action == "search":
+        return run_search(args, places, lambda: _backend(args, places))
+    if args.action == "run" or not holds_search(args.output):
+        return _run_grid(args)
+    if args.action == "status":
+        return show_search(places, args.only)
+    raise UsageError(
+        f"argument DIR: {str(args.output)!r} holds a search: the command that started it, "
+        "`saver experiments search`, continues it"
+    )
+
+
+def _run_grid(args: argparse.Namespace) -> int:
+    """Run a grid, or show its state."""
     from saver_advisors.experiments.grid import check_rows, read_grid
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.results import is_done
     from saver_advisors.experiments.scheduler import Places
 
-    if args.action == "search":
-        places = Places(args.output, args.output / RESULTS)
-        return run_search(args, places, _backend(args, places))
-    if args.action == "status" and holds_search(args.output):
-        return show_search(Places(args.output, args.output / RESULTS), args.only)
     path, results = _starting_point(args)
     with user_mistakes("argument GRID.yml"):
         grid = read_grid(path)

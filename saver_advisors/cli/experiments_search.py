@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,12 +24,12 @@ def holds_search(folder: Path) -> bool:
     return (folder / JOURNAL_FILE).is_file()
 
 
-def run_search(args: argparse.Namespace, places: Places, backend: Backend) -> int:
+def run_search(args: argparse.Namespace, places: Places, backend: Callable[[], Backend]) -> int:
     """Start, join or continue a search, and show its trials.
 
     :param args: of ``saver experiments search``
     :param places: folders of runs and results
-    :param backend: executes the runs
+    :param backend: creates what executes the runs
     :return: exit status: 0 where all trials are done or the time is over, 1 after a failure, 130
         after Ctrl-C
     """
@@ -43,7 +43,7 @@ def run_search(args: argparse.Namespace, places: Places, backend: Backend) -> in
         check_search(search)
         study = SharedStudy(places.output, search)
     stop = Stop(args.time_limit)
-    worker = TrialWorker(study, places, backend, stop, _tell)
+    worker = TrialWorker(study, places, backend(), stop, _tell)
     with stop.on_signals():
         worker.work_off()
     _show(study, places)

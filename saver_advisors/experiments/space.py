@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -17,6 +16,8 @@ VALID: Final = (
     "{uniform: [low, high]}, {log_uniform: [low, high]}, {int: [low, high]} or "
     "{choice: [value, ...]}"
 )
+#: Greatest number: whole numbers up to here are exact as floating-point numbers.
+MOST: Final = 2**53
 #: Settings that decide how a run is measured: with other values, trials are not comparable.
 FIXED: Final = (
     *("env_id", "env_kwargs", "seed", "total_steps"),
@@ -50,9 +51,9 @@ class SearchedSetting:
         if text is not None:
             raise ValueError(f"{self.kind}: {text!r} is text in YAML: write 1e-4 as 1.0e-4")
         whole = self.kind == "int"
-        known = all(is_whole(one, -(2**53)) if whole else _is_number(one) for one in self.values)
+        known = all(_is_number(one) and (is_whole(one, -MOST) or not whole) for one in self.values)
         if not known or len(self.values) != 2 or self.values[0] >= self.values[1]:
-            numbers = "integers" if whole else "finite numbers"
+            numbers = "integers" if whole else "numbers"
             raise ValueError(
                 f"{self.kind}={list(self.values)!r} must be two {numbers}, the lower one first"
             )
@@ -113,4 +114,4 @@ def _is_entry(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MOST

@@ -433,3 +433,5 @@ def test_a_search_on_two_processes_of_this_machine(
     said = capsys.readouterr().out
     assert "trial-0001" in said
     assert "trial-0002" not in said
+    assert main(["experiments", "resume", str(output)]) == 2
+    assert "holds a search: the command that started it" in capsys.readouterr().err
