@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,7 +59,9 @@ def test_two_nodes_do_what_one_machine_does(
 
 
 @pytest.mark.long
-def test_a_search_on_two_nodes(tmp_path: Path, address: str) -> None:
+def test_a_search_on_two_nodes(
+    tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     content = {
         "env_id": "JacoPush-v0",
         "settings": TINY_RUN,
@@ -69,6 +72,7 @@ def test_a_search_on_two_nodes(tmp_path: Path, address: str) -> None:
     path, output = tmp_path / "search.yml", tmp_path / "search"
     path.write_text(yaml.safe_dump(content))
     words = ["experiments", "search", str(path), "--output", str(output), "--ray", address]
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/saver", *words])
     assert main(words) == 0
     study = open_study(output)
     assert [study.state_of(trial) for trial in study.trials] == ["done"] * 3
@@ -100,8 +104,6 @@ def test_scaling_is_measured(nodes: None, tmp_path: Path) -> None:
 
 
 def test_no_ray_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ImportError, match=r"saver-envs\[cluster\]"):
         RayCluster(Places(tmp_path, tmp_path), "auto")

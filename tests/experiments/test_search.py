@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Thread
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 import yaml
 from optuna.trial import TrialState
+from processes import saver, wait_until, workers_of
 from tiny_grids import TINY_RUN
 
 from saver_advisors.cli import main
@@ -32,7 +34,7 @@ from saver_advisors.experiments.search import (
 )
 from saver_advisors.experiments.study import SharedStudy, open_study
 from saver_advisors.experiments.trials import TrialWorker, trial_rows
-from saver_advisors.training.curve_file import write_curve
+from saver_advisors.training.curve_file import read_curve, write_curve
 from saver_advisors.training.settings import RunConfig
 from saver_advisors.training.stopping import Stop
 
@@ -385,6 +387,35 @@ def test_kill_9_loses_at_most_the_trial(places: Places) -> None:
     assert backend.begun == ["trial-0001-seed0", "trial-0002-seed0"]
     assert study.trials[1].params == drawn
     assert [trial.value for trial in study.trials] == pytest.approx([0.5] * 3)
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_kill_9_of_a_worker_and_of_a_search(tmp_path: Path, places: Places) -> None:
+    settings = {**TINY_RUN, "total_steps": 2000, "eval_every": 200, "checkpoint_every": 200}
+    path = tmp_path / "search.yml"
+    path.write_text(yaml.safe_dump(tiny_search(settings=settings, trials=2)))
+    command = ("experiments", "search", path, "--output", places.output)
+    first, second = (places.output / f"trial-000{number}-seed0" for number in range(2))
+    search = saver(*command)
+    try:
+        wait_until(lambda: len(read_curve(first)) > 1, 240, "a checkpoint of the first trial")
+        for number in workers_of(first):
+            os.kill(number, signal.SIGKILL)
+        wait_until(lambda: len(read_curve(second)) > 1, 240, "a checkpoint of the second trial")
+    finally:
+        search.kill()
+        search.communicate()
+    # The worker of the second trial still writes its checkpoint: it is waited for.
+    continued = saver(*command)
+    out, _ = continued.communicate(timeout=480)
+    assert continued.returncode == 0, out
+    assert out.count("running with") == 2, "no trial but these two"
+    for folder in (first, second):
+        result = read_result(places.results / f"{folder.name}.json")
+        assert [point["steps"] for point in result["curve"]] == list(range(200, 2001, 200))
+        assert len(result["sessions"]) == 2
+        assert result["sessions"][1]["from_steps"] > 0, "from its checkpoint"
 
 
 def test_a_line_cut_short_is_mended(places: Places) -> None:
