@@ -1,8 +1,8 @@
 """Measure how a grid of runs scales with workers: processes here, and nodes of a Ray cluster.
 
 The nodes are started on this machine, with one processor each, so that more nodes than free cores
-measure the machine and not the scheduler: the table has both the efficiency and the speed of
-training alone.
+measure the machine and not the scheduler: the table has both the efficiency and the processor time
+of the training alone.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add(parser, "--env", "environment", ONE_ARM_ID, type=arguments.env_id, metavar="ID")
     arguments.add_several(parser, "--nodes", count, (1, 2), "numbers of nodes, and of processes")
     arguments.add_count(parser, "--runs", 2, "runs of the grid per node")
-    arguments.add_count(parser, "--steps", 10_000, "environment steps of a run")
+    arguments.add_count(parser, "--steps", 4_000, "environment steps of a run")
     arguments.add_count(parser, "--rounds", 3, "checkpoints written and read")
     arguments.add_page(parser)
 

@@ -91,8 +91,9 @@ def with_efficiency(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Add to each row its ``efficiency``, and the share of the loss that the processor explains.
 
     ``efficiency`` is the runs per hour and worker relative to the row of the same backend with the
-    fewest workers, and ``processor_speed`` is how fast a run trains relative to that row: hardware
-    threads that share a core are slower together, whoever places the runs.
+    fewest workers, and ``processor_speed`` is that row's processor time of a run's training relative
+    to this row's: hardware threads that share a core are slower together, whoever places the runs.
+    Time in which other processes have the processor lowers the first, and not the second.
 
     :param rows: of ``scaling_row``
     """
@@ -101,7 +102,7 @@ def with_efficiency(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         same = (one for one in rows if one["backend"] == row["backend"])
         first = min(same, key=lambda one: one["workers"])
         per_worker = [one["runs_per_hour"] / one["workers"] for one in (row, first)]
-        speed = first["training_s"] / row["training_s"]
+        speed = first["training_processor_s"] / row["training_processor_s"]
         row = {**row, "efficiency": per_worker[0] / per_worker[1], "processor_speed": speed}
         found.append(row)
     return found

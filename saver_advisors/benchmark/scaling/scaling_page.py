@@ -14,10 +14,11 @@ ROW_COLUMNS: Final[Mapping[str, Column]] = {
     "runs": "{runs}",
     "runs an hour": "{runs_per_hour:.0f}",
     "efficiency": "{efficiency:.0%}",
-    "speed of training": "{processor_speed:.0%}",
+    "speed of the processor": "{processor_speed:.0%}",
     "submitted to first step (s)": "{placing_s:.1f}",
     "of these, process to first step (s)": "{starting_s:.1f}",
     "training (s)": "{training_s:.1f}",
+    "its processor time (s)": "{training_processor_s:.1f}",
     "whole process (s)": "{process_s:.1f}",
     "worker without a process, per run (s)": "{idle_s:.1f}",
 }
