@@ -25,6 +25,7 @@ REPRODUCTION: Final = Program(
             ("joint-speeds", "joint_speeds", "steps in which joints exceed the makers' speeds"),
             ("learning", "learning.training_speed", "training time by part, and that of SB3"),
             ("ecosystem", "ecosystem.ecosystem_command", "third-party libraries, each tried"),
+            ("warp", "warp_models", "which models MuJoCo Warp accepts, and how steps agree"),
             ("pages", "pages.write_pages", "the documentation pages that come from code"),
         )
     },

@@ -59,7 +59,8 @@ LAYERS: dict[str, tuple[str, ...]] = {
     ),
     "reproduction": (
         "program findings command_parts page_templates",
-        "advising constraints ecosystem joint_speeds learning modelling transfer wrist_push",
+        "advising constraints ecosystem joint_speeds learning modelling transfer warp_models "
+        "wrist_push",
         "pages",
     ),
 }

@@ -24,6 +24,7 @@ from reproduction.pages.results import (
     results_page,
     success_overview,
 )
+from reproduction.pages.scaling import scaling_page
 from reproduction.pages.worlds import worlds_page
 from saver_advisors.benchmark.pose.pose_page import pose_page
 from saver_advisors.cli.catalogue import entry, sparse_ids
@@ -54,6 +55,8 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     pose = output / "results" / "pose.json"
     if pose.is_file():
         pages["perception-results.md"] = pose_page(read_json(pose))
+    if (text := scaling_page(output / "results")) is not None:
+        pages["scaling.md"] = text
     tutorials = [page for name in TUTORIALS if (page := output / f"{name}.md").is_file()]
     pages |= {f"{FOLDER}/{page.stem}.ipynb": notebook(page) for page in tutorials}
     texts = {output / name: text for name, text in pages.items()}

@@ -21,6 +21,7 @@ KINDS: Final = {
     "compare": "compare your results with the baselines",
     "submit": "check your results, and add them to the leaderboard",
     "worlds": "evaluate policies in worlds that vary",
+    "scaling": "measure how a grid scales with processes and nodes of a cluster",
     "pose": "measure pose estimation, here and in BlazePose",
 }
 

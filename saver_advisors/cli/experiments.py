@@ -1,8 +1,10 @@
-"""Run a grid of training runs (tasks x methods x seeds), and resume it after an interruption.
+"""Run a grid of training runs (tasks x methods x seeds), or search for settings.
 
 A grid is a file such as zoo_configs/advising.yml. Every run writes a JSON file to the results
 folder. On Ctrl-C the active runs write their checkpoints; `resume` continues all unfinished runs.
 `estimate` trains each row for a short time, and computes how long the whole grid takes here.
+A search shares its trials between all processes that are started with the same file and folder;
+the same command continues it.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -20,7 +23,6 @@ from saver_advisors.cli.arguments import (
     add_json,
     add_seconds,
     add_threads,
-    write_json,
 )
 from saver_advisors.reporting import tables
 from saver_advisors.reporting.errors import UsageError, user_mistakes
@@ -36,20 +38,12 @@ examples:
   saver experiments run zoo_configs/advising.yml --output runs/advising --only mc-q --processes 2
   saver experiments resume runs/advising --time-limit 3600
   saver experiments status runs/advising
-  saver experiments run zoo_configs/advising.yml --output /shared/runs --ray auto"""
+  saver experiments run zoo_configs/advising.yml --output /shared/runs --ray auto
+  saver experiments search search.yml --output runs/search --processes 2"""
 
 GRID_FILE: Final = "grid.yml"
 PLACES_FILE: Final = "places.json"
 RESULTS: Final = "results"
-ESTIMATE_COLUMNS: Final[dict[str, tables.Column]] = {
-    "row": lambda one: f"{one.group}: {one.row}",
-    "runs": lambda one: str(one.runs),
-    "steps": lambda one: f"{one.steps:,}",
-    "ms a step": lambda one: f"{1000 * one.step_s:.3f}",
-    "evaluation episodes": lambda one: f"{one.episodes:,}",
-    "ms an episode": lambda one: f"{1000 * one.episode_s:.1f}",
-    "core-hours": lambda one: f"{one.core_hours:.2f}",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,13 +59,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_folder(run_action, "--output", "folder of the runs", required=True)
     add_folder(run_action, "--results", f"folder of the JSON files (default: DIR/{RESULTS})")
     resume = actions.add_parser("resume", help="continue a grid from its folder")
-    status = actions.add_parser("status", help="show the state of every run")
+    status = actions.add_parser("status", help="show the state of every run or trial")
+    search = actions.add_parser("search", help="start, join or continue a search over settings")
+    search.add_argument("search", type=Path, metavar="SEARCH.yml")
+    add_folder(search, "--output", "folder of the study and its runs", required=True)
+    add_count(search, "--trials", None, "number of trials, in place of the file's")
     for action in (resume, status):
-        action.add_argument("output", type=Path, metavar="DIR", help="of `saver experiments run`")
+        action.add_argument("output", type=Path, metavar="DIR", help="that was given as --output")
     for action in (run_action, estimate, resume, status):
         text = "only runs whose names contain any of these words"
         add(action, "--only", text, [], nargs="+", action="extend", metavar="WORD")
-    for action in (run_action, resume):
+    for action in (run_action, resume, search):
         add_count(action, "--processes", 1, "parallel runs on this machine")
         add_threads(action)
         add(action, "--ray", "run on a Ray cluster: auto, or ray://host:10001", metavar="ADDRESS")
@@ -80,22 +78,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the grid, show its state, or estimate its time."""
-    from saver_advisors.experiments.grid import check_rows, read_grid
+    """Run a grid or a search, show its state, or estimate its time."""
+    from saver_advisors.cli.experiments_search import holds_search, run_search, show_search
+    from saver_advisors.experiments.scheduler import Places
+
+    if args.action == "estimate":
+        from saver_advisors.cli.experiments_estimate import estimate_time
+
+        return estimate_time(args, _read_grid(args.grid, args.only))
+    places = Places(args.output, args.output / RESULTS)
+    if args.action == "search":
+        return run_search(args, places, lambda: _backend(args, places))
+    if args.action == "run" or not holds_search(args.output):
+        return _run_grid(args)
+    if args.action == "status":
+        return show_search(places, args.only)
+    raise UsageError(
+        f"argument DIR: {str(args.output)!r} holds a search: the command that started it, "
+        "`saver experiments search`, continues it"
+    )
+
+
+def _read_grid(path: Path, only: Sequence[str]) -> Grid:
+    """Read the wanted runs of a grid."""
+    from saver_advisors.experiments.grid import read_grid
+
+    with user_mistakes("argument GRID.yml"):
+        grid = read_grid(path)
+    with user_mistakes("argument --only"):
+        return grid.only(only)
+
+
+def _run_grid(args: argparse.Namespace) -> int:
+    """Run a grid, or show its state."""
+    from saver_advisors.experiments.grid import check_rows
     from saver_advisors.experiments.progress import PROGRESS_COLUMNS, rows
     from saver_advisors.experiments.results import is_done
     from saver_advisors.experiments.scheduler import Places
 
     path, results = _starting_point(args)
-    with user_mistakes("argument GRID.yml"):
-        grid = read_grid(path)
-    with user_mistakes("argument --only"):
-        grid = grid.only(args.only)
-    if args.action == "estimate":
-        with user_mistakes("argument GRID.yml"):
-            check_rows(grid.runs)
-        return estimate_time(grid, args.steps, args.json)
-    places = Places(args.output, results)
+    grid, places = _read_grid(path, args.only), Places(args.output, results)
     status = 0
     if args.action != "status":
         with user_mistakes("argument GRID.yml"):
@@ -107,37 +129,8 @@ def run(args: argparse.Namespace) -> int:
     return status
 
 
-def estimate_time(grid: Grid, steps: int, json_file: Path | None) -> int:
-    """Time each row, print the table, and write the given file.
-
-    :param grid: the runs
-    :param steps: least environment steps that are timed in each row
-    :param json_file: for the estimates, or None
-    :return: exit status
-    """
-    from tqdm import tqdm
-
-    from saver_advisors.experiments.estimate import estimate_row, rows_of
-    from saver_advisors.experiments.third_party import AlgorithmError
-
-    try:
-        rows = [estimate_row(runs, steps) for runs in tqdm(rows_of(grid), unit="row")]
-    except AlgorithmError as error:
-        raise UsageError(f"argument GRID.yml: {error}") from error
-    hours = sum(row.core_hours for row in rows)
-    runs, total = len(grid.runs), sum(run.config.total_steps for run in grid.runs)
-    title = f"{grid.title}: {runs:,} runs, {total:,} steps, {hours:.2f} core-hours"
-    tables.show_rows(rows, ESTIMATE_COLUMNS, title)
-    cells = [{**vars(row), "core_hours": row.core_hours} for row in rows]
-    figures = {"kind": "estimate", "title": grid.title, "runs": runs, "steps": total}
-    write_json(json_file, {**figures, "core_hours": hours, "rows": cells})
-    return 0
-
-
 def _starting_point(args: argparse.Namespace) -> tuple[Path, Path]:
     """Return the grid's file and the results folder, from the arguments or the saved state."""
-    if args.action == "estimate":
-        return args.grid, Path(RESULTS)
     if args.action == "run":
         return args.grid, args.results or args.output / RESULTS
     try:

@@ -8,7 +8,10 @@ checkpoint on another node; otherwise it restarts. Results are sent back and wri
 from __future__ import annotations
 
 import json
+import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +43,12 @@ class RayCluster:
         ray.init(address=address, ignore_reinit_error=True, log_to_driver=False)
         self._threads = threads
         self._do = ray.remote(num_cpus=threads, max_retries=retries)(run_on_node)
+
+    @property
+    def at_once(self) -> int:
+        """How many runs the cluster's processors have room for at present."""
+        processors = self._ray.cluster_resources().get("CPU", 1)
+        return max(1, int(processors) // self._threads)
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Submit all runs to the cluster; cancel them on a request to stop."""
@@ -73,6 +82,31 @@ class RayCluster:
         if result is not None:
             write_json_atomic(self.places.result(run), result)
         progress.end(run.name, status, words)
+
+
+@contextmanager
+def local_cluster(nodes: int) -> Iterator[str]:
+    """Start a Ray cluster on this machine.
+
+    :param nodes: number of nodes, with a processor each
+    :return: a context with the cluster's address, at whose end the cluster stops
+    :raises ImportError: if Ray is not installed
+    """
+    # Ray reads it when it is imported.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+    from ray.cluster_utils import Cluster
+
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    try:
+        for _ in range(nodes - 1):
+            cluster.add_node(num_cpus=1)
+        yield str(cluster.address)
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
 
 
 def run_on_node(

@@ -119,32 +119,27 @@ def read_grid(path: str | Path) -> Grid:
     """
     content = read_mapping(Path(path))
     try:
-        return _grid(_mapping(content, "the file", GRID_KEYS))
+        return _grid(checked_mapping(content, "the file", GRID_KEYS))
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from error
 
 
 def _grid(content: Mapping[str, Any]) -> Grid:
-    final_episodes = content.get("final_episodes", DEFAULT_FINAL_EPISODES)
-    if not _is_whole(final_episodes, 1):
-        raise ValueError(f"final_episodes={final_episodes!r} must be an integer of at least 1")
+    final_episodes = checked_whole("final_episodes", content, DEFAULT_FINAL_EPISODES, 1)
     ranked = []
-    for group_name, group in _mapping(content.get("groups"), "groups").items():
-        group = _mapping(group, group_name, GROUP_KEYS)
-        for row_name, row in _mapping(group.get("rows"), f"{group_name}.rows").items():
+    for group_name, group in checked_mapping(content.get("groups"), "groups").items():
+        group = checked_mapping(group, group_name, GROUP_KEYS)
+        for row_name, row in checked_mapping(group.get("rows"), f"{group_name}.rows").items():
             place = f"{group_name}.{row_name}"
-            row = _mapping({} if row is None else row, place, ROW_KEYS)
-            for rank, seed in enumerate(_seeds(row.get("seeds", group.get("seeds", [0])), place)):
+            row = checked_mapping({} if row is None else row, place, ROW_KEYS)
+            with naming(place):
+                seeds = checked_seeds(row.get("seeds", group.get("seeds", [0])))
+            for rank, seed in enumerate(seeds):
                 label = f"{group_name}-{row_name}-seed{seed}".lower()
                 name = re.sub(r"[^a-z0-9.]+", "-", label).strip("-")  # valid on every file system
-                config: RunConfig | BenchmarkPlan
+                labels = {"name": name, "group": group_name, "row": row_name}
                 with naming(place):
-                    if "algorithm" in row:
-                        labels = {"name": name, "row": row_name, "group": group_name}
-                        config = third_party_plan(group, row, seed, final_episodes, labels)
-                    else:
-                        config = _config(group, row, seed)
-                run = ExperimentRun(name, group_name, row_name, config, final_episodes)
+                    run = run_of_row(labels, group, row, seed, final_episodes)
                 ranked.append((rank, run))
     # The sort is stable: within a rank, the order of the file stays.
     runs = tuple(run for _, run in sorted(ranked, key=lambda pair: pair[0]))
@@ -157,6 +152,31 @@ def _grid(content: Mapping[str, Any]) -> Grid:
     return Grid(str(content.get("title", "Experiments")), runs)
 
 
+def run_of_row(
+    labels: Mapping[str, str],
+    group: Mapping[str, Any],
+    row: Mapping[str, Any],
+    seed: int,
+    final_episodes: int,
+) -> ExperimentRun:
+    """Create a run from the entries of its group and its row.
+
+    :param labels: ``name``, ``group`` and ``row``
+    :param group: with ``env_id``, and entries of ``ROW_KEYS`` that the row's override
+    :param row: with entries of ``ROW_KEYS``
+    :param seed: of the run
+    :param final_episodes: of its last policy
+    :raises ValueError: for an invalid entry
+    :raises TypeError: for one of the wrong type
+    """
+    config: RunConfig | BenchmarkPlan
+    if "algorithm" in row:
+        config = third_party_plan(group, row, seed, final_episodes, labels)
+    else:
+        config = _config(group, row, seed)
+    return ExperimentRun(**labels, config=config, final_episodes=final_episodes)
+
+
 def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunConfig:
     """Merge the environment's defaults, the group's settings and the row's for one run."""
     from saver_advisors.training.defaults import default_settings
@@ -166,10 +186,11 @@ def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunC
     row_of(env_id)
     values = {**default_settings(env_id), "advice": None}
     for part in (group, row):
-        values |= _mapping(part.get("settings", {}), "settings")
+        values |= checked_mapping(part.get("settings", {}), "settings")
     values |= {"env_id": env_id, "seed": seed}
     if row.get("advice") is not None:
-        advice = _mapping(group.get("advice", {}), "advice") | _mapping(row["advice"], "advice")
+        parts = (checked_mapping(one.get("advice", {}), "advice") for one in (group, row))
+        advice = {name: value for part in parts for name, value in part.items()}
         fraction = row.get("budget_fraction", group.get("budget_fraction"))
         if "budget" not in advice and fraction is not None:
             advice["budget"] = _budget(fraction, RunConfig.from_mapping(values).total_steps)
@@ -206,22 +227,19 @@ def third_party_plan(
             f"algorithm={word!r} must be MODULE:CLASS or FILE.py:CLASS; those of `saver train` are "
             "named in settings: {algorithm: td3}"
         )
-    own = _mapping(row.get("settings", {}), "settings", SHARED_SETTINGS)
-    wanted = {**_mapping(group.get("settings", {}), "settings"), **own}
+    own = checked_mapping(row.get("settings", {}), "settings", SHARED_SETTINGS)
+    wanted = {**checked_mapping(group.get("settings", {}), "settings"), **own}
     shared: dict[str, Any] = {name: wanted[name] for name in SHARED_SETTINGS if name in wanted}
     usual = {"total_steps": default_settings(env_id)["total_steps"], "eval_every": EVALUATE_EVERY}
     # Our learner's class checks the types and ranges of the settings that both have.
     checked = RunConfig.from_mapping({**usual, **shared, "env_id": env_id, "seed": seed})
-    steps = {name: row.get(name, 0) for name in THIRD_PARTY_KEYS[2:]}
-    for name, value in steps.items():
-        if not _is_whole(value, 0):
-            raise ValueError(f"{name}={value!r} must be an integer of at least 0")
+    steps: dict[str, Any] = {name: checked_whole(name, row, 0, 0) for name in THIRD_PARTY_KEYS[2:]}
     return BenchmarkPlan(
         **labels,
         **{name: getattr(checked, name) for name in SHARED_SETTINGS},
         env_id=env_id,
         algorithm=word,
-        algo_kwargs=_mapping(row.get("algo_kwargs", {}), "algo_kwargs"),
+        algo_kwargs=checked_mapping(row.get("algo_kwargs", {}), "algo_kwargs"),
         source_sha256=file_sha256(word),
         seed=seed,
         report_episodes=final_episodes,
@@ -267,18 +285,46 @@ def _budget(fraction: Any, total_steps: int) -> int:
     return round(fraction * total_steps)
 
 
-def _seeds(values: Any, place: str) -> list[int]:
-    if not isinstance(values, list) or not values or not all(_is_whole(v, 0) for v in values):
-        raise ValueError(f"{place}: seeds={values!r} must be a list of integers of at least 0")
+def checked_seeds(values: Any) -> list[int]:
+    """Return a list of seeds after checking it.
+
+    :param values: as the file has them
+    :raises ValueError: for anything but a list of integers of at least 0, one or more
+    """
+    if not isinstance(values, list) or not values or not all(is_whole(v, 0) for v in values):
+        raise ValueError(f"seeds={values!r} must be a list of integers of at least 0")
     return values
 
 
-def _is_whole(value: Any, least: int) -> bool:
+def checked_whole(name: str, content: Mapping[str, Any], default: int, least: int) -> int:
+    """Return an integer entry after checking it.
+
+    :param name: of the entry
+    :param content: that may have it
+    :param default: without it
+    :param least: smallest allowed value
+    :raises ValueError: for another value
+    """
+    value = content.get(name, default)
+    if not is_whole(value, least):
+        raise ValueError(f"{name}={value!r} must be an integer of at least {least}")
+    return int(value)
+
+
+def is_whole(value: Any, least: int) -> bool:
+    """Return whether a value is an integer, not a truth value, with a lower bound."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= least
 
 
-def _mapping(content: Any, place: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return a mapping with string keys, after checking it against the known ones, if given."""
+def checked_mapping(content: Any, place: str, keys: Sequence[str] | None = None) -> dict[str, Any]:
+    """Return a mapping with string keys after checking it.
+
+    :param content: as the file has it
+    :param place: of the entry, for messages
+    :param keys: the valid keys; all if None
+    :raises TypeError: for anything but a mapping
+    :raises ValueError: for another key
+    """
     if not isinstance(content, Mapping):
         raise TypeError(f"{place} must be a mapping, not {content!r}")
     surplus = [key for key in content if keys is not None and key not in keys]

@@ -76,6 +76,10 @@ Look = Callable[[Progress], None]
 class Backend(Protocol):
     """Executes runs."""
 
+    @property
+    def at_once(self) -> int:
+        """How many runs it executes at the same time."""
+
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Execute runs until all are done or ``stop`` is set; wait for the running ones to end."""
 
@@ -113,6 +117,11 @@ class LocalProcesses:
     places: Places
     processes: int
     threads: int = 1
+
+    @property
+    def at_once(self) -> int:
+        """The number of processes."""
+        return self.processes
 
     def work(self, runs: list[ExperimentRun], progress: Progress, stop: Stop, look: Look) -> None:
         """Keep all processes busy; send them SIGTERM on a request to stop."""

@@ -29,6 +29,7 @@ SHORTER = {
     "benchmark compare": [],
     "experiments run": [],
     "experiments estimate": ["--steps", "20"],
+    "experiments search": ["--trials", "1"],
     "experiments status": [],
     "experiments resume": [],
     "model train": ["--samples", "400", "--set", "epochs=1"],

@@ -82,7 +82,7 @@ def write_files(page: str, folder: Path) -> None:
         r'^```\w+ title="([\w.]+)"\n(.*?)^```', (ROOT / page).read_text(), re.DOTALL | re.MULTILINE
     )
     for name, text in found:
-        (folder / name).write_text(shorter_grid(text) if name == "grid.yml" else text)
+        (folder / name).write_text(SHORTER_FILES.get(name, str)(text))
 
 
 def shorter_grid(text: str) -> str:
@@ -93,6 +93,16 @@ def shorter_grid(text: str) -> str:
         group["settings"] |= TINY_GRID
         group["seeds"] = [0]
     return yaml.safe_dump(grid)
+
+
+def shorter_search(text: str) -> str:
+    """The search of a page with tiny runs of one seed."""
+    search = yaml.safe_load(text)
+    search["settings"] |= TINY_GRID
+    return yaml.safe_dump({**search, "final_episodes": 2, "seeds": [0]})
+
+
+SHORTER_FILES = {"grid.yml": shorter_grid, "search.yml": shorter_search}
 
 
 @pytest.mark.slow

@@ -7,14 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from filelock import FileLock
+from processes import saver, wait_until, workers_of
 from tiny_grids import GridFile, run_named, tiny_grid
 
 from saver_advisors.experiments import worker
@@ -264,37 +263,6 @@ def test_workers_import_nothing_from_the_current_folder(
 
 
 # --- kill -9 ------------------------------------------------------------------------------------
-
-
-def wait_until(condition: Callable[[], bool], seconds: float, what: str) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.05)
-
-
-def saver(*words: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "saver_advisors.cli", *(str(word) for word in words)],
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-
-
-def workers_of(folder: Path) -> list[int]:
-    """Process numbers of the workers on a run's folder."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0")
-        except (OSError, ValueError):
-            continue
-        wanted = {b"saver_advisors.experiments.worker", str(folder).encode()}
-        if entry.name.isdigit() and wanted <= set(words):
-            found.append(int(entry.name))
-    return found
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from saver_advisors.experiments.grid import read_grid
 from saver_advisors.experiments.results import read_result
+from saver_advisors.experiments.search import read_search
 from saver_advisors.policies.files import load_policy
 from saver_advisors.policies.stored_models import networks_of_zip
 from saver_advisors.training.checkpoint import read_state
@@ -97,6 +98,28 @@ groups:
 def test_grids(folder: Path, content: bytes) -> None:
     grid = read(folder, "grid.yml", content, read_grid)
     assert grid is None or grid.runs
+
+
+SEARCH = b"""\
+title: tiny
+env_id: JacoPush-v0
+settings: {total_steps: 160, net_arch: [8]}
+space:
+  learning_rate: {log_uniform: [1.0e-4, 3.0e-3]}
+  gradient_steps: {int: [1, 9]}
+  train_env_kwargs.rated: {choice: [true, false]}
+seeds: [0, 1]
+objective: {mean_success: 3}
+trials: 2
+pruner: {startup_trials: 1, warmup_steps: 40}
+"""
+
+
+@cases(2.0)
+@given(content=damaged(SEARCH))
+def test_searches(folder: Path, content: bytes) -> None:
+    search = read(folder, "search.yml", content, read_search)
+    assert search is None or (search.trials and search.space)
 
 
 RUN: dict[str, Any] = RunConfig("DualJacoPush-v0").to_mapping()

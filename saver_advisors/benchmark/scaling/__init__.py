@@ -1,0 +1,1 @@
+"""How a grid scales with the nodes of a cluster, and what placing and resuming a run costs."""
