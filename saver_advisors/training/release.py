@@ -21,7 +21,13 @@ from saver_envs.files import read_json
 
 
 def evaluate_trained(
-    run_dir: str | Path, which: str, *, episodes: int, seed: int, threads: int = 1
+    run_dir: str | Path,
+    which: str,
+    *,
+    episodes: int,
+    seed: int,
+    threads: int = 1,
+    shield: bool = False,
 ) -> EpisodeOutcomes:
     """Evaluate a run's student alone and without noise, without the easier starts of training.
 
@@ -30,10 +36,11 @@ def evaluate_trained(
     :param episodes: number of episodes.
     :param seed: seed of the first; the others follow consecutively.
     :param threads: threads of the simulation.
+    :param shield: see :func:`saver_advisors.evaluation.episodes.evaluate_policy`.
     :return: the outcome of each episode.
     """
     config = RunConfig.from_mapping(read_record(run_dir)["config"])
-    model, options = load_trained(run_dir, which), {"threads": threads}
+    model, options = load_trained(run_dir, which), {"threads": threads, "shield": shield}
     return _evaluated(model, config.env_id, config.env_kwargs, episodes, seed, **options)
 
 
