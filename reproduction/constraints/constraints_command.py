@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -30,7 +30,7 @@ from reproduction.constraints.constraint_findings import (
     NEVER,
     PAPER_BEST,
     SUCCEEDS,
-    Finding,
+    ChapterFinding,
     advantage,
     evaluated,
 )
@@ -74,6 +74,8 @@ RESULTS: Final = Path("docs/results/constraints")
 GRID: Final = Path(__file__).parents[2] / "zoo_configs/constraints_shared_arms.yml"
 BEST: Final = "shaped value, starts as teachers"
 """The row with which the others are compared."""
+#: Names of rows that `saver benchmark run` takes from classes -> names in tables.
+CLASSES: Final = {"TRPOLagrangian": "TRPO-Lagrangian", "PPOLagrangian": "PPO-Lagrangian"}
 RATES: Final = {"SR": "success_rate", "GSR": "goal_success_rate", "CMR": "constraint_met_rate"}
 CAPTIONS: Final = {
     "SR": "SR: both at their targets, the distance kept at every step.",
@@ -115,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     if not rows and not earlier:
         others = ", ".join(sorted({one.task for one in results.runs}))
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
-    findings = evaluated(rows)
+    findings = evaluated(rows, planned_seeds())
     show_all(rows, earlier, findings, results)
     figures: dict[str, Any] = {
         "title": "Learning under a constraint",
@@ -148,10 +150,19 @@ def tables(results: Results) -> tuple[list[MethodRow], list[MethodRow]]:
     groups = {run.group for run in read_grid(GRID).runs}
     split = []
     for of_grid in (True, False):
-        runs = [run for run in results.runs if (run.group in groups) == of_grid]
+        runs = [
+            replace(run, row=CLASSES.get(run.row, run.row))
+            for run in results.runs
+            if (run.group in groups) == of_grid
+        ]
         by_row = replace(results, runs=runs).of_task(TASK)
         split.append(sorted(summarize(TASK, by_row), key=success, reverse=True))
     return split[0], split[1]
+
+
+def planned_seeds() -> Counter[str]:
+    """Count the seeds of each row of the grid."""
+    return Counter(run.row for run in read_grid(GRID).runs)
 
 
 def missing_list(rows: Sequence[MethodRow]) -> str:
@@ -160,7 +171,7 @@ def missing_list(rows: Sequence[MethodRow]) -> str:
     :param rows: of the grid that were read.
     :return: a sentence; empty if nothing is missing.
     """
-    planned = Counter(run.row for run in read_grid(GRID).runs)
+    planned = planned_seeds()
     finished = {row.name: row.n for row in rows}
     told = [
         f"{name} ({finished.get(name, 0)} of {seeds})"
@@ -225,9 +236,9 @@ def comparison_page(
         succeeds=SUCCEEDS,
         never=NEVER,
         min_seeds=MIN_SEEDS,
-        now=section(rows),
+        now=section(rows, planned_seeds()),
         missing=missing_list(rows),
-        earlier=section(earlier),
+        earlier=section(earlier, {row.name for row in earlier}),
         earlier_curves=curves_table([row for row in earlier if row.n]),
         reference=BEST,
         beside=beside_table([row for row in rows if row.n]),
@@ -240,10 +251,11 @@ def comparison_page(
     )
 
 
-def section(rows: Sequence[MethodRow]) -> dict[str, Any]:
+def section(rows: Sequence[MethodRow], planned: Collection[str]) -> dict[str, Any]:
     """Collect the tables of one learner's rows.
 
     :param rows: of the learner.
+    :param planned: see :func:`evaluated`.
     :return: the template's values: ``methods`` and ``equal_time`` in Markdown, ``findings`` and
         ``under_way``.
     """
@@ -251,7 +263,7 @@ def section(rows: Sequence[MethodRow]) -> dict[str, Any]:
     lines = [cells for row in finished for cells in map(_method_cells, with_shield(row))]
     return {
         "methods": records_table(lines),
-        "findings": evaluated(rows) if finished else [],
+        "findings": evaluated(rows, planned) if finished else [],
         "equal_time": equal_time_table(finished) if len(finished) > 1 else "",
         "under_way": under_way_list(rows),
     }
@@ -398,7 +410,7 @@ def _rate_cells(row: MethodRow) -> dict[str, str]:
 def show_all(
     rows: Sequence[MethodRow],
     earlier: Sequence[MethodRow],
-    findings: Sequence[Finding],
+    findings: Sequence[ChapterFinding],
     results: Results,
 ) -> None:
     """Print the rates, the findings, and the files that were left out.

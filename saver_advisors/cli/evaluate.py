@@ -112,13 +112,15 @@ def measure(
     """
     from saver_advisors.cli.policies import resolve
     from saver_advisors.evaluation.episodes import evaluate_policy
+    from saver_advisors.evaluation.shield import Shield
     from saver_envs.registration import task_and_settings
 
     predict = resolve(policy, env, env_kwargs, seed)
     if shield and task_and_settings(env, env_kwargs)[0].constraint is None:
         raise UsageError(f"argument --shield: the task of {env} has no constraint to keep")
     start = time.perf_counter()
-    options: dict[str, Any] = {"env_kwargs": env_kwargs, "shield": shield, "progress": True}
+    guard = Shield if shield else None
+    options: dict[str, Any] = {"env_kwargs": env_kwargs, "guard": guard, "progress": True}
     outcomes = evaluate_policy(predict, env, episodes=episodes, seed=seed, **options)
     return {
         "kind": "evaluation",

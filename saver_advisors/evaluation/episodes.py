@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from saver_advisors.evaluation.statistics import success_interval, worst_mean
 
 if TYPE_CHECKING:
+    from saver_envs.episodes import Episodes
     from saver_envs.tasks.contract import Task
 
 Observation = dict[str, NDArray[Any]]
@@ -252,7 +253,7 @@ def evaluate_policy(
     env_kwargs: Mapping[str, Any] | None = None,
     threads: int = 1,
     progress: bool = False,
-    shield: bool = False,
+    guard: Callable[[Predict, Episodes], Predict] | None = None,
 ) -> EpisodeOutcomes:
     """Evaluate a policy on an environment.
 
@@ -263,15 +264,14 @@ def evaluate_policy(
     :param env_kwargs: keyword arguments of the environment
     :param threads: native threads of the simulation; has no effect on the outcomes
     :param progress: show a progress bar
-    :param shield: replace actions that would leave the task's constraint, see
-        :mod:`saver_advisors.evaluation.shield`
+    :param guard: makes of the policy and its episodes one that acts in its place, such as
+        :class:`saver_advisors.evaluation.shield.Shield`
     :return: the outcomes
-    :raises ValueError: for fewer than 1 episode or thread, or a shield without a constraint
+    :raises ValueError: for fewer than 1 episode or thread
     """
     if episodes < 1:
         raise ValueError(f"episodes={episodes} must be at least 1")
     # Imported here: only this function needs a simulator.
-    from saver_advisors.evaluation.shield import Shield
     from saver_envs.digest import world_digest
     from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
@@ -281,8 +281,8 @@ def evaluate_policy(
     with closing(vec_env):
         task = vec_env.episodes.task
         varied = vec_env.episodes.settings.randomization.as_json()
-        if shield:
-            predict = Shield(predict, vec_env.episodes)
+        if guard is not None:
+            predict = guard(predict, vec_env.episodes)
         outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
     world = world_digest(env_id, env_kwargs)
     return replace(outcomes, world=world, randomization=varied)

@@ -22,7 +22,7 @@ from saver_envs.episodes import Episodes
 
 Floats = NDArray[np.float64]
 
-BRAKING: Final = 2
+BRAKING: Final = 3
 """Steps without motion in which a tried action must not leave the tolerance either."""
 MEANS: Final = (1.0, 0.5, 0.0)
 """Factors of the arms' mean motion."""

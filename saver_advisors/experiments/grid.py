@@ -149,8 +149,8 @@ def _grid(content: Mapping[str, Any]) -> Grid:
                     else:
                         config = _config(group, row, seed)
                     shield = _shield(row.get("shield", False), config)
-                names = (name, group_name, row_name)
-                run = ExperimentRun(*names, config, final_episodes, shield)
+                labelled = (name, group_name, row_name)
+                run = ExperimentRun(*labelled, config, final_episodes, shield)
                 ranked.append((rank, run))
     # The sort is stable: within a rank, the order of the file stays.
     runs = tuple(run for _, run in sorted(ranked, key=lambda pair: pair[0]))

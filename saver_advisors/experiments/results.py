@@ -126,7 +126,7 @@ def final_outcomes(
     :param run: of the grid, with all its steps done
     :param folder: the run's own
     :param threads: of the simulation
-    :param shield: see :func:`saver_advisors.evaluation.episodes.evaluate_policy`
+    :param shield: see :func:`saver_advisors.training.release.evaluate_trained`
     :return: the outcomes of the run's final episodes
     """
     from saver_advisors.training.release import evaluate_trained

@@ -27,7 +27,7 @@ def test_pickers_leave_the_band_much_less_with_a_shield() -> None:
         return np.asarray(pair.predict(observation)[0])
 
     without, kept = (
-        evaluate_policy(pickers, DISTANCE, episodes=4, shield=s) for s in (False, True)
+        evaluate_policy(pickers, DISTANCE, episodes=4, guard=one) for one in (None, Shield)
     )
     assert without.constraint_met_rate == 0.0
     assert kept.constraint_met_rate is not None and kept.constraint_met_rate >= 0.25
@@ -38,7 +38,9 @@ def test_pickers_leave_the_band_much_less_with_a_shield() -> None:
 def test_what_keeps_the_constraint_is_executed_as_it_is() -> None:
     """Trying actions leaves no trace in the episodes."""
     options: dict[str, Any] = {"episodes": 2, "env_kwargs": {"max_episode_steps": 6}}
-    without, kept = (evaluate_policy(gentle, DISTANCE, shield=s, **options) for s in (False, True))
+    without, kept = (
+        evaluate_policy(gentle, DISTANCE, guard=one, **options) for one in (None, Shield)
+    )
     assert without.cost_sums["cost_distance"].max() == 0
     np.testing.assert_array_equal(kept.final_distances, without.final_distances)
     np.testing.assert_array_equal(kept.deviations, without.deviations)
