@@ -53,6 +53,21 @@ def verdict_of(holds: bool | None) -> Verdict:
     return verdicts.get(holds, "cannot be told")
 
 
+def beyond_seeds(holds: bool | None, n: int, excludes: bool) -> BeyondSeeds:
+    """Tell whether a verdict exceeds the variation between seeds.
+
+    :param holds: whether a claim holds; None if that is open.
+    :param n: seeds of the figure that decides it.
+    :param excludes: whether the figure's 95% interval excludes the border between both verdicts.
+    :return: the words.
+    """
+    if holds is None:
+        return "-"
+    if n < MIN_SEEDS:
+        return "too few seeds"
+    return "yes" if excludes else "no"
+
+
 Z95: Final = 1.959964
 """Half-width of the central 95% of a normal distribution, in standard deviations."""
 

@@ -205,9 +205,10 @@ class Episodes:
         self._joint_speed = np.asarray(robot.joint_speed_limits)
         self._has_gripper = task.fingers is Fingers.ACTUATED
         degrees_of_freedom = len(robot.arm_joints)
-        self._motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
+        #: Size of the motion in an arm's action, which comes first.
+        self.motion_size = 3 if settings.control == "cartesian" else degrees_of_freedom
         #: Size of an arm's action: motion, and the gripper command if the fingers move.
-        self.action_size_per_arm = self._motion_size + self._has_gripper
+        self.action_size_per_arm = self.motion_size + self._has_gripper
         #: Size of an action, arm after arm.
         self.action_size = self.action_size_per_arm * task.n_arms
         self.worlds = Worlds(
@@ -356,12 +357,12 @@ class Episodes:
         self.require_begun(everything)
         if self.task.observe_pending_motion:
             sent = checked.reshape(self.n, self.task.n_arms, -1)
-            self.worlds.send(sent[..., : self._motion_size], self._rows(ids))
+            self.worlds.send(sent[..., : self.motion_size], self._rows(ids))
         arriving = self.worlds.delayed("action_delay", checked, self._rows(ids))
         blocks = arriving.reshape(self.n, self.task.n_arms, -1)
         self.task.drive(self.simulation, self.memory, everything)
         targets = self.simulation.ctrl.copy()
-        arm_targets = self._arm_targets(blocks[..., : self._motion_size], targets)
+        arm_targets = self._arm_targets(blocks[..., : self.motion_size], targets)
         targets[:, self.scene.arm_ctrl] = arm_targets
         if self._has_gripper:
             robot = self.settings.robot

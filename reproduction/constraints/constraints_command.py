@@ -1,16 +1,17 @@
 """Compare variants, ablations and safe algorithms for learning under a constraint (chapter 6).
 
-The command reads the JSON files of training runs on the distance task, those of the grid and those
-of `saver benchmark run`, and evaluates the dissertation's findings on them. Chapter 6 shows curves
-(Figures 6.1 and 6.2) and no table. Here its findings are thresholds: "succeeds" is a success rate
-of at least half of the 0.70 that it shows at best, and "never succeeds" one of at most 0.05.
+The command reads the JSON files of training runs on the distance task and evaluates the
+dissertation's findings on them: first on the runs of the grid `constraints_shared_arms.yml`, then
+on those of the learner before it.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +26,15 @@ from reproduction.command_parts import (
     under_way_list,
     write_comparison,
 )
-from reproduction.findings import success_resolution, verdict_of
+from reproduction.constraints.constraint_findings import (
+    NEVER,
+    PAPER_BEST,
+    SUCCEEDS,
+    ChapterFinding,
+    advantage,
+    evaluated,
+)
+from reproduction.findings import MIN_SEEDS, beyond_seeds
 from reproduction.page_templates import page
 from saver_advisors.benchmark.run_tables import (
     figure_text,
@@ -35,6 +44,7 @@ from saver_advisors.benchmark.run_tables import (
 )
 from saver_advisors.cli.measured import read_training
 from saver_advisors.evaluation.statistics import Estimate, estimate
+from saver_advisors.experiments.grid import read_grid
 from saver_advisors.experiments.plots import Panel
 from saver_advisors.experiments.summary import MINUTE, MethodRow, summarize
 from saver_advisors.experiments.training_runs import Results, TrainingRun
@@ -61,21 +71,11 @@ examples:
 TASK: Final = "DualJacoDistance-v0"
 RESULTS: Final = Path("docs/results/constraints")
 
-PAPER_BEST: Final = 0.70
-"""Highest SR of the three stages in Figure 6.2."""
-SUCCEEDS: Final = PAPER_BEST / 2
-NEVER: Final = 0.05
-
-METHOD: Final = "min"
-NO_EXPLORING: Final = "advising without the third stage"
-#: Rows of the table, by the class names of `saver benchmark run` and one name of the grid -> names
-#: on the page.
-BASELINES: Final[Mapping[str, str]] = {
-    "CPO": "CPO",
-    "TRPOLagrangian": "TRPO-Lagrangian",
-    "PPOLagrangian": "PPO-Lagrangian",
-    "hindsight alone": "HER that is conditioned on the constraint",
-}
+GRID: Final = Path(__file__).parents[2] / "zoo_configs/constraints_shared_arms.yml"
+BEST: Final = "shaped value, starts as teachers"
+"""The row with which the others are compared."""
+#: Names of rows that `saver benchmark run` takes from classes -> names in tables.
+CLASSES: Final = {"TRPOLagrangian": "TRPO-Lagrangian", "PPOLagrangian": "PPO-Lagrangian"}
 RATES: Final = {"SR": "success_rate", "GSR": "goal_success_rate", "CMR": "constraint_met_rate"}
 CAPTIONS: Final = {
     "SR": "SR: both at their targets, the distance kept at every step.",
@@ -90,11 +90,14 @@ REFERENCE_COLUMNS: Final[Mapping[str, Column]] = {
     "episodes": "{episodes}",
     **{label: optional(name, ".3f") for label, name in RATES.items()},
 }
-FINDING_COLUMNS: Final = {
-    "finding": "{text}",
-    "in these runs": "{verdict}",
-    "evidence": "{evidence}",
+FINDING_COLUMNS: Final[Mapping[str, Column]] = {
+    "finding": lambda one: one.text,
+    "in these runs": lambda one: one.verdict,
+    "beyond seeds": lambda one: one.beyond,
+    "evidence": lambda one: one.evidence,
 }
+#: Shares of a run at which the table of curves shows them.
+QUARTERS: Final = (0.25, 0.5, 0.75, 1.0)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,94 +113,72 @@ def run(args: argparse.Namespace) -> int:
     :raises UsageError: if there is no run on the distance task.
     """
     results = read_training(args.results)
-    rows = table(results)
-    if not rows:
+    rows, earlier = tables(results)
+    if not rows and not earlier:
         others = ", ".join(sorted({one.task for one in results.runs}))
         raise UsageError(f"argument --results: no run of {TASK} there, only of {others}")
-    findings = evaluated(rows)
-    show_all(rows, findings, results)
+    findings = evaluated(rows, planned_seeds())
+    show_all(rows, earlier, findings, results)
     figures: dict[str, Any] = {
         "title": "Learning under a constraint",
         "kind": "constraints",
         "task": TASK,
-        **comparison_figures(rows, [flat_row(row) for row in rows], findings, results),
+        **comparison_figures(
+            rows, [flat_row(row) for row in rows], [vars(one) for one in findings], results
+        ),
+        "earlier": [flat_row(row) for row in earlier],
     }
     return write_comparison(
         args,
         figures,
         lambda folder: draw_all(rows, folder),
-        lambda pictures: comparison_page(rows, findings, results, pictures),
+        lambda pictures: comparison_page(rows, earlier, results, pictures),
     )
 
 
-def table(results: Results) -> list[MethodRow]:
+def tables(results: Results) -> tuple[list[MethodRow], list[MethodRow]]:
     """Summarise the runs of the distance task.
 
     :param results: what was read.
-    :return: the rows, those with the highest success first and those without a finished run last.
+    :return: the rows of the grid, and those of the learner before it; in each, the rows with the
+        highest success come first and those without a finished run last.
     """
 
     def success(row: MethodRow) -> float:
         return -1.0 if row.final_success is None else row.final_success.value
 
-    return sorted(summarize(TASK, results.of_task(TASK)), key=success, reverse=True)
+    groups = {run.group for run in read_grid(GRID).runs}
+    split = []
+    for of_grid in (True, False):
+        runs = [
+            replace(run, row=CLASSES.get(run.row, run.row))
+            for run in results.runs
+            if (run.group in groups) == of_grid
+        ]
+        by_row = replace(results, runs=runs).of_task(TASK)
+        split.append(sorted(summarize(TASK, by_row), key=success, reverse=True))
+    return split[0], split[1]
 
 
-Rule = Callable[[MethodRow], tuple[bool | None, str]]
-"""Whether a finding holds for a row (None: cannot be told), and the figures that decide it."""
+def planned_seeds() -> Counter[str]:
+    """Count the seeds of each row of the grid."""
+    return Counter(run.row for run in read_grid(GRID).runs)
 
 
-def evaluated(rows: Sequence[MethodRow]) -> list[dict[str, str]]:
-    """Evaluate every finding.
+def missing_list(rows: Sequence[MethodRow]) -> str:
+    """List the rows of the grid that lack finished seeds.
 
-    :param rows: rows of the distance task.
-    :return: the ``text``, the ``verdict`` in these runs and the ``evidence`` of each finding; those
-        about missing rows cannot be told.
+    :param rows: of the grid that were read.
+    :return: a sentence; empty if nothing is missing.
     """
-    named = {row.name: row for row in rows if row.n}
-    succeed = f"The three stages as written (`{METHOD}`) succeed: SR {PAPER_BEST:.2f} at best"
-    decays = "Advising without the third stage rises a little and decays"
-    claims: list[tuple[str, str, Rule]] = [
-        (succeed, METHOD, _succeeds),
-        *((f"{label} never succeeds", name, _never) for name, label in BASELINES.items()),
-        (decays, NO_EXPLORING, _decays),
+    planned = planned_seeds()
+    finished = {row.name: row.n for row in rows}
+    told = [
+        f"{name} ({finished.get(name, 0)} of {seeds})"
+        for name, seeds in planned.items()
+        if finished.get(name, 0) < seeds
     ]
-    found = []
-    for text, name, rule in claims:
-        holds, evidence = rule(named[name]) if name in named else (None, "no finished run")
-        found.append({"text": text, "verdict": verdict_of(holds), "evidence": evidence})
-    return found
-
-
-def _bests(row: MethodRow) -> list[float]:
-    """Return the highest success rate of each run."""
-    return [float(run.curve.success.max()) for run in row.runs]
-
-
-def _succeeds(row: MethodRow) -> tuple[bool | None, str]:
-    best = max(_bests(row))
-    near = abs(best - SUCCEEDS) <= success_resolution(best, row.runs[0].episodes)
-    return None if near else best >= SUCCEEDS, f"SR {best:.2f} at best (n = {row.n})"
-
-
-def _never(row: MethodRow) -> tuple[bool | None, str]:
-    best = max(_bests(row))
-    return best <= NEVER, f"SR {best:.2f} at best (n = {row.n})"
-
-
-def _decays(row: MethodRow) -> tuple[bool | None, str]:
-    """Compare the highest success with the success at the end."""
-    best = float(np.mean(_bests(row)))
-    last = float(np.mean([_last(run) for run in row.runs]))
-    resolved = best - last > success_resolution(best, row.runs[0].episodes)
-    holds = False if max(_bests(row)) <= NEVER else resolved or None
-    return holds, f"SR {best:.2f} at best, {last:.2f} in the last quarter (n = {row.n})"
-
-
-def _last(run: TrainingRun) -> float:
-    """Compute the mean success of the last quarter of a curve."""
-    success = np.asarray(run.curve.success)
-    return float(success[-max(1, len(success) // 4) :].mean())
+    return f"Rows with missing seeds (finished of planned): {', '.join(told)}.\n" if told else ""
 
 
 def final_rate(row: MethodRow, name: str) -> Estimate | None:
@@ -208,6 +189,17 @@ def final_rate(row: MethodRow, name: str) -> Estimate | None:
     :return: the estimate over the seeds that have the entry; None if none has.
     """
     return _estimate([run.final.get(name) for run in row.runs if run.final])
+
+
+def final_cost(row: MethodRow, statistic: str) -> Estimate | None:
+    """Summarise a statistic of the distance's cost over the final episodes.
+
+    :param row: row of the table.
+    :param statistic: ``cost_means`` or ``cost_cvar``.
+    :return: as :func:`final_rate`.
+    """
+    summaries = [run.final.get(statistic, {}) for run in row.runs if run.final]
+    return _estimate([one.get("cost_distance") for one in summaries])
 
 
 def flat_row(row: MethodRow) -> dict[str, Any]:
@@ -226,38 +218,69 @@ def flat_row(row: MethodRow) -> dict[str, Any]:
 
 def comparison_page(
     rows: Sequence[MethodRow],
-    findings: Sequence[Mapping[str, str]],
+    earlier: Sequence[MethodRow],
     results: Results,
     pictures: Sequence[Mapping[str, str]],
 ) -> str:
     """Render the page.
 
-    :param rows: rows of the distance task.
-    :param findings: findings of chapter 6.
+    :param rows: rows of the grid.
+    :param earlier: rows of the learner before it.
     :param results: what was read.
     :param pictures: ``link`` and ``caption`` of the figures to show.
     :return: Markdown.
     """
-    finished = [row for row in rows if row.n]
     return page(
         "constraints",
         best=PAPER_BEST,
-        methods=records_table(map(_method_cells, finished)),
-        under_way=under_way_list(rows),
+        succeeds=SUCCEEDS,
+        never=NEVER,
+        min_seeds=MIN_SEEDS,
+        now=section(rows, planned_seeds()),
+        missing=missing_list(rows),
+        earlier=section(earlier, {row.name for row in earlier}),
+        earlier_curves=curves_table([row for row in earlier if row.n]),
+        reference=BEST,
+        beside=beside_table([row for row in rows if row.n]),
         references=results.references,
         of_references=REFERENCE_COLUMNS,
-        findings=findings,
         of_findings=FINDING_COLUMNS,
-        equal_time=equal_time_table(finished) if len(finished) > 1 else None,
         pictures=pictures,
         skipped=skipped_list(results.skipped),
         origin=origin(results.runs),
     )
 
 
+def section(rows: Sequence[MethodRow], planned: Collection[str]) -> dict[str, Any]:
+    """Collect the tables of one learner's rows.
+
+    :param rows: of the learner.
+    :param planned: see :func:`evaluated`.
+    :return: the template's values: ``methods`` and ``equal_time`` in Markdown, ``findings`` and
+        ``under_way``.
+    """
+    finished = [row for row in rows if row.n]
+    lines = [cells for row in finished for cells in map(_method_cells, with_shield(row))]
+    return {
+        "methods": records_table(lines),
+        "findings": evaluated(rows, planned) if finished else [],
+        "equal_time": equal_time_table(finished) if len(finished) > 1 else "",
+        "under_way": under_way_list(rows),
+    }
+
+
+def with_shield(row: MethodRow) -> list[MethodRow]:
+    """Return a row and, where its last policies were evaluated with a shield, a row of those."""
+    runs = [
+        replace(run, final=run.shielded, points=[{}], chosen=None)
+        for run in row.runs
+        if run.shielded is not None
+    ]
+    return [row, replace(row, name=f"{row.name}, with a shield", runs=runs)] if runs else [row]
+
+
 def _method_cells(row: MethodRow) -> dict[str, str]:
     """Return the rates and violations of a row with finished runs, by their headings."""
-    costs = [run.final.get("cost_means", {}).get("cost_distance") for run in row.runs if run.final]
     training = [run.points[-1].get("training_cost") for run in row.runs]
     steps = sorted({run.curve.steps[-1] for run in row.runs})
     return {
@@ -267,11 +290,63 @@ def _method_cells(row: MethodRow) -> dict[str, str]:
         **_rate_cells(row),
         "deviation, mean mm": figure_text(final_rate(row, "deviation_mean"), 1, MILLIMETRES),
         "deviation, worst mm": figure_text(final_rate(row, "deviation_worst"), 0, MILLIMETRES),
-        "cost per episode": figure_text(_estimate(costs), 2),
+        "cost per episode": figure_text(final_cost(row, "cost_means"), 2),
+        "CVaR of the cost": figure_text(final_cost(row, "cost_cvar"), 1),
         "cost in training": figure_text(_estimate(training), 0),
         "chosen checkpoint": "; ".join(outcome_cell(run.chosen) for run in row.runs),
         "minutes": figure_text(row.training_s, 0, 1 / MINUTE) + on_threads(row),
     }
+
+
+def beside_table(rows: Sequence[MethodRow]) -> str:
+    """Compare the success of each row with that of ``BEST``.
+
+    :param rows: with finished runs.
+    :return: Markdown; empty without that row, or without another.
+    """
+    best = next((row for row in rows if row.name == BEST), None)
+    cells = []
+    for row in rows:
+        if best is None or row is best or (compared := advantage(row, best)) is None:
+            continue
+        gap, resolution = compared
+        higher = None if abs(gap.value) <= resolution else gap.value > 0
+        cells.append(
+            {
+                "row": row.name,
+                "n": str(gap.n),
+                "difference of SR": gap.text(3),
+                "beyond seeds": beyond_seeds(higher, gap.n, gap.excludes(0.0)),
+            }
+        )
+    return records_table(cells)
+
+
+def curves_table(rows: Sequence[MethodRow]) -> str:
+    """Tabulate the success rate along the runs.
+
+    :param rows: with finished runs.
+    :return: Markdown.
+    """
+    return records_table(
+        {
+            "row": row.name,
+            "n": str(row.n),
+            **{
+                f"SR at {share:.0%}": figure_text(
+                    _estimate([success_at(run, share) for run in row.runs]), 2
+                )
+                for share in QUARTERS
+            },
+        }
+        for row in rows
+    )
+
+
+def success_at(run: TrainingRun, share: float) -> float:
+    """Interpolate a curve's success rate after a share of the run's steps."""
+    curve = run.curve
+    return float(np.interp(share * curve.steps[-1], curve.steps, curve.success))
 
 
 def on_threads(row: MethodRow) -> str:
@@ -333,18 +408,24 @@ def _rate_cells(row: MethodRow) -> dict[str, str]:
 
 
 def show_all(
-    rows: Sequence[MethodRow], findings: Sequence[Mapping[str, str]], results: Results
+    rows: Sequence[MethodRow],
+    earlier: Sequence[MethodRow],
+    findings: Sequence[ChapterFinding],
+    results: Results,
 ) -> None:
     """Print the rates, the findings, and the files that were left out.
 
-    :param rows: rows of the distance task.
-    :param findings: findings of chapter 6.
+    :param rows: rows of the grid.
+    :param earlier: rows of the learner before it.
+    :param findings: findings of chapter 6, on the rows of the grid.
     :param results: what was read.
     """
-    cells = [{"row": row.name, "n": str(row.n), **_rate_cells(row)} for row in rows if row.n]
-    show_records(cells, TASK)
-    if told := under_way_list(rows):
-        print(told)
+    for title, shown in ((TASK, rows), (f"{TASK}, earlier learner", earlier)):
+        cells = [{"row": row.name, "n": str(row.n), **_rate_cells(row)} for row in shown if row.n]
+        show_records(cells, title)
+        if told := under_way_list(shown):
+            print(told)
+    print(missing_list(rows))
     show_rows(findings, FINDING_COLUMNS)
     print_skipped(results)
 

@@ -10,7 +10,7 @@ teachers' units; the zeros between the blocks are trained like all other weights
 - Networks that all arms share become the teacher's, with nothing seen of the neighbours at first:
   actor, critics and normaliser are exact.
 - A joint critic differs from all teachers' (its value requires every arm to succeed): joint and
-  quantile critics start from scratch.
+  quantile critics start from scratch, as do the value networks of on-policy algorithms.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from torch import nn
 
 from saver_advisors.learner.policies import (
@@ -49,15 +50,31 @@ def warm_start_from_teachers(
     :raises ValueError: if the student's layers cannot hold the teachers', or inputs or actions
         differ; the message names what would fit.
     """
-    policy: Any = model.policy
-    features = policy.actor.features_extractor
+    critics = start_policy(model.policy, teachers, mapping)
+    learner: Any = model
+    learner.is_trained = True
+    return critics
+
+
+def start_policy(policy: BasePolicy, teachers: TeacherGroup, mapping: ArmMapping) -> Critics:
+    """Copy the teachers into the networks of a policy and, if it has any, their targets.
+
+    :param policy: of a goal learner, or an on-policy one with a normaliser, without a tanh but with
+        a mean action that ends in one.
+    :param teachers: one for every arm.
+    :param mapping: where each arm's block lies.
+    :return: how the critics start.
+    :raises TypeError: as ``warm_start_from_teachers``.
+    :raises ValueError: likewise.
+    """
+    features, actor, critic = _parts_of(policy)
     if not isinstance(features, NormalizedGoalFeatures):
         raise TypeError(
             f"features extractor {type(features).__name__}: only a goal learner (GoalTD3, "
             "GoalSAC, ...) has a normaliser that can start as the teachers'"
         )
     for teacher in teachers.teachers:
-        _check_teacher(teacher, features, model.action_space, mapping)
+        _check_teacher(teacher, features, policy.action_space, mapping)
     if isinstance(features, SharedArmFeatures):
         if len(set(map(id, teachers.teachers))) > 1:
             raise ValueError(
@@ -68,18 +85,24 @@ def warm_start_from_teachers(
     columns = [
         _feature_columns(features, teacher, arm) for arm, teacher in enumerate(teachers.teachers)
     ]
-    actor = nn.ModuleList([getattr(policy.actor, "latent_pi", nn.Sequential()), policy.actor.mu])
     sources = [teacher.networks.actor for teacher in teachers.teachers]
     _check_hidden("actor", actor, sources)
     _start_normaliser(features, teachers, columns)
     _place(actor, sources, columns, mapping.action_size)
-    critics = _start_critics(policy.critic, features, teachers, columns)
+    critics = _start_critics(critic, features, teachers, columns)
     for name in ("actor", "critic"):
         if getattr(policy, f"{name}_target", None) is not None:
             getattr(policy, f"{name}_target").load_state_dict(getattr(policy, name).state_dict())
-    learner: Any = model
-    learner.is_trained = True
     return critics
+
+
+def _parts_of(policy: Any) -> tuple[nn.Module, nn.ModuleList, nn.Module | None]:
+    """Return a policy's normaliser, the layers of its mean action, and its critic of actions."""
+    if isinstance(policy, ActorCriticPolicy):
+        layers = nn.ModuleList([policy.mlp_extractor.policy_net, policy.action_net])
+        return policy.features_extractor, layers, None
+    layers = nn.ModuleList([getattr(policy.actor, "latent_pi", nn.Sequential()), policy.actor.mu])
+    return policy.actor.features_extractor, layers, policy.critic
 
 
 def _check_teacher(
@@ -180,7 +203,7 @@ def _start_normaliser(
 
 
 def _start_critics(
-    critic: nn.Module,
+    critic: nn.Module | None,
     features: NormalizedGoalFeatures,
     teachers: TeacherGroup,
     columns: Sequence[th.Tensor],

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from saver_advisors.cli import arguments
-from saver_advisors.reporting.errors import user_mistakes
+from saver_advisors.reporting.errors import UsageError, user_mistakes
 from saver_advisors.reporting.evaluation_table import EVALUATION_COLUMNS, collision_force
 from saver_advisors.reporting.tables import show_rows
 from saver_advisors.training.threads import one_thread_of_algebra
@@ -21,6 +21,7 @@ examples:
   saver evaluate --env JacoPush-v0 --policy runs/push --video push.mp4
   saver evaluate --env JacoPush-v0 --policy random --episodes 20
   saver evaluate --env DualJacoPush-v0 --policy side-by-side:jaco-push
+  saver evaluate --env DualJacoDistance-v0 --policy side-by-side:jaco-pick-and-place --shield
   saver evaluate --env JacoPush-v0 --policy jaco-push --env-kwargs object_mass=0.4
   saver evaluate --env JacoPush-v0 --policy jaco-push --randomization held-out:object_size
 
@@ -52,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "plot the paths of hands and objects in the first episode, and the objects' distance"
     arguments.add_figure(parser, "--paths", text)
     arguments.add_count(parser, "--video-episodes", 4, "number of recorded episodes")
+    text = "replace actions that would leave the task's constraint; not in videos and paths"
+    arguments.add_flag(parser, "--shield", text)
 
 
 @one_thread_of_algebra()
@@ -60,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from saver_advisors.cli.policies import resolve
 
     env_kwargs = arguments.checked_env_kwargs(args.env, args.env_kwargs)
-    figures = measure(args.policy, args.env, args.episodes, args.seed, env_kwargs)
+    figures = measure(args.policy, args.env, args.episodes, args.seed, env_kwargs, args.shield)
     show(figures)
     arguments.write_json(args.json, figures)
     if args.video is not None:
@@ -89,7 +92,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure(
-    policy: str, env: str, episodes: int, seed: int, env_kwargs: dict[str, Any]
+    policy: str,
+    env: str,
+    episodes: int,
+    seed: int,
+    env_kwargs: dict[str, Any],
+    shield: bool = False,
 ) -> dict[str, Any]:
     """Evaluate a policy.
 
@@ -98,20 +106,25 @@ def measure(
     :param episodes: number of episodes
     :param seed: of the first episode
     :param env_kwargs: keyword arguments of the environment
+    :param shield: whether to replace actions that would leave the task's constraint
     :return: JSON-able: ``env``, ``policy``, ``episodes``, ``success_rate``, ``ci95`` and more
     :raises UsageError: for a policy that is unknown or does not fit
     """
     from saver_advisors.cli.policies import resolve
     from saver_advisors.evaluation.episodes import evaluate_policy
+    from saver_advisors.evaluation.shield import Shield
+    from saver_envs.registration import task_and_settings
 
     predict = resolve(policy, env, env_kwargs, seed)
+    if shield and task_and_settings(env, env_kwargs)[0].constraint is None:
+        raise UsageError(f"argument --shield: the task of {env} has no constraint to keep")
     start = time.perf_counter()
-    outcomes = evaluate_policy(
-        predict, env, episodes=episodes, seed=seed, env_kwargs=env_kwargs, progress=True
-    )
+    guard = Shield if shield else None
+    options: dict[str, Any] = {"env_kwargs": env_kwargs, "guard": guard, "progress": True}
+    outcomes = evaluate_policy(predict, env, episodes=episodes, seed=seed, **options)
     return {
         "kind": "evaluation",
-        "policy": policy,
+        "policy": f"{policy}, with a shield" if shield else policy,
         "env_kwargs": dict(env_kwargs),
         **outcomes.summary(),
         "wall_clock_s": round(time.perf_counter() - start, 3),

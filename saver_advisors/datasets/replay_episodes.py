@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_advisors.datasets.recorded_episodes import RecordedEpisode
-from saver_advisors.learner.algorithms import COST_KEY, episode_horizon
+from saver_advisors.learner.algorithms import episode_horizon
 from saver_advisors.learner.episodes import EpisodeBuffer, StoredEpisode
 from saver_advisors.training.building import build_env
 from saver_advisors.training.checkpoint import REPLAY_FILE, find_checkpoint, read_state
@@ -89,7 +89,6 @@ def read_replay(folder: Path) -> RunReplay:
         raise FileNotFoundError(f"{folder} has no checkpoint, and so no replay buffer")
     state = read_state(checkpoint)  # verified before an environment's module runs
     config = RunConfig.from_mapping(record["config"])
-    learns_costs = config.contact_cost > 0 or config.cost_limit is not None
     with closing(build_env(config)) as env:
         task = env.get_attr("episodes", indices=[0])[0].task
         buffer = EpisodeBuffer(
@@ -99,7 +98,7 @@ def read_replay(folder: Path) -> RunReplay:
             "cpu",
             n_envs=config.n_envs,
             horizon=episode_horizon(env),
-            cost_key=COST_KEY if learns_costs else None,
+            cost_key=config.cost_key if config.learns_costs else None,
         )
     buffer.load_npz(checkpoint / REPLAY_FILE)
     if not any(True for _ in buffer.ended_slots()):

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.evaluation.statistics import success_interval
+from saver_advisors.evaluation.statistics import success_interval, worst_mean
 
 if TYPE_CHECKING:
+    from saver_envs.episodes import Episodes
     from saver_envs.tasks.contract import Task
 
 Observation = dict[str, NDArray[Any]]
@@ -227,6 +228,7 @@ class EpisodeOutcomes:
             "final_distance_mean": self.final_distances.mean(axis=0).tolist(),
             "diverged": int(self.diverged.sum()),
             "cost_means": {name: float(sums.mean()) for name, sums in self.cost_sums.items()},
+            "cost_cvar": {name: worst_mean(sums) for name, sums in self.cost_sums.items()},
         }
         if self.deviations is not None:
             values["deviation_mean"] = float(self.deviations[:, 0].mean())
@@ -251,6 +253,7 @@ def evaluate_policy(
     env_kwargs: Mapping[str, Any] | None = None,
     threads: int = 1,
     progress: bool = False,
+    guard: Callable[[Predict, Episodes], Predict] | None = None,
 ) -> EpisodeOutcomes:
     """Evaluate a policy on an environment.
 
@@ -261,6 +264,8 @@ def evaluate_policy(
     :param env_kwargs: keyword arguments of the environment
     :param threads: native threads of the simulation; has no effect on the outcomes
     :param progress: show a progress bar
+    :param guard: makes of the policy and its episodes one that acts in its place, such as
+        :class:`saver_advisors.evaluation.shield.Shield`
     :return: the outcomes
     :raises ValueError: for fewer than 1 episode or thread
     """
@@ -276,6 +281,8 @@ def evaluate_policy(
     with closing(vec_env):
         task = vec_env.episodes.task
         varied = vec_env.episodes.settings.randomization.as_json()
+        if guard is not None:
+            predict = guard(predict, vec_env.episodes)
         outcomes = run_episodes(predict, vec_env, task, env_id, episodes, seed, progress)
     world = world_digest(env_id, env_kwargs)
     return replace(outcomes, world=world, randomization=varied)

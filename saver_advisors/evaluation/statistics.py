@@ -10,6 +10,7 @@ from one to the other.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -24,6 +25,9 @@ BOOTSTRAP_SEED: Final = 0
 """Fixed, so that the same data give the same interval and generated pages do not change."""
 
 QUARTER: Final = 0.25
+
+WORST: Final = 0.1
+"""Fraction of episodes whose mean cost is the CVaR of the cost."""
 
 Floats = NDArray[np.float64]
 
@@ -74,6 +78,16 @@ def success_interval(successes: int, episodes: int) -> tuple[float, float]:
     """
     found = binomtest(successes, episodes).proportion_ci(CONFIDENCE, method="wilson")
     return float(found.low), float(found.high)
+
+
+def worst_mean(costs: ArrayLike) -> float:
+    """Compute the mean of the largest tenth of costs: their conditional value at risk (CVaR).
+
+    :param costs: (episodes,); a tenth of them is rounded up to whole episodes
+    :raises ValueError: for no episode, or values that are not finite
+    """
+    values = np.sort(_checked("costs", costs))
+    return float(values[-math.ceil(WORST * len(values)) :].mean())
 
 
 def estimate(values: ArrayLike) -> Estimate:

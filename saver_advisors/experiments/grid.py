@@ -16,6 +16,9 @@
           early: {advice: {strategy: early}, seeds: [0, 1]}
           mine: {algorithm: mine.py:Mine, algo_kwargs: {hidden: 64}}
 
+With ``shield: true``, a row of a task with a constraint is evaluated a second time at its end, with
+a shield (``saver_advisors.evaluation.shield``).
+
 A row starts from the defaults of ``saver train`` for that environment, without advice. The group's
 settings override them, and the row's override those. A row with an algorithm of one's own, as
 ``saver benchmark run`` takes it, uses those settings that are not our learner's. Runs follow the
@@ -38,7 +41,7 @@ DEFAULT_FINAL_EPISODES: Final = 500
 GRID_KEYS: Final = ("title", "final_episodes", "groups")
 GROUP_KEYS: Final = ("env_id", "settings", "advice", "budget_fraction", "seeds", "rows")
 THIRD_PARTY_KEYS: Final = ("algorithm", "algo_kwargs", "teacher_steps", "demonstration_steps")
-ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds", *THIRD_PARTY_KEYS)
+ROW_KEYS: Final = ("settings", "advice", "budget_fraction", "seeds", "shield", *THIRD_PARTY_KEYS)
 #: Settings that a third-party algorithm shares with our learner.
 SHARED_SETTINGS: Final = (
     *("env_kwargs", "train_env_kwargs", "n_envs", "total_steps", "eval_every", "eval_episodes"),
@@ -54,6 +57,8 @@ class ExperimentRun:
     :param row: its name in tables; runs of one row differ only in their seed
     :param config: settings of the training run, ours or that of a third-party algorithm
     :param final_episodes: number of episodes, on seeds from 0, of the student's final evaluation
+    :param shield: whether that evaluation is repeated with a shield, see
+        :mod:`saver_advisors.evaluation.shield`
     """
 
     name: str
@@ -61,6 +66,7 @@ class ExperimentRun:
     row: str
     config: RunConfig | BenchmarkPlan
     final_episodes: int = DEFAULT_FINAL_EPISODES
+    shield: bool = False
 
     def to_mapping(self) -> dict[str, Any]:
         """Return JSON-able values for ``from_mapping``."""
@@ -174,7 +180,8 @@ def run_of_row(
         config = third_party_plan(group, row, seed, final_episodes, labels)
     else:
         config = _config(group, row, seed)
-    return ExperimentRun(**labels, config=config, final_episodes=final_episodes)
+    shield = _shield(row.get("shield", False), config)
+    return ExperimentRun(**labels, config=config, final_episodes=final_episodes, shield=shield)
 
 
 def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunConfig:
@@ -196,6 +203,19 @@ def _config(group: Mapping[str, Any], row: Mapping[str, Any], seed: int) -> RunC
             advice["budget"] = _budget(fraction, RunConfig.from_mapping(values).total_steps)
         values["advice"] = advice
     return RunConfig.from_mapping(values)
+
+
+def _shield(value: Any, config: RunConfig | BenchmarkPlan) -> bool:
+    """Return whether a row's final evaluation is repeated with a shield."""
+    from saver_envs.registration import task_and_settings
+
+    if not isinstance(value, bool):
+        raise TypeError(f"shield={value!r} must be true or false")
+    if value and not isinstance(config, RunConfig):
+        raise ValueError("shield=true needs our learner, whose last policy is kept")
+    if value and task_and_settings(config.env_id, config.env_kwargs)[0].constraint is None:
+        raise ValueError(f"shield=true needs a task with a constraint, which {config.env_id} lacks")
+    return value
 
 
 def third_party_plan(

@@ -98,6 +98,7 @@ class Recorder:
     progress: Callable[[dict[str, Any]], None] = lambda line: None
     stepped: Callable[[int], None] = lambda steps: None
     steps: int = field(default=0, init=False)
+    training_cost: float = field(default=0.0, init=False)
     curve: list[dict[str, Any]] = field(default_factory=list, init=False)
     _predict: Predict = field(init=False)
     _weights: Any = field(default=None, init=False)
@@ -136,11 +137,13 @@ class Recorder:
         self._write(finished=False)
         self._since = _clocks()
 
-    def advance(self, steps: int) -> None:
+    def advance(self, steps: int, cost: float = 0.0) -> None:
         """Count steps, and evaluate if an evaluation is due.
 
         :param steps: environment steps since the last call
+        :param cost: sum of ``cost`` over these steps
         """
+        self.training_cost += cost
         before, every = self.steps, self.plan.eval_every
         self.steps += steps
         self.stepped(self.steps)
@@ -182,6 +185,7 @@ class Recorder:
             "processor_s": round(self._seconds[1], 3),
             "mean_q": None,
             **curve_point(summary),
+            "training_cost": self.training_cost,
             "advice_spent": 0,
             # Above the number of cores, other processes slowed down the training.
             "load_average": None if (averages := load_averages()) is None else averages[0],

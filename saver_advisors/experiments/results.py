@@ -119,25 +119,34 @@ def state_of(run: ExperimentRun, folder: Path, path: Path) -> RunState:
     return RunState(state, steps, curve)
 
 
-def final_outcomes(run: ExperimentRun, folder: Path, threads: int = 1) -> EpisodeOutcomes:
+def final_outcomes(
+    run: ExperimentRun, folder: Path, threads: int = 1, shield: bool = False
+) -> EpisodeOutcomes:
     """Evaluate the last policy on the report seeds, in parts that an interruption does not lose.
 
     :param run: of the grid, with all its steps done
     :param folder: the run's own
     :param threads: of the simulation
+    :param shield: see :func:`saver_advisors.training.release.evaluate_trained`
     :return: the outcomes of the run's final episodes
     """
     from saver_advisors.training.release import evaluate_trained
 
-    (folder / FINAL_FOLDER).mkdir(exist_ok=True)
+    played = folder / FINAL_FOLDER / ("shielded" if shield else "")
+    played.mkdir(parents=True, exist_ok=True)
     parts = []
     for first in range(0, run.final_episodes, FINAL_PART):
         episodes = min(FINAL_PART, run.final_episodes - first)
-        path = folder / FINAL_FOLDER / f"{first}-{episodes}.json"
+        path = played / f"{first}-{episodes}.json"
         if not path.is_file():
             # The last policy, since choosing the best one would bias the result.
             outcomes = evaluate_trained(
-                folder, "latest", episodes=episodes, seed=REPORT_SEED + first, threads=threads
+                folder,
+                "latest",
+                episodes=episodes,
+                seed=REPORT_SEED + first,
+                threads=threads,
+                shield=shield,
             )
             of_all = ("env_id", "seed", "world", "randomization")
             arrays = {k: v for k, v in vars(outcomes).items() if k not in of_all}
@@ -173,6 +182,7 @@ def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1)
     curve = read_curve(folder)
     finished = bool(curve) and curve[-1]["steps"] >= run.config.total_steps
     final = final_outcomes(run, folder, threads).summary() if finished else None
+    shielded = finished and run.shield
     values = {
         "kind": KIND,
         "name": run.name,
@@ -183,6 +193,9 @@ def write_result(run: ExperimentRun, folder: Path, path: Path, threads: int = 1)
         "world": record.get("world"),
         "finished": finished,
         "final": final,
+        "shielded": final_outcomes(run, folder, threads, shield=True).summary()
+        if shielded
+        else None,
         "off_protocol": off_protocol(run.config.to_mapping(), final) if finished else None,
         "teacher_steps": teacher_steps(run),
         "config": run.config.to_mapping(),

@@ -22,6 +22,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from numpy.typing import NDArray
 
 from saver_advisors.evaluation.protocol import training_seed
 from saver_advisors.experiments.recorder import Recorder
@@ -83,13 +84,20 @@ class CountedVectorEnv(VectorWrapper):
         if self._recorder.spent:
             raise BudgetSpent(f"all {self._recorder.plan.total_steps} environment steps are done")
         result = self.env.step(actions)
-        _, _, terminated, truncated, _ = result
-        counted = self.num_envs
+        _, _, terminated, truncated, infos = result
+        counted, cost = self.num_envs, self._cost_of(infos, terminated | truncated)
         if self._resets_at_next_step:
             counted -= int(self._over.sum())
             self._over = np.asarray(terminated | truncated)
-        self._recorder.advance(counted)
+        self._recorder.advance(counted, cost)
         return result
+
+    def _cost_of(self, infos: Mapping[str, Any], ended: NDArray[np.bool_]) -> float:
+        """Sum ``cost`` over the episodes that were stepped; what a reset reports is no cost."""
+        costs = np.broadcast_to(infos.get("cost", 0.0), self.num_envs)
+        if "final_info" in infos:
+            costs = np.where(ended, infos["final_info"].get("cost", 0.0), costs)
+        return float(costs[~self._over].sum())
 
 
 def load_class(word: str) -> type[Any]:
@@ -218,9 +226,10 @@ def _train_sb3(algorithm: type[Any], kwargs: dict[str, Any], recorder: Recorder)
 
     plan = recorder.plan
 
-    def count(*_: object) -> bool:
+    def count(variables: dict[str, Any], _: object) -> bool:
         """Report every step to the recorder, and stop at the end of the budget."""
-        recorder.advance(model.num_timesteps - recorder.steps)
+        cost = sum(float(info.get("cost", 0.0)) for info in variables["infos"])
+        recorder.advance(model.num_timesteps - recorder.steps, cost)
         return not recorder.spent
 
     batch = SaverVecEnv(plan.env_id, n_envs=plan.n_envs, **plan.training_options)

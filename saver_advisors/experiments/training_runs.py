@@ -39,6 +39,7 @@ class TrainingRun:
     :param config: its settings
     :param final: the last policy's evaluation on report seeds, None before it
     :param chosen: that of the checkpoint that was best on the selection seeds, if one was kept
+    :param shielded: the last policy's evaluation on report seeds with a shield, if there was one
     :param group: its group in a grid of experiments, None outside a grid
     :param teacher_steps: environment steps that trained its teachers, None if unknown
     :param demonstration_steps: environment steps of demonstrations
@@ -57,6 +58,7 @@ class TrainingRun:
     config: Mapping[str, Any] = field(default_factory=dict)
     final: Mapping[str, Any] | None = None
     chosen: Mapping[str, Any] | None = None
+    shielded: Mapping[str, Any] | None = None
     group: str | None = None
     teacher_steps: int | None = 0
     demonstration_steps: int = 0
@@ -318,6 +320,7 @@ def training_run(content: Mapping[str, Any], stem: str) -> TrainingRun:
         config=config,
         final=content.get("final"),
         chosen=content.get("chosen"),
+        shielded=content.get("shielded"),
         group=content.get("group"),
         teacher_steps=None if teacher_steps is None else int(teacher_steps),
         demonstration_steps=int(content.get("demonstration_steps") or 0),

@@ -44,9 +44,6 @@ from saver_envs.validation import require
 
 Policies = dict[str, type[BasePolicy]]
 
-COST_KEY = "cost_collision"
-"""Entry of ``info`` that is the cost of a step, for learners of costs: 1 in a step with contact."""
-
 
 def episode_horizon(env: VecEnv) -> int:
     """Return the length of the environment's episodes in steps.
@@ -168,9 +165,9 @@ class GoalLearnerMixin(OffPolicyAlgorithm):
                 raise ValueError("env=None needs replay_buffer_kwargs={'horizon': steps}")
             self.replay_buffer_kwargs["horizon"] = episode_horizon(self.env)
         self._share_arms()
-        if getattr(self, "learns_costs", False):
+        if isinstance(self, ImitatingTD3) and self.learns_costs:
             self.policy_kwargs.setdefault("n_costs", 1)
-            self.replay_buffer_kwargs.setdefault("cost_key", COST_KEY)
+            self.replay_buffer_kwargs.setdefault("cost_key", self.cost_key)
         task = None if self.env is None else task_of(self.env)
         least_reward = float(getattr(task, "least_reward", -1.0))
         self.policy_kwargs.setdefault("q_min", least_reward / (1.0 - self.gamma))

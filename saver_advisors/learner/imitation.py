@@ -42,6 +42,9 @@ Proposals = tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]
 take them, (n_arms,)."""
 
 
+COLLISION_COST: Final = "cost_collision"
+"""Entry of ``info`` that is 1 in a step with contact: what costs by default."""
+
 LABEL_LOSS: Final = functional.l1_loss
 """Where an expert takes one of several actions in alike states, the optimum of this loss is their
 median. That of the squared difference is their mean, which may be none of them."""
@@ -59,6 +62,7 @@ class ImitatingTD3(TD3):
     :param contact_cost: weight of the cost's value in the actor's objective, relative to that of
         the goal: 0.5 means that a step with contact costs half of a step away from the goal. The
         cost is a further value of the critics, learned in the same replay.
+    :param cost_key: entry of ``info`` that is the cost of a step; a step with contact by default.
     :param cost_limit: cost of an episode at the actor's actions, in steps; the weight, which starts
         at ``contact_cost``, then rises while the cost exceeds it and falls below it, as a Lagrange
         multiplier. It is updated once per call of ``train``, with the mean of the target critics'
@@ -82,6 +86,7 @@ class ImitatingTD3(TD3):
         imitation_weight: float = 0.0,
         imitation_filter_start: int = 0,
         contact_cost: float = 0.0,
+        cost_key: str = COLLISION_COST,
         cost_limit: float | None = None,
         multiplier_lr: float = 0.035,
         **named: Any,
@@ -92,6 +97,7 @@ class ImitatingTD3(TD3):
         require("imitation_weight", imitation_weight, imitation_weight >= 0, "0 or more")
         require("imitation_filter_start", start, start >= 0, "0 or more")
         self.contact_cost = contact_cost
+        self.cost_key = cost_key
         self.cost_limit = cost_limit
         self.multiplier_lr = multiplier_lr
         self.multiplier = LagrangeMultiplier(contact_cost, multiplier_lr)

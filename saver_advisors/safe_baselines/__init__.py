@@ -8,6 +8,7 @@ from saver_advisors.safe_baselines.lagrangian import (
     TRPOLagrangian,
 )
 from saver_advisors.safe_baselines.registration import ALGORITHMS, register_algorithms
+from saver_advisors.safe_baselines.started_policy import StartedPolicy
 
 __all__ = [
     "CPO",
@@ -16,5 +17,6 @@ __all__ = [
     "ALGORITHMS",
     "CostConstrainedMixin",
     "LagrangianMixin",
+    "StartedPolicy",
     "register_algorithms",
 ]

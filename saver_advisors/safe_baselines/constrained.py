@@ -23,6 +23,7 @@ from stable_baselines3.common.utils import explained_variance, obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
+from saver_advisors.learner.policies import NormalizedGoalFeatures
 from saver_advisors.safe_baselines.costs import Array, CostCritic, EpisodeCosts, read_costs
 from saver_envs.validation import require, require_share
 
@@ -131,6 +132,8 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         n_rollout_steps: int,
     ) -> bool:
         """Collect rollouts as SB3 does, and the costs of the same steps."""
+        if rollout_buffer.full:
+            self._update_normaliser(rollout_buffer.observations)
         if not super().collect_rollouts(env, callback, rollout_buffer, n_rollout_steps):
             # SB3 returns before it passes on the infos of the step at which a callback stops.
             self._episode_costs.interrupt()
@@ -141,6 +144,17 @@ class CostConstrainedMixin(OnPolicyAlgorithm):
         self._cost_rollout.compute_returns_and_advantage(last_values, dones)
         self._measure_episodes()
         return True
+
+    def _update_normaliser(self, observations: Any) -> None:
+        """Add the last rollout to the statistics of a policy that normalises its inputs.
+
+        They change between an update and the next rollout, so that rollout and update agree.
+
+        :param observations: of the rollout, which ``train`` has flattened.
+        """
+        if isinstance(self.policy.features_extractor, NormalizedGoalFeatures):
+            flat = {name: one.reshape(-1, one.shape[-1]) for name, one in observations.items()}
+            self.policy.features_extractor.update(flat)
 
     def _update_info_buffer(
         self, infos: list[dict[str, Any]], dones: NDArray[Any] | None = None

@@ -104,7 +104,10 @@ class CostCritic(nn.Module):
         layers = arch.get("vf", []) if isinstance(arch, dict) else arch
         self.observation_space: spaces.Space[Any] = policy.observation_space
         self.normalize_images = policy.normalize_images
-        self.features_extractor = policy.make_features_extractor()
+        # One without weights, such as a normaliser, is nothing that costs could change.
+        shared = next(policy.features_extractor.parameters(), None) is None
+        extractor = policy.features_extractor if shared else policy.make_features_extractor()
+        self.features_extractor: Any = extractor
         width = self.features_extractor.features_dim
         self.layers = nn.Sequential(*create_mlp(width, 1, list(layers), policy.activation_fn))
         self.to(policy.device)

@@ -35,6 +35,7 @@ from saver_advisors.training.settings import RunConfig, naming
 from saver_advisors.variable_reward import ConstraintReplayBuffer, StageControl, TrainingStage
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import make_episodes
+from saver_envs.validation import require
 
 ALGORITHMS: dict[str, type[OffPolicyAlgorithm]] = {
     "ddpg": GoalDDPG,
@@ -51,6 +52,7 @@ TD3_ARGUMENTS = (
     "imitation_weight",
     "imitation_filter_start",
     "contact_cost",
+    "cost_key",
     "cost_limit",
     "multiplier_lr",
 )
@@ -93,6 +95,8 @@ def build_model(config: RunConfig, env: VecEnv) -> GoalLearnerMixin:
     by_arm = config.per_arm_critics or config.shared_arms
     goal_parts = _goal_parts(env) if by_arm else None
     arguments = _replay_arguments(config, horizon, goal_parts)
+    if config.learns_costs:
+        _check_cost(config.cost_key, env)
     if config.algorithm == "td3":
         arguments |= {name: getattr(config, name) for name in TD3_ARGUMENTS}
     if advice is not None:
@@ -238,6 +242,13 @@ def _policy_arguments(config: RunConfig, goal_parts: tuple[int, ...] | None) -> 
     if config.algorithm in ("td3", "dagger"):
         arguments["n_values"] = 1 if goal_parts is None else len(goal_parts)
     return arguments
+
+
+def _check_cost(key: str, env: VecEnv) -> None:
+    """Reject a cost that the environment's task does not have, before the first step."""
+    if (task := task_of(env)) is not None:
+        costs = ("cost", *(f"cost_{name}" for name in task.costs))
+        require("cost_key", key, key in costs, f"one of {', '.join(costs)}")
 
 
 def _goal_parts(env: VecEnv) -> tuple[int, ...]:

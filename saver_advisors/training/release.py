@@ -10,6 +10,7 @@ from typing import Any
 
 from saver_advisors.evaluation.episodes import EpisodeOutcomes, evaluate_policy
 from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
+from saver_advisors.evaluation.shield import Shield
 from saver_advisors.policies.files import load_policy, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
 from saver_advisors.reporting.provenance import portable_command
@@ -21,7 +22,13 @@ from saver_envs.files import read_json
 
 
 def evaluate_trained(
-    run_dir: str | Path, which: str, *, episodes: int, seed: int, threads: int = 1
+    run_dir: str | Path,
+    which: str,
+    *,
+    episodes: int,
+    seed: int,
+    threads: int = 1,
+    shield: bool = False,
 ) -> EpisodeOutcomes:
     """Evaluate a run's student alone and without noise, without the easier starts of training.
 
@@ -30,10 +37,12 @@ def evaluate_trained(
     :param episodes: number of episodes.
     :param seed: seed of the first; the others follow consecutively.
     :param threads: threads of the simulation.
+    :param shield: whether to play with a :class:`saver_advisors.evaluation.shield.Shield`.
     :return: the outcome of each episode.
     """
     config = RunConfig.from_mapping(read_record(run_dir)["config"])
-    model, options = load_trained(run_dir, which), {"threads": threads}
+    options = {"threads": threads, "guard": Shield if shield else None}
+    model = load_trained(run_dir, which)
     return _evaluated(model, config.env_id, config.env_kwargs, episodes, seed, **options)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from saver_advisors.evaluation.protocol import check_selection, training_seed
+from saver_advisors.learner.imitation import COLLISION_COST
 from saver_advisors.variable_reward.replay import RELABELLINGS
 from saver_envs.randomization.presets import plain_options
 from saver_envs.validation import (
@@ -162,10 +163,11 @@ class RunConfig:
     :param start_from: folder of a run whose best policy is this run's first, with its normaliser
         and critics but a new replay. The networks must be the same; with ``shared_arms``, they are
         for any number of arms.
-    :param contact_cost: weight of steps with ``cost_collision`` relative to steps away from the
-        goal, in a value of the critics' own (TD3).
-    :param cost_limit: steps with ``cost_collision`` per episode beyond which that weight, which
-        starts at ``contact_cost``, rises, and below which it falls; None keeps it fixed (TD3).
+    :param contact_cost: weight of steps with ``cost_key`` relative to steps away from the goal, in
+        a value of the critics' own (TD3).
+    :param cost_limit: steps with ``cost_key`` per episode beyond which that weight, which starts
+        at ``contact_cost``, rises, and below which it falls; None keeps it fixed (TD3).
+    :param cost_key: the cost that both are about, an entry of ``info``; contact by default.
     :param multiplier_lr: learning rate of that weight, per block (TD3).
     :param stages: stages of a variable reward in their order, or None; for tasks with a constraint.
     :param constraint_relabelling: how the constraint's required value changes in a relabelled
@@ -217,6 +219,7 @@ class RunConfig:
     start_from: str | None = None
     contact_cost: NonNegativeFloat = 0.0
     cost_limit: NonNegativeFloat | None = None
+    cost_key: str = COLLISION_COST
     multiplier_lr: PositiveFloat = 0.035
     stages: tuple[StageConfig, ...] | None = None
     constraint_relabelling: str | None = None
@@ -279,6 +282,11 @@ class RunConfig:
         positive = len(self.net_arch) > 0 and min(self.net_arch) > 0
         _require(positive, self, "net_arch", "widths of one or more layers")
 
+    @property
+    def learns_costs(self) -> bool:
+        """Whether the critics have a value of the cost."""
+        return self.contact_cost > 0 or self.cost_limit is not None
+
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> RunConfig:
         """Create a configuration from plain values, as YAML and JSON contain them.
@@ -312,8 +320,8 @@ class RunConfig:
         :param rates: of an evaluation: ``success_rate`` and ``safe_success_rate``.
         """
         success: float = rates["success_rate"]
-        costs = self.contact_cost > 0 or self.cost_limit is not None
-        return (success + rates["safe_success_rate"]) / 2 if costs else success
+        contact = self.learns_costs and self.cost_key == COLLISION_COST
+        return (success + rates["safe_success_rate"]) / 2 if contact else success
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, for ``from_mapping``, JSON and YAML."""

@@ -41,6 +41,7 @@ from saver_advisors.experiments.third_party import (
 from saver_advisors.experiments.training_runs import read_training_runs
 from saver_advisors.training.defaults import default_settings
 from saver_envs.digest import world_digest
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.registration import varied_in
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -161,6 +162,31 @@ def test_steps_that_only_reset_are_not_counted(tmp_path: Path, mode: str) -> Non
     assert [line["steps"] for line in recorder.curve] == [46]
 
 
+def test_the_cost_of_training_is_summed_whatever_the_reset(tmp_path: Path) -> None:
+    """Cubes that are in the hands at the start are mostly not as far apart as required."""
+    options = {"in_hand_probability": 1.0, "max_episode_steps": 5}
+    plan = plan_of(env_id="DualJacoDistance-v0", env_kwargs=options, eval_every=10**6)
+    batch = SaverVecEnv(plan.env_id, 2, training_seed(plan.seed), **options)
+    batch.reset()
+    steps = [batch.step(np.zeros((2, 8))) for _ in range(10)]
+    expected = sum(info["cost"] for _, _, _, infos in steps for info in infos)
+    assert expected > 5
+    for mode in ("NextStep", "SameStep"):
+        recorder = Recorder(plan, tmp_path)
+        env = make_vec(
+            f"saver_envs:{plan.env_id}",
+            2,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=mode,
+            **options,
+        )
+        counted = CountedVectorEnv(env, recorder)
+        counted.reset()
+        while recorder.steps < 20:
+            counted.step(np.zeros((2, 8)))
+        assert recorder.training_cost == expected, mode
+
+
 def test_worlds_vary_in_training_and_in_evaluations(tmp_path: Path) -> None:
     """With episodes of one length: slow arms need longer ones than Gymnasium has registered."""
     usual = words(tmp_path, f"{HERE}:Drifter")[:-2]  # the length
@@ -261,7 +287,7 @@ def test_an_interrupted_run_leaves_its_curve_and_is_redone(
 ) -> None:
     from saver_advisors.experiments import recorder as module
 
-    def interrupt(self: Recorder, steps: int) -> None:
+    def interrupt(self: Recorder, steps: int, cost: float) -> None:
         advance(self, steps)
         if self.curve:
             raise KeyboardInterrupt
@@ -302,6 +328,7 @@ def test_a_class_of_sb3(tmp_path: Path) -> None:
     content = record(tmp_path)
     assert (content["row"], content["teacher_steps"]) == ("ddpg-her", 7)
     assert [line["steps"] for line in content["curve"]] == [40, 80]
+    assert content["curve"][-1]["training_cost"] >= content["curve"][0]["training_cost"] >= 0
     assert content["chosen"]["steps"] in (40, 80)
     [weights] = tmp_path.glob("*.safetensors")
     assert weights.stem == "JacoPush-v0-ddpg-her-seed3"

@@ -15,6 +15,10 @@ from saver_advisors.cli.program import missing_extra
 
 CASES = {
     "unknown command": (["evaluat"], ["evaluat", "evaluate"]),
+    "shield without a constraint": (
+        ["evaluate", "--env", "JacoPush-v0", "--policy", "random", "--shield"],
+        ["--shield", "JacoPush-v0", "no constraint"],
+    ),
     "unknown environment": (
         ["evaluate", "--env", "JacoPusch-v0", "--policy", "random"],
         ["--env", "'JacoPusch-v0'", "did you mean JacoPush-v0", "DualJacoDistance-v0"],

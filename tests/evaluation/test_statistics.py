@@ -15,6 +15,7 @@ from saver_advisors.evaluation.statistics import (
     estimate,
     probability_of_improvement,
     ratio,
+    worst_mean,
 )
 
 rates = st.integers(0, 100).map(lambda hits: hits / 100)
@@ -121,3 +122,12 @@ def test_what_is_no_sample_is_refused(values):
         estimate(values)
     with pytest.raises(ValueError, match="y="):
         difference([1.0], values)
+
+
+def test_the_worst_mean_is_of_a_tenth_of_the_episodes_rounded_up() -> None:
+    costs = np.random.default_rng(0).permutation(np.arange(40.0))
+    assert worst_mean(costs) == np.mean([39, 38, 37, 36])
+    assert worst_mean(costs[costs < 11]) == np.mean([10, 9])
+    assert worst_mean([3.0]) == 3.0
+    with pytest.raises(ValueError, match="costs"):
+        worst_mean([])

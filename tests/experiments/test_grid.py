@@ -19,11 +19,16 @@ from saver_advisors.evaluation.protocol import (
 )
 from saver_advisors.experiments.grid import ExperimentRun, Grid, check_rows, read_grid
 from saver_advisors.experiments.recorder import BenchmarkPlan
+from saver_advisors.experiments.results import read_result
+from saver_advisors.experiments.training_runs import read_training_runs
+from saver_advisors.experiments.worker import DONE, execute
 from saver_advisors.training.defaults import default_settings
 from saver_advisors.training.settings import RunConfig
 
 ALGORITHMS = Path(__file__).resolve().parents[1] / "benchmarks" / "algorithms.py"
 CONFIGS = Path(__file__).resolve().parents[2] / "zoo_configs"
+#: The rows of the grid of constraints.
+ROWS = {run.row: run for run in read_grid(CONFIGS / "constraints_shared_arms.yml").runs}
 
 
 def test_first_seeds_of_all_rows_come_first(grid_file: GridFile) -> None:
@@ -208,6 +213,56 @@ def test_our_baseline_is_saver_train(group: str) -> None:
     assert drawn / (config.n_envs * 50) == 0.15 * 256
 
 
+def test_the_grid_of_constraints_has_five_seeds_and_one_limit_for_all() -> None:
+    grid = read_grid(CONFIGS / "constraints_shared_arms.yml")
+    seeds: dict[str, list[int]] = {}
+    for run in grid.runs:
+        seeds.setdefault(run.row, []).append(run.config.seed)
+    assert set(map(tuple, seeds.values())) == {(0, 1, 2, 3, 4)}
+    by_row = {run.row: run for run in grid.runs}
+    written = by_row["min"].config
+    assert isinstance(written, RunConfig) and written.stages is not None
+    assert [one.stage for one in written.stages] == ["teaching", "stretching", "exploring"]
+    assert written.constraint_relabelling == "next" and not written.per_arm_critics
+    limits, started = {}, []
+    for row, run in by_row.items():
+        config = run.config
+        if isinstance(config, BenchmarkPlan):
+            limits[row] = config.algo_kwargs["cost_limit"]
+            started.append(config.algo_kwargs["policy_kwargs"]["teacher"])
+        elif config.cost_limit is not None:
+            assert config.cost_key == "cost_distance"
+            limits[row] = config.cost_limit
+    assert len(started) == 3 and set(started) == {"jaco-pick-and-place"}
+    common = {row: limit for row, limit in limits.items() if "limit" not in row}
+    assert len(common) == 4 and set(common.values()) == {1.0}
+    assert len(limits) == 6 and by_row["goal alone"].shield
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", sorted(ROWS))
+def test_every_row_of_the_grid_of_constraints_runs(row: str, tmp_path: Path) -> None:
+    """With its own settings, but for two environments and two episodes of ten steps in each."""
+    run = ROWS[row]
+    config: Any = run.config
+    kwargs = {**config.env_kwargs, "max_episode_steps": 10}
+    small = {"n_envs": 2, "total_steps": 40, "eval_every": 20, "eval_episodes": 2}
+    if isinstance(config, BenchmarkPlan):
+        algo_kwargs = {**config.algo_kwargs, "n_steps": 20, "batch_size": 20}
+        config = replace(config, **small, env_kwargs=kwargs, algo_kwargs=algo_kwargs)
+        config = replace(config, report_episodes=2)
+    else:
+        config = replace(config, **small, env_kwargs=kwargs, gradient_steps=2, learning_starts=0)
+    run = replace(run, config=config, final_episodes=2)
+    result = tmp_path / f"{run.name}.json"
+    assert execute(run, tmp_path / "run", result) == DONE
+    content = read_result(result)
+    assert content["finished"] and content["curve"][-1]["training_cost"] >= 0
+    assert set(content["final"]["cost_cvar"]) == set(content["final"]["cost_means"])
+    assert (content.get("shielded") is not None) == run.shield
+    assert read_training_runs([result]).runs[0].group == "shared-arms"
+
+
 def with_row(row: dict[str, Any], **settings: Any) -> dict[str, Any]:
     """A tiny grid with one more row."""
     content = tiny_grid(**settings)
@@ -240,6 +295,9 @@ def test_a_third_party_row_follows_the_protocol_by_default(grid_file: GridFile) 
 @pytest.mark.parametrize(
     ("row", "message"),
     [
+        ({"shield": "yes"}, "shield='yes' must be true or false"),
+        ({"shield": True}, "shield=true needs a task with a constraint"),
+        ({"shield": True, "algorithm": "a:B"}, "shield=true needs our learner"),
         ({"algorithm": "td3"}, "algorithm='td3' must be MODULE:CLASS or FILE.py:CLASS"),
         ({"algorithm": "nowhere.py:A"}, "the file 'nowhere.py' does not exist"),
         ({"algorithm": "a:B", "settings": {"net_arch": [8]}}, "settings: unknown ['net_arch']"),
@@ -248,10 +306,8 @@ def test_a_third_party_row_follows_the_protocol_by_default(grid_file: GridFile) 
         ({"algorithm": "a:B", "teacher_steps": -1}, "teacher_steps=-1"),
     ],
 )
-def test_a_wrong_third_party_row_is_named(
-    grid_file: GridFile, row: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ValueError) as caught:
+def test_a_wrong_row_is_named(grid_file: GridFile, row: dict[str, Any], message: str) -> None:
+    with pytest.raises((TypeError, ValueError)) as caught:
         read_grid(grid_file(with_row(row)))
     assert f"push.more: {message}" in str(caught.value)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ import torch as th
 
 from saver_advisors.learner import GoalReplayBuffer, GoalTD3
 from saver_advisors.learner.policies import cost_values, goal_values
+from saver_advisors.training.building import build_model
+from saver_advisors.training.settings import RunConfig
+from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
 
 def make_model(env: Any, **arguments: Any) -> GoalTD3:
@@ -55,6 +59,24 @@ def test_a_missing_cost_is_named(make_env: Any) -> None:
     model = make_model(make_env(2), contact_cost=0.5, replay_buffer_kwargs={})
     with pytest.raises(KeyError, match=r"cost_key='cost_collision'.*info has only"):
         model.learn(20)
+
+
+def test_the_cost_may_be_another_than_contact(make_env: Any) -> None:
+    model = make_model(make_env(2), contact_cost=0.5, cost_key="cost", replay_buffer_kwargs={})
+    model.learn(20)
+    assert model.replay_buffer.cost.sum() == 10, "of 20 steps"
+
+
+def test_a_runs_cost_is_one_of_its_task() -> None:
+    values = {"env_id": "DualJacoDistance-v0", "n_envs": 2, "cost_limit": 1.0}
+    with closing(SaverVecEnv("DualJacoDistance-v0", 2)) as env:
+        wrong = RunConfig.from_mapping({**values, "cost_key": "cost_force"})
+        with pytest.raises(
+            ValueError, match=r"cost_key='cost_force'.*cost_collision, cost_distance"
+        ):
+            build_model(wrong, env)
+        model = build_model(RunConfig.from_mapping({**values, "cost_key": "cost_distance"}), env)
+    assert model.replay_buffer.cost_key == "cost_distance"
 
 
 def test_the_critics_learn_the_cost(make_env: Any) -> None:
