@@ -579,7 +579,7 @@ def test_the_pages_commands_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None
     text = (ROOT / "docs" / "benchmark-protocol.md").read_text()
     blocks = re.findall(r"^```bash\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     commands = [line for block in blocks for line in block.replace("\\\n", "").splitlines()]
-    assert len(commands) == 6
+    assert len(commands) == 5
     for command in commands:
         program, *rest = shlex.split(command)
         assert program == "saver"
