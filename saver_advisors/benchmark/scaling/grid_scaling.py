@@ -91,9 +91,9 @@ def with_efficiency(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Add to each row its ``efficiency``, and the share of the loss that the processor explains.
 
     ``efficiency`` is the runs per hour and worker relative to the row of the same backend with the
-    fewest workers, and ``processor_speed`` is that row's processor time of a run's training relative
-    to this row's: hardware threads that share a core are slower together, whoever places the runs.
-    Time in which other processes have the processor lowers the first, and not the second.
+    fewest workers, and ``processor_speed`` is that row's processor time of a run's training
+    relative to this row's: hardware threads that share a core are slower together, whoever places
+    the runs. Time in which other processes have the processor lowers the first, and not the second.
 
     :param rows: of ``scaling_row``
     """
