@@ -399,16 +399,16 @@ def test_kill_9_of_a_worker_and_of_a_search(tmp_path: Path, places: Places) -> N
     first, second = (places.output / f"trial-000{number}-seed0" for number in range(2))
     search = saver(*command)
     try:
-        wait_until(lambda: len(read_curve(first)) > 1, 240, "a checkpoint of the first trial")
+        wait_until(lambda: len(read_curve(first)) > 1, 600, "a checkpoint of the first trial")
         for number in workers_of(first):
             os.kill(number, signal.SIGKILL)
-        wait_until(lambda: len(read_curve(second)) > 1, 240, "a checkpoint of the second trial")
+        wait_until(lambda: len(read_curve(second)) > 1, 600, "a checkpoint of the second trial")
     finally:
         search.kill()
         search.communicate()
     # The worker of the second trial still writes its checkpoint: it is waited for.
     continued = saver(*command)
-    out, _ = continued.communicate(timeout=480)
+    out, _ = continued.communicate(timeout=1200)
     assert continued.returncode == 0, out
     assert out.count("running with") == 2, "no trial but these two"
     for folder in (first, second):
