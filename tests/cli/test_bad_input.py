@@ -149,17 +149,34 @@ CASES = {
     "threshold for early advice": (
         [
             *("train", "--env", "DualJacoPush-v0", "--output", "run"),
-            *("--advice", "early", "--budget", "100", "--threshold", "0.1"),
+            *(
+                "--advice",
+                "early",
+                "--teacher",
+                "jaco-push",
+                "--budget",
+                "100",
+                "--threshold",
+                "0.1",
+            ),
         ],
         ["'early'", "threshold=0.1"],
     ),
     "budget where nothing is advised": (
-        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--budget", "100"],
+        ["train", "--env", "DualJacoDistance-v0", "--output", "run", "--budget", "100"],
         ["--budget", "--advice"],
     ),
     "network too narrow for its teachers": (
-        ["train", "--env", "DualJacoPush-v0", "--output", "run", "--env-kwargs", "n_arms=3"],
-        ["advice: net_arch=[256, 256, 256]", "use net_arch=[384, 384, 384]"],
+        [
+            "train",
+            "--env",
+            "DualJacoDistance-v0",
+            "--output",
+            "run",
+            "--set",
+            "net_arch=[64,64,64]",
+        ],
+        ["advice: net_arch=[64, 64, 64]", "use net_arch=[256, 256, 256]"],
     ),
     "teacher that does not fit": (
         [

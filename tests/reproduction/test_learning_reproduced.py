@@ -71,8 +71,9 @@ def test_a_variant_changes_what_it_says_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=[variant.name for variant in VARIANTS])
-def test_every_variant_can_be_built_for_an_advised_student(variant: Variant) -> None:
-    loop = our_loop("DualJacoPush-v0", variant, by_part=False)
+def test_every_variant_can_be_built_with_and_without_advice(variant: Variant) -> None:
+    assert not hasattr(our_loop("DualJacoPush-v0", variant, by_part=False).model, "advisor")
+    loop = our_loop("DualJacoDistance-v0", variant, by_part=False)
     assert loop.model.advisor.strategy.name == "early"
 
 
@@ -83,7 +84,7 @@ def test_the_papers_layers_are_those_of_the_row_that_was_trained() -> None:
 
 
 def test_the_parts_of_a_block_add_up() -> None:
-    loop = our_loop("DualJacoPush-v0", VARIANTS[0], by_part=True)
+    loop = our_loop("DualJacoDistance-v0", VARIANTS[0], by_part=True)
     block = loop.block()
     assert block.keys() == {*(part for _, _, part in PARTS), "the rest", "total"}
     assert min(block.values()) > 0
