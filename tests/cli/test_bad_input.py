@@ -180,7 +180,7 @@ CASES = {
     ),
     "teacher that does not fit": (
         [
-            *("train", "--env", "DualJacoPickAndPlace-v0", "--output", "run"),
+            *("train", "--env", "DualJacoDistance-v0", "--output", "run"),
             *("--teacher", "jaco-push"),
         ],
         ["jaco-push", "advice"],
