@@ -15,6 +15,7 @@ from reproduction.pages.environments import (
     environments_table,
 )
 from reproduction.pages.gallery import gallery_page
+from reproduction.pages.limp_person import limp_person_page
 from reproduction.pages.notebooks import FOLDER, TUTORIALS, notebook
 from reproduction.pages.results import read_result_files, results_page, success_overview
 from reproduction.pages.worlds import worlds_page
@@ -38,6 +39,7 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     entries = [entry(name) for name in sparse_ids()]
     pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries)
+    pages["limp-person.md"] = limp_person_page()
     pages["worlds.md"] = worlds_page(sparse_ids())
     pages["gallery.md"] = gallery_page(output / "images", sparse_ids())
     pages["weights.md"] = weights_page()

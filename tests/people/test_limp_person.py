@@ -13,9 +13,10 @@ from limp_worlds import MAN, WIDE, WOMAN, beyond_ranges, put, run
 from saver_envs.people.anthropometry import DE_LEVA, SEXES
 from saver_envs.people.bed import Bed, add_bed
 from saver_envs.people.body_parts import CENTRAL_PARTS, LIMB_PARTS
-from saver_envs.people.limp_joints import PASSIVE_JOINTS, SOURCES, joint_names
+from saver_envs.people.limp_joints import PASSIVE_JOINTS, joint_names
 from saver_envs.people.limp_people import PEOPLE
 from saver_envs.people.limp_person import LIMITS, LimpPerson, add_limp_person
+from saver_envs.people.limp_sources import OURS, SOURCES
 from saver_envs.people.lying import ArmPosture, LyingPosture, LyingWorld
 from saver_envs.people.physique import DENSITY
 from saver_envs.world import set_physics
@@ -128,7 +129,7 @@ def test_ranges_and_stiffness_are_those_of_the_table() -> None:
     person = replace(MAN, stiffness=2.0)
     model = compiled(person)
     for joint in PASSIVE_JOINTS:
-        assert set(joint.sources) <= set(SOURCES)
+        assert set(joint.sources) <= {*SOURCES, OURS}
         for name in joint_names(joint):
             compiled_joint = model.joint(name)
             np.testing.assert_allclose(np.degrees(compiled_joint.range), joint.range, atol=1e-9)
