@@ -38,7 +38,7 @@ class StartedPolicy(MultiInputActorCriticPolicy):
         lr_schedule: Schedule,
         *,
         teacher: str | None = None,
-        log_std_init: float = float(np.log(0.2)),
+        log_std_init: float = float(np.log(0.1)),
         **arguments: Any,
     ) -> None:
         arguments.setdefault("features_extractor_class", NormalizedGoalFeatures)
