@@ -522,7 +522,10 @@ def test_the_command_builds_one_environment_and_one_learner(
         (["env_kwargs.horizon=-1"], "error: env_kwargs: "),
         (["train_env_kwargs.horizon=-1"], "error: train_env_kwargs: "),
         (["train_env_kwargs.horizen=10"], "error: train_env_kwargs: "),
-        (["advice.teacher=jaco-pick-and-place"], "error: advice: "),
+        (
+            ["advice={strategy: early, teacher: jaco-pick-and-place, budget: 1000}"],
+            "error: advice: teacher 'jaco-pick-and-place' has actions of size 4",
+        ),
         (["stages=[{stage: exploring}]"], "error: "),
         (["constraint_relabelling=keep"], "error: "),
     ],

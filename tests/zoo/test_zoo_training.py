@@ -370,7 +370,7 @@ def _make(env_id: str) -> Any:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--zoo", "ppo"], "algorithm 'ppo' is unknown"),
+        (["--zoo", "a2c"], "algorithm 'a2c' is unknown"),
         (["--zoo", "sac", "--algorithm", "td3"], "--algorithm: not available with --zoo"),
         (["--zoo", "sac", "--", "--algo", "td3"], "--algo: use --zoo of"),
         (["--zoo", "sac", "--", "-n=3"], "-n: use --steps of"),
