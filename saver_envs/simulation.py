@@ -111,6 +111,8 @@ class Simulation:
         self.qpos = self._batch.bind("qpos")
         self.qvel = self._batch.bind("qvel")
         self.ctrl = self._batch.bind("ctrl")
+        #: (n,) time since the reset, seconds.
+        self.time = self._batch.bind("time")
         self._anchors = self._batch.bind("xanchor")
         self._axes = self._batch.bind("xaxis")
         #: (n, sites, 3) where the sites are, world frame, metres.

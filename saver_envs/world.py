@@ -70,14 +70,7 @@ def new_world(table: TableArea, height: float = 0.0) -> mujoco.MjSpec:
     """
     spec = mujoco.MjSpec()
     spec.modelname = "saver"
-    spec.compiler.degree = False
-    option = spec.option
-    option.timestep = TIMESTEP
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    # Pyramidal cones let a lifted cube slip out of the hand within 4 s; elliptic ones hold it,
-    # and need fewer constraint rows.
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10
+    set_physics(spec)
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = 1920, 1080
     visual.quality.offsamples = 4
@@ -96,6 +89,18 @@ def new_world(table: TableArea, height: float = 0.0) -> mujoco.MjSpec:
         geom.pos[2] += height
     _add_floor(spec)
     return spec
+
+
+def set_physics(spec: mujoco.MjSpec) -> None:
+    """Set the units and the options of the simulation in which everything is simulated."""
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Pyramidal cones let a lifted cube slip out of the hand within 4 s; elliptic ones hold it,
+    # and need fewer constraint rows.
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
 
 
 def _add_materials(spec: mujoco.MjSpec) -> None:

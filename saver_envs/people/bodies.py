@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from saver_envs.people.manikin import hinge, limb_capsule, trunk_capsules
 from saver_envs.people.postures import random_appearance
+from saver_envs.people.rotations import about, frame_of
 from saver_envs.people.surface import Appearance, BodyShape
 
 #: How many bodies there are of each split of :mod:`saver_envs.people.postures`.
@@ -166,26 +167,11 @@ class PersonArm:
         :param wrist: (3,).
         """
         angle = float(np.arccos(self._bend_cosine(elbow[None], wrist[None])[0])) - self.bent
-        turned = _about(self.axis, angle) @ self.fore
-        before = _frame(self.upper, turned)
-        after = _frame(elbow - self.shoulder, wrist - elbow)
+        turned = about(self.axis, angle) @ self.fore
+        before = frame_of(self.upper, turned)
+        after = frame_of(elbow - self.shoulder, wrist - elbow)
         return after @ before.T, angle
 
 
 #: An arm of a body, computed once.
 arm_of = lru_cache(maxsize=64)(PersonArm)
-
-
-def _about(axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
-    """Return the rotation (3, 3) about a unit axis."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-
-
-def _frame(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the axes (3, 3), in columns, of which x is along ``first`` and z is across both."""
-    x = first / np.linalg.norm(first)
-    z = np.cross(first, second)
-    z /= np.linalg.norm(z)
-    return np.stack([x, np.cross(z, x), z], axis=1)

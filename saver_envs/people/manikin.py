@@ -103,7 +103,7 @@ _JOINTS: Final = {
 #: Bodies that lie on the support (see :func:`add_manikin`).
 _CARRIED: Final = ("pelvis", "torso", "head")
 #: Capsules of a limb's body run to the body that follows; hands and feet to their far end.
-_NEXT: Final = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+NEXT_BODY: Final = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 
 
 def segment(body: str) -> str:
@@ -151,7 +151,7 @@ def add_manikin(
     )
     bodies: dict[str, mujoco.MjsBody] = {}
     for name in shape.bodies:
-        parent = _parent(name)
+        parent = parent_body(name)
         offset = shape.head(name) - (shape.head(parent) if parent else 0.0)
         holder = bodies[parent] if parent else root
         # The support carries the trunk and the head in every posture.
@@ -164,13 +164,14 @@ def add_manikin(
             _add_joint(body, name, shape, spec.compiler.degree)
         on_support = segment(name) in _CARRIED or segment(name) in rigid
         _add_capsules(body, name, shape, mass * MASS_SHARE[segment(name)], on_support)
-    _add_sites(bodies, shape, prefix)
+    add_skeleton_sites(bodies, shape, prefix)
     _exclude_neighbours(spec, prefix)
     if skins:
         add_skins(spec, shape, appearance, prefix)
 
 
-def _parent(body: str) -> str | None:
+def parent_body(body: str) -> str | None:
+    """Return the body that a body is attached to, or ``None`` for the pelvis."""
     kind = segment(body)
     if kind not in _JOINTS:
         return None
@@ -227,12 +228,12 @@ def _add_joint(body: mujoco.MjsBody, name: str, shape: BodyShape, degrees: bool)
 
 def hinge(name: str, shape: BodyShape, lift: float) -> tuple[NDArray[np.float64], float]:
     """Return a hinge's axis, and how far (rad) elbow or knee are bent in the mesh; 0 for hands."""
-    parent = _parent(name)
+    parent = parent_body(name)
     assert parent is not None
     along = shape.head(name) - shape.head(parent)
     axis = np.cross(along, (0.0, 0.0, lift))
     axis /= np.linalg.norm(axis)
-    following = _NEXT.get(segment(name))
+    following = NEXT_BODY.get(segment(name))
     if following is None:
         return axis, 0.0
     onward = shape.head(name.replace(segment(name), following)) - shape.head(name)
@@ -272,8 +273,8 @@ def limb_capsule(name: str, shape: BodyShape) -> Capsule:
     start = shape.head(name)
     vertices = shape.owned(name)
     kind = segment(name)
-    if kind in _NEXT:
-        end = shape.head(name.replace(kind, _NEXT[kind]))
+    if kind in NEXT_BODY:
+        end = shape.head(name.replace(kind, NEXT_BODY[kind]))
     else:
         # The far end of a hand or foot, less its thickness.
         reach = vertices - start
@@ -311,7 +312,8 @@ def trunk_capsules(name: str, shape: BodyShape) -> list[Capsule]:
     return [(begin + side * column, end + side * column, radius) for side in (-1, 1)]
 
 
-def _add_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str) -> None:
+def add_skeleton_sites(bodies: dict[str, mujoco.MjsBody], shape: BodyShape, prefix: str) -> None:
+    """Add the sites ``joint_<name>`` of :data:`SKELETON_BODIES` to bodies of the mesh's frame."""
     for joint, body in SKELETON_BODIES.items():
         if joint == "head":
             point = shape.nose

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.batch import MODEL_FIELDS
 from numpy.typing import NDArray
 
 from saver_envs.people.bench import HIPS, person_addresses
 from saver_envs.people.stretcher import STRETCHER
+from saver_envs.people.variants import SceneVariants
 from saver_envs.scenes import Scene
 from saver_envs.simulation import ObjectState, Simulation, cross
 
@@ -89,9 +88,8 @@ class Patient:
         self._simulation = simulation
         self._scene: Scene = simulation.scene
         self._where = person_addresses(simulation.scene)
-        self._bodies = _fields_of_bodies(self._scene.models)
-        varied = (*self._bodies, "geom_friction", "dof_damping")
-        self._fields = {name: simulation.per_simulation(name) for name in varied}
+        self._variants = SceneVariants(simulation, ("geom_friction", "dof_damping"))
+        self._bodies, self._fields = self._variants.values, self._variants.fields
         self._damping = self._scene.model.dof_damping[self._where.limb_dofs]
         self._parts = np.setdiff1d(np.arange(1, self._scene.model.nbody), simulation.arm_bodies)
 
@@ -135,12 +133,7 @@ class Patient:
     def give_bodies(self, rows: NDArray[np.intp], people: People) -> None:
         """Give the models of simulations ``rows`` the bodies of ``people``."""
         where, fields = self._where, self._fields
-        # Bodies have other sites; the tools of the arms stay where they are.
-        sites, tools = self._simulation.per_simulation("site_pos"), self._scene.tool_site
-        own_tools = sites[rows[:, None], tools]
-        for name, values in self._bodies.items():
-            fields[name][rows] = values[people.body]
-        sites[rows[:, None], tools] = own_tools
+        self._variants.write(rows, people.body)
         dofs, geoms = where.limb_dofs, where.limb_geoms
         fields["dof_frictionloss"][rows[:, None], dofs] *= people.stiffness[:, None]
         fields["dof_damping"][rows[:, None], dofs] = self._damping * people.stiffness[:, None]
@@ -212,17 +205,6 @@ def place_stretcher(model: mujoco.MjModel, people: People, row: int) -> None:
     stretcher, yaw = model.body(STRETCHER).id, people.yaw[row] / 2
     model.body_pos[stretcher, :2] = people.hips[row]
     model.body_quat[stretcher] = (np.cos(yaw), 0, 0, np.sin(yaw))
-
-
-@lru_cache(maxsize=4)
-def _fields_of_bodies(models: tuple[mujoco.MjModel, ...]) -> dict[str, NDArray[Any]]:
-    """Return the fields in which models differ, (models, ...) each."""
-    fields = {}
-    for name in sorted(one for one in MODEL_FIELDS if "." not in one):
-        values = np.stack([np.asarray(getattr(model, name)) for model in models])
-        if (values != values[0]).any():
-            fields[name] = values
-    return fields
 
 
 def heading(along: NDArray[np.float64]) -> NDArray[np.float64]:
