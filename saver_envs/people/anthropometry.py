@@ -1,9 +1,8 @@
 """Masses, lengths and inertia of the body's segments, of women and men.
 
-Source: P. de Leva, "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters", Journal of
-Biomechanics 29 (1996) 1223-1230, table 4 and its alternative end points. The shares of mass are
-those of athletic young adults; for other builds they are kept, which puts too little of a heavy
-person's mass into the trunk.
+Source: table 4 of de Leva 1996 with its alternative end points, see
+:mod:`saver_envs.people.limp_sources`. The shares of mass are those of athletic young adults; they
+are kept for other builds, which puts too little of a heavy person's mass into the trunk.
 """
 
 from __future__ import annotations

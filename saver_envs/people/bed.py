@@ -15,7 +15,7 @@ from saver_envs.world import TABLE_BIT, draw_box
 BED_PRIORITY: Final = 2
 #: Impedance of the contacts (MuJoCo's solimp): with the default one limbs creep by centimetres.
 _FIRM: Final = (0.99, 0.999, 0.001, 0.5, 2.0)
-_COLOUR: Final = (0.90, 0.92, 0.93)
+_COLOUR: Final = (0.74, 0.80, 0.84)
 #: The drawn bed ends this far below the collision box (m), so that the skin does not cut into it.
 _SUNK: Final = 0.004
 

@@ -26,7 +26,6 @@ from saver_envs.validation import require
 
 Arrays = dict[str, NDArray[Any]]
 
-#: Part of the body -> greatest force of a lasting contact, N.
 FORCE_LIMITS: Final = {
     "skull": 130.0,
     "face": 65.0,
@@ -41,6 +40,7 @@ FORCE_LIMITS: Final = {
     "thigh": 220.0,
     "lower_leg": 130.0,
 }
+"""Part of the body -> greatest force of a lasting contact, N."""
 #: A contact lasts from this time on (s); until then it may press so many times as hard.
 LASTING, TRANSIENT_FACTOR = 0.5, 2.0
 #: Parts on which it may not.

@@ -14,26 +14,6 @@ from typing import Final
 
 from saver_envs.people.manikin import SIDES
 
-#: Sources by the keys that the rows use; the page of the person lists them.
-SOURCES: Final = {
-    "boone": "D. C. Boone, S. P. Azen, Normal range of motion of joints in male subjects, J. Bone "
-    "and Joint Surgery (American) 61 (1979) 756-759",
-    "white": "A. A. White, M. M. Panjabi, Clinical Biomechanics of the Spine, 2nd ed. (1990)",
-    "youdas": "J. W. Youdas et al., Normal range of motion of the cervical spine: an initial "
-    "goniometric study, Physical Therapy 72 (1992) 770-780",
-    "riener": "R. Riener, T. Edrich, Identification of passive elastic joint moments in the lower "
-    "extremities, J. Biomechanics 32 (1999) 539-544",
-    "wiegner": "A. W. Wiegner, R. L. Watts, Elastic properties of muscles measured at the elbow in "
-    "man: I. Normal controls, J. Neurology, Neurosurgery and Psychiatry 49 (1986) 1171-1176",
-    "formica": "D. Formica et al., The passive stiffness of the wrist and forearm, J. "
-    "Neurophysiology 108 (2012) 1158-1166",
-    "watt": "A. A. Watt, A. J. Callaway, J. M. Williams, In vivo through-range passive stiffness "
-    "of the lumbar spine: a meta-analysis of measurements and methods, Medical & Biological "
-    "Engineering & Computing 60 (2022) 2133-2157",
-    "mcgill": "S. M. McGill, K. Jones, G. Bennett, P. J. Bishop, Passive stiffness of the human "
-    "neck in flexion, extension, and lateral bending, Clinical Biomechanics 9 (1994) 193-198",
-    "ours": "chosen here",
-}
 #: Centre of the shoulder's range: abduction, flexion and outward rotation, degrees. The ends of the
 #: published ranges of each motion are at nearly equal turns from it, 100 degrees or little more.
 SHOULDER_CENTRE: Final = (45.0, 55.0, -15.0)
@@ -54,7 +34,8 @@ class PassiveJoint:
         N m/rad^2 and N m/rad^3.
     :param damping: N m s/rad.
     :param torque_limit: torque against the end of the range that is not to be exceeded, N m.
-    :param sources: keys of :data:`SOURCES` for range, stiffness and torque limit; damping is ours.
+    :param sources: of range, stiffness and torque limit, keys of
+        :data:`saver_envs.people.limp_sources.SOURCES` or ``ours``; damping is ours.
     """
 
     name: str
@@ -73,7 +54,6 @@ class PassiveJoint:
         return self.name.split("_")[0]
 
 
-#: In the order in which they move a body.
 PASSIVE_JOINTS: Final = (
     PassiveJoint(
         *(
@@ -129,11 +109,11 @@ PASSIVE_JOINTS: Final = (
     ),
     PassiveJoint(
         *("neck_bend", "head", (0.0, 0.0, -1.0), (-45.0, 45.0), 0.0, (2.0, 0.0, 6.0), 0.4, 10.0),
-        ("youdas", "mcgill", "mcgill"),
+        ("youdas", "ours", "mcgill"),
     ),
     PassiveJoint(
         *("neck_flexion", "head", (0.0, 1.0, 0.0), (-65.0, 50.0), 0.0, (2.0, 0.0, 6.0), 0.4, 10.0),
-        ("youdas", "mcgill", "mcgill"),
+        ("youdas", "ours", "mcgill"),
     ),
     PassiveJoint(
         *("shoulder", "upper_arm", _BALL, (0.0, 105.0), 0.0, (0.5, 0.0, 0.0), 0.5, 20.0),
@@ -145,7 +125,7 @@ PASSIVE_JOINTS: Final = (
     ),
     PassiveJoint(
         *("wrist", "hand", (0.0, 0.0, -1.0), (-75.0, 75.0), 0.0, (0.5, 0.0, 0.0), 0.03, 4.0),
-        ("boone", "formica", "ours"),
+        ("boone", "ours", "ours"),
     ),
     PassiveJoint(
         *(
@@ -195,6 +175,7 @@ PASSIVE_JOINTS: Final = (
         ("boone", "riener", "ours"),
     ),
 )
+"""All joints, those of a body in the order in which they move it, the outermost one first."""
 _CENTRAL: Final = ("torso", "head")
 
 

@@ -7,13 +7,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.people.limp_person import LimpPerson
+from saver_envs.people.limp_person import LIMITS, LimpPerson
 from saver_envs.people.lying import PersonLayout
 from saver_envs.people.variants import SceneVariants
+from saver_envs.randomization import Choice, LogUniform, Parameter, Uniform
 from saver_envs.simulation import Simulation
 
-#: Whose bodies are compiled, one a variant: as many women as men, of the whole range of sizes and
-#: builds. Friction and stiffness are written for each episode.
 PEOPLE: Final = (
     LimpPerson("male", 1.76, 24.0),
     LimpPerson("female", 1.64, 23.0),
@@ -23,6 +22,29 @@ PEOPLE: Final = (
     LimpPerson("female", 1.72, 29.5),
     LimpPerson("male", 1.82, 33.0),
     LimpPerson("female", 1.60, 34.0),
+)
+"""Whose bodies are compiled, one a variant: as many women as men, of the whole range of sizes and
+builds. Friction and stiffness are written for each episode."""
+
+#: What may differ between limp persons; a task has options of these names.
+LIMP_PERSON_PARAMETERS: Final = (
+    Parameter(
+        *("person_body", "", "which of the persons lies there", None, (0, len(PEOPLE) - 1)),
+        wide=Choice(tuple(range(len(PEOPLE)))),
+        whole=True,
+    ),
+    Parameter(
+        *("person_friction", "", "sliding friction of the person's clothes and skin", None),
+        limits=LIMITS["friction"][:2],
+        wide=Uniform(0.25, 0.6),
+        held_out=Uniform(0.6, 0.9),
+    ),
+    Parameter(
+        *("person_stiffness", "", "factor of stiffness and damping of the person's joints", None),
+        limits=LIMITS["stiffness"][:2],
+        wide=LogUniform(0.5, 2.0),
+        held_out=LogUniform(2.0, 3.0),
+    ),
 )
 
 

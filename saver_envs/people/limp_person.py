@@ -12,9 +12,14 @@ How tasks use it:
 - **Place**: ``simulation.keep(LimpPeople)`` of :mod:`saver_envs.people.limp_people`: ``give``
   writes bodies, stiffness and friction into the models, ``lay`` the numbers into ``qpos``,
   ``angles`` reads hinges.
+- **Check**: a start is valid where no pair of ``simulation.contacts_of`` has a geom of an arm.
 - **Read**: ``simulation.keep(PersonLoads).readings(memory)`` returns forces, torques and their
   costs; the task's memory has :func:`saver_envs.people.contact_forces.load_memory`, and its class
   ``keeps_peaks = True``.
+
+The table of a scene is a plane without end: give it a ``table_height`` below the bed's, or lay the
+person on it and leave the bed out. The pelvis has a free joint, so that a task which conveys a
+person off the table needs ``keeps_to_table = False``.
 
 Names in the model, each behind ``prefix``:
 

@@ -13,9 +13,10 @@ from limp_worlds import MAN, WIDE, WOMAN, beyond_ranges, put, run
 from saver_envs.people.anthropometry import DE_LEVA, SEXES
 from saver_envs.people.bed import Bed, add_bed
 from saver_envs.people.body_parts import CENTRAL_PARTS, LIMB_PARTS
-from saver_envs.people.limp_joints import PASSIVE_JOINTS, SOURCES, joint_names
-from saver_envs.people.limp_people import PEOPLE
+from saver_envs.people.limp_joints import PASSIVE_JOINTS, joint_names
+from saver_envs.people.limp_people import LIMP_PERSON_PARAMETERS, PEOPLE
 from saver_envs.people.limp_person import LIMITS, LimpPerson, add_limp_person
+from saver_envs.people.limp_sources import OURS, SOURCES
 from saver_envs.people.lying import ArmPosture, LyingPosture, LyingWorld
 from saver_envs.people.physique import DENSITY
 from saver_envs.world import set_physics
@@ -128,7 +129,7 @@ def test_ranges_and_stiffness_are_those_of_the_table() -> None:
     person = replace(MAN, stiffness=2.0)
     model = compiled(person)
     for joint in PASSIVE_JOINTS:
-        assert set(joint.sources) <= set(SOURCES)
+        assert set(joint.sources) <= {*SOURCES, OURS}
         for name in joint_names(joint):
             compiled_joint = model.joint(name)
             np.testing.assert_allclose(np.degrees(compiled_joint.range), joint.range, atol=1e-9)
@@ -193,6 +194,16 @@ def test_the_people_of_the_tasks_span_the_ranges() -> None:
     assert min(heights) == LIMITS["height"][0] and max(heights) == LIMITS["height"][1]
     assert min(builds) < 20 and max(builds) > 33
     assert sum(one.sex == "female" for one in PEOPLE) == len(PEOPLE) // 2
+
+
+def test_parameters_are_within_what_a_person_allows() -> None:
+    for parameter in LIMP_PERSON_PARAMETERS:
+        name = parameter.name.removeprefix("person_")
+        for distribution in (parameter.wide, parameter.held_out):
+            for end in distribution.ends if distribution else ():
+                assert parameter.allows(end)
+                if name in LIMITS:
+                    LimpPerson(**{name: end})
 
 
 def test_the_skin_follows_the_bodies() -> None:

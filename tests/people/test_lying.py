@@ -149,6 +149,7 @@ def drift(world: LyingWorld, seconds: float) -> float:
     return float(np.linalg.norm(world.points() - before, axis=-1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", POSTURES)
 def test_nothing_drifts_in_a_minute_of_rest(name: str) -> None:
     world = LyingWorld(MAN, WIDE)
