@@ -16,6 +16,7 @@ from reproduction.pages.environments import (
 )
 from reproduction.pages.gallery import gallery_page
 from reproduction.pages.leaderboard import leaderboard_page
+from reproduction.pages.limp_person import limp_person_page
 from reproduction.pages.notebooks import FOLDER, TUTORIALS, notebook
 from reproduction.pages.results import (
     CURVES_FOLDER,
@@ -46,6 +47,7 @@ def all_pages(output: Path, readme: Path | None) -> dict[Path, str]:
     entries = [entry(name) for name in sparse_ids()]
     pages = {f"environments/{one['env_id']}.md": environment_page(one, results) for one in entries}
     pages["environments/index.md"] = environments_page(entries)
+    pages["limp-person.md"] = limp_person_page()
     pages["worlds.md"] = worlds_page(sparse_ids())
     pages["gallery.md"] = gallery_page(output / "images", sparse_ids())
     pages["weights.md"] = weights_page()

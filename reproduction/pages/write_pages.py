@@ -102,10 +102,14 @@ def draw_all(output: Path, only: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from reproduction.command_parts import write_clip
+    from reproduction.pages.limp_person import limp_person_picture
     from reproduction.pages.results import CURVES_FOLDER
     from reproduction.pages.worlds import SHOWN, world_pictures
     from saver_advisors.reporting.video import start_picture
 
+    if only is None:
+        person = Image.fromarray(limp_person_picture())
+        person.save(output / "images" / "limp-person.webp", quality=80, method=6)
     folder = output / "images" / "environments"
     folder.mkdir(parents=True, exist_ok=True)
     for env_id in tqdm(list(only or sparse_ids()), unit="environment"):

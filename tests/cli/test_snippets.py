@@ -32,6 +32,7 @@ PAGES = (
     "docs/grid-on-a-cluster.md",
     "docs/reproducibility.md",
     "docs/viewer.md",
+    "docs/limp-person.md",
 )
 #: Every page that a reader can come to.
 READ = sorted(
