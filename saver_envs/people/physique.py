@@ -50,7 +50,7 @@ class Physique(BodyShape):
         #: kg.
         self.mass = bmi * height**2
         self._stretch_arms(sex, height)
-        self.heads, self.vertices = _mirrored(self.heads, self.bodies), self.vertices
+        self.heads = _mirrored(self.heads, self.bodies)
         thickened = self._thickening
         low, high = _GIRTHS
         for _ in range(24):  # to a millionth
