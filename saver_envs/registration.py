@@ -23,6 +23,7 @@ from saver_envs.randomization.parameters import COMMON, Parameter
 from saver_envs.randomization.presets import parse_randomization
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
+from saver_envs.tasks.carry import Carry
 from saver_envs.tasks.contract import RewardType, Start, Task
 from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.pick_and_place import PickAndPlace
@@ -385,6 +386,7 @@ def register_all() -> None:
         (Push, "DualJacoPush", "jaco", 2),
         (PickAndPlace, "DualJacoPickAndPlace", "jaco", 2),
         (Distance, "DualJacoDistance", "jaco", 2),
+        (Carry, "DualJacoCarry", "jaco", 2),
         (Push, "MicoPush", "mico", 1),
         (PickAndPlace, "MicoPickAndPlace", "mico", 1),
         (Push, "DualMicoPush", "mico", 2),

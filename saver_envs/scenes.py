@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, ClassVar, Literal, get_args
@@ -381,6 +381,25 @@ def add_target(
         pos=position,
         rgba=(*ARM_COLOURS[index], 0.45),
     )
+
+
+def add_collision_counters(
+    spec: mujoco.MjSpec, arms: Arms, strange: Sequence[Sequence[str]]
+) -> None:
+    """Count contacts between arms, and of arms with the table and with what they may not touch.
+
+    :param spec: gets the sensors.
+    :param arms: the arms.
+    :param strange: names of the geoms that an arm may not touch, arm by arm.
+    """
+    body, geom = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_GEOM
+    for index, names in enumerate(strange):
+        arm, name = arms.body(index), f"{COLLISION}arm{index}"
+        add_contact_sensor(spec, f"{name}_table", arm, geom, "table")
+        for other in range(index + 1, arms.n):
+            add_contact_sensor(spec, f"{name}_arm{other}", arm, body, arms.body(other))
+        for one in names:
+            add_contact_sensor(spec, f"{name}_{one}", arm, geom, one)
 
 
 def add_contact_sensor(

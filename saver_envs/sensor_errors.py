@@ -6,6 +6,7 @@ it: otherwise relabelling would give other rewards than the environment.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,8 @@ SENSORS = (
     Sensor(ORIENTATION, 0.03),
     Sensor("object linear velocity", 0.03),
     Sensor("object angular velocity", 0.3),
+    Sensor("load position on the object", 0.003, offset=0.005),
+    Sensor("load velocity on the object", 0.03),
 )
 
 
@@ -70,36 +73,44 @@ class SensorErrors:
     """
 
     def __init__(self, n: int, layout: Layout, moving_fingers: bool) -> None:
-        names = {part.name for part in layout.parts if not part.shared}
-        sensors = [
-            one
-            for one in SENSORS
-            if one.part in names and (moving_fingers or "finger" not in one.part)
-        ]
-        # In the units of the observation; numbers are drawn arm by arm and sensor by sensor. The
-        # last one is an error of 0, that of everything exact.
-        scale = np.array([layout.part(one.part).scale for one in sensors])
-        shape = layout.n_arms, len(sensors), 3
-        self._deviation, self._offset_deviation = (
-            np.append(np.broadcast_to((scale * of_sensors)[:, None], shape).ravel(), 0.0)
-            for of_sensors in ([one.deviation for one in sensors], [one.offset for one in sensors])
-        )
+        # In the units of the observation. Numbers are drawn arm by arm and sensor by sensor, then
+        # for what the arms share. The last one is an error of 0, that of everything exact.
+        source: dict[str, NDArray[np.intp]] = {}
+        deviation: list[Array] = []
+        offset: list[Array] = []
+        size = 0
+        for shared, copies in ((False, (layout.n_arms,)), (True, ())):
+            names = {part.name for part in layout.parts if part.shared == shared}
+            sensors = [
+                one
+                for one in SENSORS
+                if one.part in names and (moving_fingers or "finger" not in one.part)
+            ]
+            shape = *copies, len(sensors), 3
+            drawn = size + np.arange(math.prod(shape)).reshape(shape)
+            source |= {one.part: drawn[..., index, :] for index, one in enumerate(sensors)}
+            scale = np.array([layout.part(one.part).scale for one in sensors])
+            for values, kind in ((deviation, "deviation"), (offset, "offset")):
+                of_sensors = scale * np.array([getattr(one, kind) for one in sensors])
+                values.append(np.broadcast_to(of_sensors[:, None], shape).ravel())
+            size += drawn.size
+        self._deviation = np.append(np.concatenate(deviation), 0.0)
+        self._offset_deviation = np.append(np.concatenate(offset), 0.0)
         size = self._deviation.size
-        drawn = np.arange(size - 1).reshape(shape)
-        source = {one.part: drawn[:, index] for index, one in enumerate(sensors)}
         self._layout, self._rotation = layout, source.pop(ORIENTATION, None)
         # Entry of the observation -> number that is added, and number that is subtracted.
         self._added, self._subtracted = np.full((2, layout.size), size - 1)
         for name, numbers in source.items():
             layout.get(self._added, name)[...] = numbers
-        if _RELATIVE in names:
+        if any(part.name == _RELATIVE for part in layout.parts):
             layout.get(self._added, _RELATIVE)[...] = source["object position"]
             layout.get(self._subtracted, _RELATIVE)[...] = source["gripper position"]
         self._generators = [np.random.Generator(np.random.PCG64()) for _ in range(n)]
         self._offset = np.zeros((n, size))
         # Errors of a block of actions, and how many of these actions have passed.
         self._noise = np.zeros((n, _BLOCK, layout.size))
-        self._turns = np.zeros((n, _BLOCK, layout.n_arms, 3))
+        turned = () if self._rotation is None else self._rotation.shape
+        self._turns = np.zeros((n, _BLOCK, *turned))
         self._passed = np.full(n, _BLOCK)
 
     def begin(self, row: int, generator: np.random.Generator) -> None:

@@ -17,6 +17,8 @@ from saver_envs.validation import require, require_kind
 from saver_envs.world import TIMESTEP
 
 Kept = TypeVar("Kept")
+#: Name of a geom that rests on the table, or of one and of that on which it rests.
+Resting = str | tuple[str, str]
 
 #: Substeps of 0.002 s in one action: 25 actions per second.
 SUBSTEPS = 20
@@ -266,15 +268,15 @@ class Simulation:
         self.peaks[ids] = 0.0
         self._warnings_before[ids] = self._warnings[ids]
 
-    def touching(self, ids: NDArray[np.intp], resting: Sequence[str]) -> NDArray[np.bool_]:
+    def touching(self, ids: NDArray[np.intp], resting: Sequence[Resting]) -> NDArray[np.bool_]:
         """Return which of simulations ``ids`` (k,) have contacts, see :meth:`contacts_of`."""
         return np.array([bool(self.contacts_of(int(index), resting)) for index in ids])
 
-    def contacts_of(self, index: int, resting: Sequence[str]) -> list[tuple[str, str]]:
-        """Return the names of geoms in contact, except for those that rest on the table.
+    def contacts_of(self, index: int, resting: Sequence[Resting]) -> list[tuple[str, str]]:
+        """Return the names of geoms in contact, except for those that rest on something.
 
         :param index: of the simulation.
-        :param resting: names of the geoms that rest on the table.
+        :param resting: see :data:`Resting`.
         """
         if self._scratch is None:
             model = self.model_of(0) if self._expanded else self.scene.model
@@ -285,12 +287,12 @@ class Simulation:
         data.qpos[:] = self.qpos[index]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
-        pairs = data.contact.geom
-        lying = [model.geom(name).id for name in resting]
-        below = (pairs == model.geom("table").id).any(axis=-1)
-        rests = below & np.isin(pairs, lying).any(axis=-1)
+        named = [(one, "table") if isinstance(one, str) else one for one in resting]
+        rests = [{model.geom(first).id, model.geom(second).id} for first, second in named]
         return [
-            (model.geom(first).name, model.geom(second).name) for first, second in pairs[~rests]
+            (model.geom(pair[0]).name, model.geom(pair[1]).name)
+            for pair in data.contact.geom.tolist()
+            if set(pair) not in rests
         ]
 
     def keep(self, kind: Callable[[Simulation], Kept]) -> Kept:

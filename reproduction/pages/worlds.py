@@ -41,7 +41,7 @@ def worlds_page(sparse_ids: list[str]) -> str:
         "worlds",
         tasks=_tables_of_tasks(sparse_ids),
         common=_table(COMMON),
-        sensors=_sensors(sparse_ids[0]),
+        sensors=_sensors(sparse_ids),
         shown=SHOWN,
         draws=DRAWS,
         horizon=task.horizon,
@@ -108,9 +108,9 @@ def distribution_text(distribution: Distribution | None) -> str:
     return f"{low:.3g} to {high:.3g}{scale}"
 
 
-def _sensors(env_id: str) -> str:
-    task, _ = task_and_settings(env_id, {})
-    units = {part.name: part.unit for part in task.observation}
+def _sensors(sparse_ids: list[str]) -> str:
+    tasks = [task_and_settings(env_id, {})[0] for env_id in sparse_ids]
+    units = {part.name: part.unit for task in tasks for part in task.observation}
     columns: dict[str, Column] = {
         "part": lambda one: one.part,
         # An orientation is turned by its error.

@@ -36,19 +36,22 @@ class Expert:
     :param task: whose observations it reads.
     :param act: from what the arms see to their actions (n, arms, size).
     :param planner: whose plans it follows, if any.
+    :param read: from a batched observation to what ``act`` takes; by default a :class:`Viewer`, for
+        arms with an object each.
     """
 
     def __init__(
         self,
         task: Task,
-        act: Callable[[ArmView], FloatArray],
+        act: Callable[[Any], FloatArray],
         planner: Planner | None = None,
+        read: Callable[[dict[str, FloatArray]], Any] | None = None,
     ) -> None:
         self.task = task
         self.planner = planner
         self.n_arms = task.n_arms
         self._act = act
-        self._view = Viewer(task)
+        self._read = read or Viewer(task)
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True
@@ -62,7 +65,7 @@ class Expert:
         """
         single = np.ndim(observation["observation"]) == 1
         batch = {name: np.atleast_2d(values) for name, values in observation.items()}
-        actions = self._act(self._view(batch))
+        actions = self._act(self._read(batch))
         flat = np.clip(actions.reshape(len(actions), -1), -1.0, 1.0).astype(np.float32)
         return (flat[0] if single else flat), None
 

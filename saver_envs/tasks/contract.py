@@ -19,7 +19,7 @@ from saver_envs.control import Workspace, length
 from saver_envs.randomization import Parameter
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Bases, Content, Scene
-from saver_envs.simulation import ArmState, Simulation
+from saver_envs.simulation import ArmState, Resting, Simulation
 from saver_envs.tasks.layout import Layout, Part
 from saver_envs.validation import require
 
@@ -240,8 +240,8 @@ class Task(Content):
         raise NotImplementedError
 
     @property
-    def resting(self) -> tuple[str, ...]:
-        """Names of the geoms that lie on the table at the start."""
+    def resting(self) -> tuple[Resting, ...]:
+        """Names of the geoms that lie on the table at the start, or on others."""
         return ()
 
     def valid(
@@ -249,7 +249,7 @@ class Task(Content):
     ) -> Bools:
         """Return which of the episodes just placed may begin; the others are drawn again.
 
-        By default nothing may have contact except what rests on the table.
+        By default nothing may have contact except what :attr:`resting` names.
         """
         return ~simulation.touching(rows, self.resting)
 

@@ -15,11 +15,10 @@ from saver_envs.randomization import Choice, LogUniform, Parameter, Uniform
 from saver_envs.randomization.parameters import require_allowed
 from saver_envs.scenes import (
     ARM_COLOURS,
-    COLLISION,
     OBJECT_BIT,
     TARGET,
     Arms,
-    add_contact_sensor,
+    add_collision_counters,
     add_target,
     finger_geoms,
     free_bodies,
@@ -143,7 +142,8 @@ class CubeTask(ArmAndObjectTask):
                 rgba=(*ARM_COLOURS[index], 1),
             )
             add_target(spec, index, self.object_size / 2, place)
-        _add_collision_counters(spec, arms)
+        others = [[one for one in self.resting if one != own] for own in self.resting]
+        add_collision_counters(spec, arms, others)
         if self.finger_friction is not None:
             for index, pad in product(range(arms.n), finger_geoms(arms.robot, arms.fingers)):
                 geom = spec.geom(f"arm{index}_{pad}")
@@ -241,17 +241,3 @@ def inertia_of(mass: float, size: NDArray[np.float64], shape: str) -> NDArray[np
         across = mass * (3 * x * x + 4 * y * y) / 12
         return np.array([across, across, mass * x * x / 2])
     return np.array([y * y + z * z, x * x + z * z, x * x + y * y]) * mass / 3
-
-
-def _add_collision_counters(spec: mujoco.MjSpec, arms: Arms) -> None:
-    """Count contacts between arms, of arms with the table, and with other arms' cubes."""
-    body, geom = mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_GEOM
-    for index in range(arms.n):
-        arm, name = arms.body(index), f"{COLLISION}arm{index}"
-        add_contact_sensor(spec, f"{name}_table", arm, geom, "table")
-        for other in range(arms.n):
-            if other > index:
-                add_contact_sensor(spec, f"{name}_arm{other}", arm, body, arms.body(other))
-            if other != index:
-                cube = cube_name(other)
-                add_contact_sensor(spec, f"{name}_{cube}", arm, geom, cube)

@@ -211,14 +211,14 @@ class StartSampler:
         shape = objects.shape[:-1]
         height = generator.uniform(rest, self._rules.air_height + self._rules.table_height, shape)
         in_air = generator.random(shape) < self._rules.air_share
-        return _at_distance(generator, objects, np.where(in_air, height, rest), OBJECT_TO_TARGET)
+        return points_around(generator, objects, np.where(in_air, height, rest), OBJECT_TO_TARGET)
 
     def _draw_hands(self, generator: np.random.Generator, objects: FloatArray) -> FloatArray:
         """Draw a block of hand positions (block, arms, 3) for one candidate's objects (arms, 3)."""
         height = generator.uniform(*self._rules.hand_height, (_BLOCK, self._n_arms))
         height += self._rules.table_height
         centres = np.broadcast_to(objects, (_BLOCK, *objects.shape))
-        return _at_distance(generator, centres, height, HAND_TO_OBJECT)
+        return points_around(generator, centres, height, HAND_TO_OBJECT)
 
     def _separate(self, generator: np.random.Generator, points: FloatArray) -> None:
         """Move the points of later arms to the required distance from their predecessors."""
@@ -419,7 +419,7 @@ class StartSampler:
         return inside & self._reachability.reachable(points)
 
 
-def _at_distance(
+def points_around(
     generator: np.random.Generator,
     centre: FloatArray,
     height: FloatArray,

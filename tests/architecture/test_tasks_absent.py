@@ -17,6 +17,7 @@ for module, name in (
     ("push", "Push"),
     ("pick_and_place", "PickAndPlace"),
     ("distance", "Distance"),
+    ("carry", "Carry"),
     ("wrist_push", "WristPush"),
 ):
     stub = ModuleType(f"saver_envs.tasks.{module}")
@@ -59,5 +60,5 @@ def test_the_own_task_needs_none_of_ours() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "played" in done.stdout
-    for absent in ("cubes", "table", "wrist_starts", "regions"):
+    for absent in ("cubes", "table", "board", "wrist_starts", "regions"):
         assert f"saver_envs.tasks.{absent}'" not in done.stdout, done.stdout

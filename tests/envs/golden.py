@@ -1,8 +1,9 @@
 """Golden trajectories: short, contact-free episodes, stored to be met again to 1e-6.
 
 Contact-rich physics is chaotic across machines; a hand that moves through the air beside a cube at
-rest is not. A person's arms rest in contact, and settle: of wrist push the hands alone are kept
-after the start. What a change of behaviour moves here asks for a new version of the ids. Then:
+rest is not. A person's arms rest in contact, and settle, as does a block on a board: of wrist push
+and carry the hands alone are kept after the start. What a change of behaviour moves here asks for a
+new version of the ids. Then:
 
     python tests/envs/golden.py --write
 """
@@ -49,7 +50,7 @@ def play(env_id: str) -> dict[str, Any]:
         ):
             raise RuntimeError(f"{env_id}: step {step} is not free of contact")
         if step % EVERY == 0:
-            kept = seen["observation"].reshape(episodes.task.n_arms, -1)
+            kept = episodes.task.observation_layout.blocks(seen["observation"])
             observations.append(kept[:, :HAND].ravel() if settles else kept.ravel())
     return {
         "env": env_id,

@@ -65,6 +65,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
         "DualJacoPush-v0": (56, 6, 6),
         "DualJacoPickAndPlace-v0": (56, 8, 6),
         "DualJacoDistance-v0": (56, 8, 7),
+        "DualJacoCarry-v0": (52, 8, 6),
         "WristPush-v0": (56, 6, 6),
     }
     jaco = env_id.replace("Mico", "Jaco")
@@ -89,6 +90,7 @@ def test_episode_api(env_id: str) -> None:
     names = {"is_success", "safe_success", "goal_reached", "object_lost", "diverged"}
     names |= {"cost", "cost_collision"}
     names |= {"cost_distance"} if "Distance" in env_id else set()
+    names |= {"tilt", "cost_tilt", "cost_dropped"} if "Carry" in env_id else set()
     if "Wrist" in env_id:
         names |= {"torso_force", "torso_displacement"}
         names |= {"cost_torso_force", "cost_torso_displacement"}

@@ -61,6 +61,7 @@ def rates(
         ("DualJacoPickAndPlace-v0", 30, 0.85),
         ("DualJacoDistance-v0", 30, 0.85),
         ("DualJacoPush-v0", 30, 0.85),
+        ("DualJacoCarry-v0", 20, 0.95),
         ("WristPush-v0", 20, 0.9),
     ],
 )
@@ -74,6 +75,13 @@ def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
     assert success(env_id, 30, seed=1000, free_arm=0) <= 0.2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("free_arm", [0, 1])
+def test_one_arm_cannot_carry_a_board(free_arm: int) -> None:
+    """It lifts its own end, which tilts the board."""
+    assert success("DualJacoCarry-v0", 10, free_arm=free_arm) == 0.0
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("env_id", "least"),
@@ -83,6 +91,7 @@ def test_one_arm_cannot_serve_both_cubes(env_id: str) -> None:
         ("DualJacoPush-v0", 0.97),
         ("DualJacoPickAndPlace-v0", 0.97),
         ("DualJacoDistance-v0", 0.90),
+        ("DualJacoCarry-v0", 0.97),
         ("MicoPush-v0", 0.90),
         ("WristPush-v0", 0.95),
     ],
@@ -120,7 +129,7 @@ def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, sa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0"])
+@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0", "DualJacoCarry-v0"])
 def test_an_expert_copes_with_worlds_that_vary(env_id: str) -> None:
     assert success(env_id, 30, seed=1000, randomization="wide") >= 0.8
 

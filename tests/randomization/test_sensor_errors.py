@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rollouts import assert_same, begun, random_actions
 
 from saver_envs import sensor_errors
+from saver_envs.registration import make_episodes
 from saver_envs.sensor_errors import SENSORS, Sensor, SensorErrors
 from saver_envs.tasks.arm_and_object import ARM_AND_OBJECT
 from saver_envs.tasks.layout import Layout
@@ -57,7 +58,9 @@ def test_errors_have_the_size_that_the_table_says(factor: float) -> None:
     before = exact(n)
     change = disturbed(begun_errors(n), before, factor) - before
     expected = {
-        one.part: np.hypot(one.deviation, one.offset) for one in SENSORS if one.part != TURN
+        part.name: np.hypot(BY_PART[part.name].deviation, BY_PART[part.name].offset)
+        for part in ARM_AND_OBJECT
+        if part.name not in (TURN, RELATIVE)
     }
     expected[RELATIVE] = np.hypot(expected["object position"], expected["gripper position"])
     for name, deviation in expected.items():
@@ -98,6 +101,31 @@ def test_the_offset_stays_for_an_episode_and_is_drawn_anew(monkeypatch: pytest.M
     third = disturbed(errors, before)
     np.testing.assert_array_equal(first[[0, 2]], third[[0, 2]])
     assert np.abs(first[1] - third[1]).max() > 1e-3
+
+
+def test_what_arms_share_is_measured_once() -> None:
+    n, task = 4000, make_episodes("DualJacoCarry-v0").task
+    layout = task.observation_layout
+    before = np.random.default_rng(0).normal(scale=0.2, size=(n, layout.size))
+    turn = layout.get(before, TURN)
+    turn[:] = [1.0, 0.0, 0.0, 0.0]
+    errors = SensorErrors(n, layout, moving_fingers=True)
+    for row in range(n):
+        errors.begin(row, np.random.default_rng(row))
+    after = disturbed(errors, before)
+    for part in layout.parts:
+        change = layout.get(after - before, part.name)
+        if part.name in BY_PART and part.name != TURN:
+            sensor = BY_PART[part.name]
+            size = part.scale * np.hypot(sensor.deviation, sensor.offset)
+            assert change.std() == pytest.approx(size, rel=0.05), part.name
+    turned = layout.get(after, TURN)
+    assert turned.shape == (n, 4)
+    assert 2 * turned[:, 1:].std() == pytest.approx(BY_PART[TURN].deviation, rel=0.05)
+    # No two errors are the same number.
+    independent = np.corrcoef((after - before)[:, : layout.block].T)
+    relative = np.flatnonzero(np.abs(np.triu(independent, 1)) > 0.1)
+    assert relative.size == 6  # the end relative to the gripper, from both
 
 
 def test_locked_fingers_are_not_measured() -> None:

@@ -83,6 +83,21 @@ def test_every_field_is_the_compilers(env_id: str) -> None:
             assert all(size < 1e-15 for size in found.values()), found
 
 
+def test_every_field_of_a_board_is_the_compilers() -> None:
+    known = make_episodes("DualJacoCarry-v0").task.parameters
+    varied = {one.name: one.wide for one in known}
+    episodes = begun("DualJacoCarry-v0", N, randomization=varied)
+    for reset in (None, [0, 2]):
+        if reset is not None:
+            episodes.reset(reset)
+        for row in range(N):
+            task = episodes.worlds.tasks[row]
+            arms = Arms(episodes.settings.robot, task.n_arms, task.fingers, task.bases)
+            found = differing(episodes.simulation.model_of(row), compose(arms, task).model)
+            # Masses and heights are computed in another order.
+            assert all(size < 1e-9 for size in found.values()), found
+
+
 @pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoDistance-v0"])
 def test_each_arm_has_its_own_tool_point(env_id: str) -> None:
     episodes = begun(env_id, N, randomization={"tool_offset": [-0.01, 0.01]})
