@@ -15,7 +15,7 @@ from importlib import resources
 
 import mujoco
 
-from saver_envs.robots import kinova
+from saver_envs.robots import kinova, links
 from saver_envs.robots.description import DRAWN_ONLY, Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos, lock_joint
 
@@ -71,7 +71,7 @@ def _mesh_bytes() -> dict[str, bytes]:
 
 
 def _add_mesh_geom(
-    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = kinova.DARK
+    body: mujoco.MjsBody, mesh: str, mass: float, rgba: tuple[float, ...] = links.DARK
 ) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
@@ -88,15 +88,15 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     _add_mesh_geom(body, "base", _BASE_MASS)
     for index, (name, position, quaternion, mesh, mass) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
-        kinova.add_hinge(body, JACO, index, ARMATURE[index])
+        links.add_hinge(body, JACO, index, ARMATURE[index])
         if mesh is not None:
             _add_mesh_geom(body, mesh, mass)
-        kinova.add_ring(body, *_RINGS[index])
+        links.add_ring(body, *_RINGS[index])
     # dm-control's models turn the hand by two half turns on the wrist.
     hand = body.add_body(name="hand", gravcomp=1)
     _add_mesh_geom(hand, "hand_3finger_main", _HAND_MASS)
-    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, kinova.LIGHT)
-    hand.add_site(name=kinova.TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
+    _add_mesh_geom(hand, "hand_3finger_insert", 0.0, links.LIGHT)
+    hand.add_site(name=links.TOOL_SITE, pos=_TOOL_POSITION, size=(0.005, 0, 0), group=4)
     return hand
 
 
@@ -107,15 +107,15 @@ def _add_fingers(hand: mujoco.MjsBody) -> None:
         )
         name = JACO.finger_joints[index - 1]
         kinova.add_finger_hinge(proximal, name, FINGER_LOWER, FINGER_UPPER)
-        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, kinova.LIGHT)
+        _add_mesh_geom(proximal, "finger_proximal", _PROXIMAL_MASS, links.LIGHT)
         name, start, end = f"proximal_{index}", (0.005, -0.006, 0), (0.044, -0.007, 0)
-        kinova.add_capsule(proximal, name, start, end, 0.010, pad=True)
+        links.add_capsule(proximal, name, start, end, 0.010, pad=True)
         distal = proximal.add_body(
             name=f"finger_distal_{index}", pos=(0.044, -0.003, 0), gravcomp=1
         )
-        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, kinova.LIGHT)
+        _add_mesh_geom(distal, "finger_distal", _DISTAL_MASS, links.LIGHT)
         name, start, end = f"distal_{index}", (0, -0.004, 0), (0.036, -0.005, 0)
-        kinova.add_capsule(distal, name, start, end, 0.008, pad=True)
+        links.add_capsule(distal, name, start, end, 0.008, pad=True)
 
 
 def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
@@ -133,7 +133,7 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        kinova.add_capsule(spec.body(body), name, start, end, radius)
+        links.add_capsule(spec.body(body), name, start, end, radius)
     add_arm_servos(spec, JACO, STIFFNESS)
     if fingers is Fingers.ACTUATED:
         kinova.add_finger_servos(spec, JACO.finger_joints, FINGER_SHARES)
@@ -147,7 +147,7 @@ JACO = Robot(
     name="jaco",
     build=build,
     base_body="base",
-    tool_site=kinova.TOOL_SITE,
+    tool_site=links.TOOL_SITE,
     arm_joints=tuple(f"joint_{index}" for index in range(1, 7)),
     finger_joints=tuple(f"finger_{index}" for index in range(1, 4)),
     # The elbow up, the tool near x = 0.45 m.

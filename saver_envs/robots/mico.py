@@ -15,7 +15,7 @@ import math
 
 import mujoco
 
-from saver_envs.robots import kinova
+from saver_envs.robots import kinova, links
 from saver_envs.robots.description import Fingers, Robot
 from saver_envs.robots.drives import add_arm_servos
 
@@ -40,7 +40,7 @@ _LINKS = (
 )
 #: The maker's cylinders, from which a link's inertia follows: mass (kg), centre of mass (m),
 #: length (m), radius (m), axis (0 is x).
-Cylinder = tuple[float, kinova.Point, float, float, int]
+Cylinder = tuple[float, links.Point, float, float, int]
 _INERTIA: dict[str, Cylinder] = {
     "base": (0.46784, (0, 0, 0.1255), 0.14, 0.04, 2),
     "link_1": (0.7477, (0, -0.002, -0.0605), 0.14, 0.04, 2),
@@ -87,12 +87,12 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
     for index, (name, position, quaternion, ring) in enumerate(_LINKS):
         body = body.add_body(name=name, pos=position, quat=quaternion, gravcomp=1)
         _set_inertia(body, _INERTIA[name])
-        kinova.add_hinge(body, MICO, index, ARMATURE[index])
-        kinova.add_ring(body, *ring)
+        links.add_hinge(body, MICO, index, ARMATURE[index])
+        links.add_ring(body, *ring)
     # With the hand straight down and joints 1 and 4 at 0, this half turn makes the tool's axes
     # parallel to the base's.
     body.add_site(
-        name=kinova.TOOL_SITE, pos=_TOOL_POSITION, quat=(0, 0, 0, 1), size=(0.005, 0, 0), group=4
+        name=links.TOOL_SITE, pos=_TOOL_POSITION, quat=(0, 0, 0, 1), size=(0.005, 0, 0), group=4
     )
     body.add_site(name=END_EFFECTOR_SITE, pos=(0, 0, -0.16), size=(0.005, 0, 0), group=4)
     return body
@@ -117,8 +117,8 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
                 proximal, MICO.finger_joints[index - 1], FINGER_LOWER, FINGER_UPPER
             )
         name = f"proximal_{index}"
-        kinova.add_capsule(
-            proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, pad=True, drawn=kinova.LIGHT
+        links.add_capsule(
+            proximal, name, (0.004, 0, 0), _KNUCKLE, 0.010, pad=True, drawn=links.LIGHT
         )
         distal = proximal.add_body(
             name=f"finger_distal_{index}",
@@ -128,8 +128,8 @@ def _add_fingers(hand: mujoco.MjsBody, fingers: Fingers) -> None:
         )
         _set_inertia(distal, _FINGER_INERTIA)
         name = f"distal_{index}"
-        kinova.add_capsule(
-            distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True, drawn=kinova.DARK
+        links.add_capsule(
+            distal, name, (0, 0, 0), (_DISTAL_LENGTH, 0, 0), 0.009, pad=True, drawn=links.DARK
         )
 
 
@@ -145,7 +145,7 @@ def build(fingers: Fingers = Fingers.ACTUATED) -> mujoco.MjSpec:
     hand = _add_arm(spec)
     _add_fingers(hand, fingers)
     for name, (body, start, end, radius) in _CAPSULES.items():
-        kinova.add_capsule(spec.body(body), name, start, end, radius, drawn=kinova.DARK)
+        links.add_capsule(spec.body(body), name, start, end, radius, drawn=links.DARK)
     add_arm_servos(spec, MICO, STIFFNESS, DAMPING)
     if fingers is Fingers.ACTUATED:
         kinova.add_finger_servos(spec, MICO.finger_joints, (1.0, 1.0))
@@ -156,7 +156,7 @@ MICO = Robot(
     name="mico",
     build=build,
     base_body="base",
-    tool_site=kinova.TOOL_SITE,
+    tool_site=links.TOOL_SITE,
     arm_joints=tuple(f"joint_{index}" for index in range(1, 5)),
     finger_joints=("finger_1", "finger_2"),
     # The elbow up and the hand steep, the tool at x = 0.40, z = 0.20 m.
