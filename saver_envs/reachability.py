@@ -13,9 +13,7 @@ from saver_envs.robots.description import Fingers, Robot
 from saver_envs.scenes import Arms, compose
 from saver_envs.simulation import Simulation
 
-#: Grid over the box of hand positions that SPEC names, with room beyond its sides (m).
-GRID_LOWER = (0.25, -0.50, 0.02)
-GRID_UPPER = (0.60, 0.50, 0.40)
+#: Points of the grid over a robot's box of hand positions.
 GRID_SHAPE = (8, 21, 8)
 #: Where arms reach the lowest layer of the grid, they also reach this far below it (m).
 BELOW_GRID = 0.015
@@ -36,18 +34,22 @@ class ReachabilityMap:
     def __init__(self, robot: Robot) -> None:
         self._axes = [
             np.linspace(lower, upper, count)
-            for lower, upper, count in zip(GRID_LOWER, GRID_UPPER, GRID_SHAPE, strict=True)
+            for lower, upper, count in zip(
+                robot.grid_lower, robot.grid_upper, GRID_SHAPE, strict=True
+            )
         ]
-        self._origin = np.asarray(GRID_LOWER)
+        self._origin = np.asarray(robot.grid_lower)
         self._most_cells = np.asarray(GRID_SHAPE) - 1
-        self._cells_per_metre = self._most_cells / (np.asarray(GRID_UPPER) - self._origin)
+        self._cells_per_metre = self._most_cells / (np.asarray(robot.grid_upper) - self._origin)
         points = np.stack(np.meshgrid(*self._axes, indexing="ij"), axis=-1).reshape(-1, 3)
         self._robot = robot
         scene = compose(Arms(robot, 1, Fingers.LOCKED))
         self._simulation = Simulation(scene, len(points), persistent=False)
         guess = np.tile(np.asarray(robot.home), (len(points), 1))
         # With the base joint turned towards the point, few iterations are needed.
-        guess[:, 0] -= np.arctan2(points[:, 1], points[:, 0])
+        self._simulation.refresh()
+        upwards = np.sign(self._simulation.arm_state().jacobian[:, 0, 5, 0])  # its axis
+        guess[:, 0] += upwards * np.arctan2(points[:, 1], points[:, 0])
         joints, reached = self._solved(points, guess, _COLD_ITERATIONS)
         self.postures = joints.reshape(*GRID_SHAPE, -1)
         self.vertex_reached = reached.reshape(GRID_SHAPE)

@@ -431,6 +431,7 @@ def make_advisor(
             "the object instead"
         )
     teachers: Sequence[Teacher] | ExpertGroup
+    shared = 0
     if teacher == EXPERT:
         if episodes is None:
             raise ValueError(
@@ -440,7 +441,7 @@ def make_advisor(
         teacher = expert_of(episodes.task, episodes.settings)
     if isinstance(teacher, Expert):
         teachers = ExpertGroup(teacher)
-        first = teachers.teachers[0]
+        first, shared = teachers.teachers[0], teacher.task.observation_layout.shared
     else:
         of_function = partial(_of_function, n_arms, observation_space, action_space)
         teachers = _resolve(teacher, of_function)
@@ -455,7 +456,8 @@ def make_advisor(
                 f"teacher {first.name!r} has actions of size {first.action_size}, which do not "
                 f"divide the student's action of size {size}: choose a teacher of the same task"
             )
-    mapping = ArmMapping(n_arms, first.observation_size, first.goal_size, first.action_size)
+    sizes = first.observation_size, first.goal_size, first.action_size
+    mapping = ArmMapping(n_arms, *sizes, shared_observation=shared)
     advisor = Advisor(
         strategy,
         teachers,

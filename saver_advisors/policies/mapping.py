@@ -32,6 +32,8 @@ class ArmMapping:
     :param goal_size: numbers per arm in achieved and desired goal; trailing entries that belong to
         no arm (the distance task has 7 = 2 * 3 + 1) are ignored.
     :param action_size: numbers per arm in the action.
+    :param shared_observation: trailing numbers of the observation that belong to no arm, which are
+        ignored.
     :raises ValueError: for a size below 1.
     """
 
@@ -39,11 +41,13 @@ class ArmMapping:
     observation_size: int
     goal_size: int
     action_size: int
+    shared_observation: int = 0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
+            least = 0 if name == "shared_observation" else 1
             require_kind(name, value, int)
-            require(name, value, value >= 1, "at least 1")
+            require(name, value, value >= least, f"at least {least}")
 
     def check_spaces(
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
@@ -69,6 +73,8 @@ class ArmMapping:
         }
         for name, size in per_arm.items():
             total, needed = flat_size(name, given.get(name)), self.n_arms * size
+            if name == "observation":
+                total -= self.shared_observation
             more = name.endswith("goal")
             if total < needed or (total > needed and not more):
                 raise ValueError(
@@ -95,9 +101,11 @@ class ArmMapping:
     def split_observation(self, observation: NDArray[Scalar]) -> NDArray[Scalar]:
         """Split an observation by arm, s_i = f_i(s) (eq. 5.7).
 
-        :param observation: (..., n_arms * observation_size).
+        :param observation: (..., n_arms * observation_size + shared_observation).
         :return: (..., n_arms, observation_size), a view.
         """
+        if self.shared_observation:
+            observation = observation[..., : -self.shared_observation]
         return self._split("observation", observation, self.observation_size)
 
     def split_goal(self, goal: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -52,6 +52,9 @@ class Robot:
     :param shoulder_height: height of the shoulder above the base, metres.
     :param upright_at: distance from the base up to which such a hand is upright, metres.
     :param wrist_lead: how much nearer to the base its wrist is than its tool, per metre beyond.
+    :param grid_lower: lower corner of the box in which reachable hand positions are tabulated,
+        metres; by default that of hand positions in SPEC, with room beyond its sides.
+    :param grid_upper: upper corner of that box, metres.
     """
 
     name: str
@@ -74,6 +77,8 @@ class Robot:
     shoulder_height: float = 0.0
     upright_at: float = math.inf
     wrist_lead: float = 0.0
+    grid_lower: tuple[float, float, float] = (0.25, -0.50, 0.02)
+    grid_upper: tuple[float, float, float] = (0.60, 0.50, 0.40)
 
     @property
     def arm_actuators(self) -> tuple[str, ...]:

@@ -72,6 +72,16 @@ def test_misfits_are_refused_with_their_sizes(observation, goal, action, message
         mapping.check_spaces(goal_space(observation, goal), spaces.Box(-1, 1, (action,)))
 
 
+def test_what_arms_share_belongs_to_none():
+    mapping = ArmMapping(2, 18, 3, 4, shared_observation=16)
+    action = spaces.Box(-1, 1, (8,))
+    mapping.check_spaces(goal_space(52, 6), action)
+    with pytest.raises(ValueError, match=r"observation has size 35, but 2 arm\(s\) of 18 need 36"):
+        mapping.check_spaces(goal_space(51, 6), action)
+    seen = np.arange(104.0).reshape(2, 52)
+    np.testing.assert_array_equal(mapping.split_observation(seen)[1, 1], seen[1, 18:36])
+
+
 def test_other_kinds_of_spaces_are_refused():
     mapping = ArmMapping(1, 28, 3, 3)
     with pytest.raises(TypeError, match="Dict observation"):

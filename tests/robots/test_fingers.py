@@ -9,7 +9,8 @@ import pytest
 from saver_envs.robots import ROBOTS, Robot
 from saver_envs.robots.description import COLLISION_GROUP, Fingers
 
-robots = pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda robot: robot.name)
+HANDS = [robot for robot in ROBOTS.values() if robot.finger_joints]
+robots = pytest.mark.parametrize("robot", HANDS, ids=lambda robot: robot.name)
 
 
 def posed(robot: Robot, fingers: Fingers, angle: float = 0.0) -> mujoco.MjData:

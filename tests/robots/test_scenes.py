@@ -108,13 +108,14 @@ def may_touch(model: mujoco.MjModel, first: str, second: str) -> bool:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_who_may_touch_whom(name: str) -> None:
     model = with_cubes(name, 2).model
-    assert may_touch(model, "arm0_palm", "arm1_palm")
-    assert may_touch(model, "arm0_palm", "table")
-    assert may_touch(model, "arm0_distal_1", "object0")
-    assert may_touch(model, "arm0_distal_1", "object1")
+    palm, pad = ("palm", "distal_1") if ROBOTS[name].finger_joints else ("stem", "bar")
+    assert may_touch(model, f"arm0_{palm}", f"arm1_{palm}")
+    assert may_touch(model, f"arm0_{palm}", "table")
+    assert may_touch(model, f"arm0_{pad}", "object0")
+    assert may_touch(model, f"arm0_{pad}", "object1")
     assert may_touch(model, "object0", "object1")
     assert may_touch(model, "object0", "table")
-    assert not may_touch(model, "arm0_palm", "arm0_forearm")
+    assert not may_touch(model, f"arm0_{palm}", "arm0_forearm")
     assert not may_touch(model, "arm0_base", "table")
 
 

@@ -11,7 +11,6 @@ from saver_envs.modelling.arms.description import Campaign, KinematicArm, Region
 from saver_envs.modelling.chain import Chain
 from saver_envs.modelling.dh import DHRow, chain_of_table, translation
 from saver_envs.modelling.newton_euler import Links
-from saver_envs.reachability import GRID_LOWER, GRID_UPPER
 from saver_envs.robots.mico import MICO
 
 _HALF_PI = math.pi / 2
@@ -116,7 +115,7 @@ def arm() -> KinematicArm:
         lower,
         upper,
         # The environments' box, limited to what the hand reaches.
-        Region(GRID_LOWER, GRID_UPPER, reach=0.59),
+        Region(MICO.grid_lower, MICO.grid_upper, reach=0.59),
         appendix_links,
         TWIN,
         _CAMPAIGN,
