@@ -109,12 +109,11 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 def _add_tool(hand: mujoco.MjsBody) -> None:
     hand.mass, hand.ipos = _TOOL_MASS, (_AHEAD / 2, 0, _BELOW / 2)
     hand.inertia, hand.explicitinertial = (0.0015, 0.0018, 0.0010), True
-    stem = (0, 0, 0), (_AHEAD, 0, _BELOW)
-    bar = [(_AHEAD, side * _BAR_HALF, _BELOW) for side in (-1, 1)]
-    links.add_capsule(hand, "stem", *stem, _STEM_RADIUS, drawn=links.LIGHT)
-    links.add_capsule(hand, "bar", *bar, _BAR_RADIUS, pad=True, drawn=links.DARK)
+    middle, right, left = ((_AHEAD, y, _BELOW) for y in (0.0, -_BAR_HALF, _BAR_HALF))
+    links.add_capsule(hand, "stem", (0, 0, 0), middle, _STEM_RADIUS, drawn=links.LIGHT)
+    links.add_capsule(hand, "bar", right, left, _BAR_RADIUS, pad=True, drawn=links.DARK)
     # The hand points along its z axis: upside down, the tool's axes are parallel to the base's.
-    middle, down = (_AHEAD, 0, _BELOW), _turn(math.pi)
+    down = _turn(math.pi)
     hand.add_site(name=links.TOOL_SITE, pos=middle, quat=down, size=(0.005, 0, 0), group=4)
 
 
