@@ -36,8 +36,8 @@ ARM_STARTS: Final[Mapping[str, Ranges]] = {
         "elbow": (80.0, 105.0),
     },
     "across": {
-        "abduction": (-30.0, -10.0), "flexion": (52.0, 70.0), "rotation": (-90.0, -65.0),
-        "elbow": (90.0, 115.0),
+        "abduction": (-25.0, -8.0), "flexion": (50.0, 62.0), "rotation": (-90.0, -75.0),
+        "elbow": (85.0, 105.0),
     },
     "overhanging": {
         "abduction": (58.0, 72.0), "flexion": (0.0, 8.0), "rotation": (-30.0, 0.0),

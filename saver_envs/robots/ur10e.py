@@ -64,14 +64,8 @@ _CAPSULES = {
 }
 #: The tool, a crook: a padded bar, across the hand, ahead of the flange and below it, on a slanting
 #: stem. It reaches under what it turns, and the stem keeps clear. Lengths, radii (m), mass (kg).
-_AHEAD, _BELOW, _STEM_RADIUS, _BAR_HALF, _BAR_RADIUS, _TOOL_MASS = (
-    0.10,
-    0.15,
-    0.018,
-    0.06,
-    0.02,
-    0.5,
-)
+_AHEAD, _BELOW, _STEM_RADIUS = 0.10, 0.15, 0.015
+BAR_HALF, BAR_RADIUS, _TOOL_MASS = 0.05, 0.015, 0.5
 
 
 def _turn(angle: float) -> tuple[float, float, float, float]:
@@ -109,9 +103,9 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 def _add_tool(hand: mujoco.MjsBody) -> None:
     hand.mass, hand.ipos = _TOOL_MASS, (_AHEAD / 2, 0, _BELOW / 2)
     hand.inertia, hand.explicitinertial = (0.0015, 0.0018, 0.0010), True
-    middle, right, left = ((_AHEAD, y, _BELOW) for y in (0.0, -_BAR_HALF, _BAR_HALF))
+    middle, right, left = ((_AHEAD, y, _BELOW) for y in (0.0, -BAR_HALF, BAR_HALF))
     links.add_capsule(hand, "stem", (0, 0, 0), middle, _STEM_RADIUS, drawn=links.LIGHT)
-    links.add_capsule(hand, "bar", right, left, _BAR_RADIUS, pad=True, drawn=links.DARK)
+    links.add_capsule(hand, "bar", right, left, BAR_RADIUS, pad=True, drawn=links.DARK)
     # The hand points along its z axis: upside down, the tool's axes are parallel to the base's.
     down = _turn(math.pi)
     hand.add_site(name=links.TOOL_SITE, pos=middle, quat=down, size=(0.005, 0, 0), group=4)

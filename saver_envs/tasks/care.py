@@ -96,6 +96,8 @@ class CareTask(Task):
     bed: ClassVar[Bed]
     #: Turn of the person about the vertical (rad); at 0 the feet point along +x.
     facing: ClassVar[float] = 0.0
+    #: Who lies there by default.
+    people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
 
@@ -157,7 +159,7 @@ class CareTask(Task):
         :param generator: the episode's source of randomness.
         :return: the fields of a :class:`saver_envs.tasks.care_starts.CareStart`, but for the hands.
         """
-        who = int(generator.integers(len(PEOPLE)))
+        who = self.people[generator.integers(len(self.people))]
         index = int(generator.integers(self.postures))
         ranges = {
             "person_x": SPREAD_X,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
 import mujoco
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from saver_envs.control import Workspace
 from saver_envs.people.bed import Bed
 from saver_envs.people.contact_forces import FORCE_COSTS
+from saver_envs.people.limp_people import PEOPLE
 from saver_envs.people.lying import LyingPosture, LyingWorld
 from saver_envs.people.lying_starts import drawn_supine
+from saver_envs.randomization import Choice, Parameter
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Scene
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.arm_and_object import HAND_PARTS, OBJECT_PARTS, hand_parts
-from saver_envs.tasks.care import CareTask
+from saver_envs.tasks.care import CARE_PARAMETERS, CareTask
 from saver_envs.tasks.care_starts import CareStart, posed_people
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen
 from saver_envs.tasks.layout import Part
@@ -35,8 +37,16 @@ GREATEST_TWIST, GREATEST_BEND, GREATEST_WAY = math.radians(10.0), math.radians(1
 #: Where a tool starts beside the flank: gap (m), along the body from the middle of the part, height
 #: above the bed (m).
 GAP, ALONG, ABOVE_BED = (0.06, 0.14), (-0.03, 0.03), (0.03, 0.10)
+#: People of up to 90 kg who can be turned: heavier ones ask for more force than they may bear.
+LIGHT: Final = (0, 1, 3, 4, 5)
+_BODY: Final = replace(
+    CARE_PARAMETERS[0],
+    wide=Choice(LIGHT),
+    held_out=Choice(tuple(who for who in range(len(PEOPLE)) if who not in LIGHT)),
+)
 _TURN: Final = Part("turn", 1, "rad")
 _RADIUS: Final = Part("object radius", 1, "m")
+_FORCE: Final = Part("gripper force", 3, "N", 0.005, limit=2000.0)
 _OWN: Final = ("twist", "head", "way")
 
 
@@ -64,12 +74,15 @@ class LogRoll(CareTask):
     horizon: ClassVar[int] = 500
     rated_horizon: ClassVar[int] = 500
     hold: ClassVar[int] = 50
+    expert: ClassVar[str | None] = "saver_envs.experts.log_roll:expert"
     least_way: ClassVar[float] = TURN[0]
     costs: ClassVar[tuple[str, ...]] = (*CareTask.costs, *_OWN)
     summed: ClassVar[tuple[str, ...]] = (*FORCE_COSTS, *_OWN)
     hard: ClassVar[tuple[str, ...]] = (*FORCE_COSTS, *_OWN)
     bed: ClassVar[Bed] = Bed(centre=(0.80, 0.0, 0.08), length=0.9, width=2.1)
     facing: ClassVar[float] = math.pi / 2
+    people: ClassVar[tuple[int, ...]] = LIGHT
+    parameters: ClassVar[tuple[Parameter, ...]] = (_BODY, *CARE_PARAMETERS[1:])
     table_depth: ClassVar[tuple[float, float]] = (-0.16, 1.32)
 
     def __post_init__(self) -> None:
@@ -82,7 +95,7 @@ class LogRoll(CareTask):
     def observation(self) -> tuple[Part, ...]:
         """Each arm's hand and its part of the trunk; how bent and how far away the person is."""
         shared = Part("head bend", 1, "rad", shared=True), Part("trunk way", 1, "m", shared=True)
-        return (*HAND_PARTS, *OBJECT_PARTS, _RADIUS, *shared)
+        return (*HAND_PARTS, *OBJECT_PARTS, _RADIUS, _FORCE, *shared)
 
     @property
     def goal(self) -> tuple[Part, ...]:
@@ -94,7 +107,7 @@ class LogRoll(CareTask):
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
         """Add bed and person, and what measures them."""
         super().build(spec, arms, variant, decorated)
-        add_trunk_sensors(spec)
+        add_trunk_sensors(spec, arms)
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
