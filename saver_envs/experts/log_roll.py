@@ -76,7 +76,7 @@ class RollSkill:
 
     #: Height of a bar over the bed (m), and where it presses, along the body from the middle of
     #: the flank, arm by arm (m): below the shoulder blade, and above the thigh.
-    CLEAR, ALONG = 0.009, (-0.02, -0.09)
+    CLEAR, ALONG = 0.009, (-0.02, -0.085)
     #: How far before the flank a bar comes down (m); share of the way left that an action covers.
     BEFORE, GAIN = 0.04, 0.3
     #: Steps of an action: towards the flank at least, before it, along the body (m).
@@ -90,15 +90,12 @@ class RollSkill:
     AHEAD, RATE, SHARE = 0.05, 0.008, 0.1
     #: Distance of the line on which the person rolls from the flank, in radii, arm by arm.
     WIDE = (1.5, 1.0)
-    #: Force that a hand keeps below, arm by arm (N): of a person on the back, and of one turned
-    #: from here on (rad), when less is needed; and turn of an action per newton left.
-    HARD, GENTLE, EASED = (190.0, 172.0), (105.0, 115.0), (math.radians(12.0), math.radians(27.0))
-    YIELD, PER_NEWTON = 0.004, 1e-4
-    #: How far a bar may slip up round the flank (rad), the share of a slip beyond that an action
-    #: corrects, and the least angle below the flank's middle of the bar at a person who is turned
-    #: from here on (rad).
-    SLIP, CORRECT, LOWEST = 0.25, 0.05, math.radians(3.0)
-    TURNED = (math.radians(15.0), math.radians(25.0))
+    #: Force that a hand keeps below, arm by arm (N), and turn of an action per newton left; it
+    #: yields by no more than this (rad).
+    HARDEST, PER_NEWTON, YIELD = (190.0, 170.0), 1e-4, 0.004
+    #: How far a bar may have slipped up round the flank (rad); one that has moves up by no more
+    #: than this share of what it moves inwards: friction then carries the flank along.
+    SLIP, CONE = 0.25, 0.30
 
     def actions(self, view: RollView) -> FloatArray:
         """Return the arms' actions (n, arms, 3) in [-1, 1]."""
@@ -133,33 +130,20 @@ class RollSkill:
         lever = np.stack([view.tool[..., 2] - self.bed, axis - view.tool[..., 0]], axis=-1)
         move = self._turn(view)[..., None] * lever
         upwards = np.stack([-inwards[..., 1], inwards[..., 0]], axis=-1)
-        below = np.arctan2(inwards[..., 1], inwards[..., 0])
-        slip = self._least_angle(view, reach) - below
-        climb = dot(move, upwards)
-        climb = np.where(slip > 0, np.minimum(climb, 0.0), climb)
-        climb -= self.CORRECT * np.maximum(slip, 0.0) * reach
-        return dot(move, inwards)[..., None] * inwards + climb[..., None] * upwards
+        low = (view.radius - BAR_RADIUS - self.CLEAR) / reach
+        carried = np.arcsin(low) - np.maximum(view.turn, 0.0)
+        slips = np.arctan2(inwards[..., 1], inwards[..., 0]) < carried - self.SLIP
+        push, climb = dot(move, inwards), dot(move, upwards)
+        climb = np.where(slips, np.minimum(climb, self.CONE * push), climb)
+        return push[..., None] * inwards + climb[..., None] * upwards
 
     def _turn(self, view: RollView) -> FloatArray:
         """Turns (n, arms) of an action, rad: in step, and not harder than allowed."""
         slowest = view.turn.min(axis=1, keepdims=True) if self.together else view.turn
         wanted = np.minimum(view.wanted - self.SHORT, slowest + self.AHEAD)
         turn = np.clip(self.SHARE * (wanted - view.turn), -self.RATE, self.RATE)
-        eased = _ramp(view.turn, self.EASED)
-        hardest = np.array(self.HARD) * (1 - eased) + np.array(self.GENTLE) * eased
-        return np.minimum(turn, np.maximum(self.PER_NEWTON * (hardest - view.force), -self.YIELD))
-
-    def _least_angle(self, view: RollView, reach: FloatArray) -> FloatArray:
-        """Angles (n, arms) below the flank's middle that a bar should keep to, rad."""
-        low = (view.radius - BAR_RADIUS - self.CLEAR) / reach
-        carried = np.arcsin(low) - np.maximum(view.turn, 0.0) - self.SLIP
-        turned = _ramp(view.turn, self.TURNED)
-        return np.maximum(carried, self.LOWEST * turned - (1 - turned))
-
-
-def _ramp(values: FloatArray, ends: tuple[float, float]) -> FloatArray:
-    """Return 0 up to the first end, 1 from the second one on, and a line between."""
-    return np.clip((values - ends[0]) / (ends[1] - ends[0]), 0.0, 1.0)
+        room = self.PER_NEWTON * (np.array(self.HARDEST) - view.force)
+        return np.minimum(turn, np.maximum(room, -self.YIELD))
 
 
 def expert(task: LogRoll, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:

@@ -64,8 +64,8 @@ _CAPSULES = {
 }
 #: The tool, a crook: a padded bar, across the hand, ahead of the flange and below it, on a slanting
 #: stem. It reaches under what it turns, and the stem keeps clear. Lengths, radii (m), mass (kg).
-_AHEAD, _BELOW, _STEM_RADIUS = 0.10, 0.15, 0.015
-BAR_HALF, BAR_RADIUS, _TOOL_MASS = 0.05, 0.015, 0.5
+_AHEAD, _BELOW, _STEM_RADIUS = 0.10, 0.07, 0.015
+BAR_HALF, BAR_RADIUS, _TOOL_MASS = 0.035, 0.015, 0.5
 
 
 def _turn(angle: float) -> tuple[float, float, float, float]:

@@ -37,13 +37,13 @@ GREATEST_TWIST, GREATEST_BEND, GREATEST_WAY = math.radians(10.0), math.radians(1
 #: Where a tool starts beside the flank: gap (m), along the body from the middle of the part, height
 #: above the bed (m).
 GAP, ALONG, ABOVE_BED = (0.06, 0.14), (-0.03, 0.03), (0.03, 0.10)
-#: People of up to 90 kg who can be turned: heavier ones ask for more force than they may bear.
-LIGHT: Final = (0, 1, 3, 4, 5)
-_BODY: Final = replace(
-    CARE_PARAMETERS[0],
-    wide=Choice(LIGHT),
-    held_out=Choice(tuple(who for who in range(len(PEOPLE)) if who not in LIGHT)),
+#: Who can be turned within the limits, and how far (rad). Others ask for more force than they may
+#: bear: people above 90 kg from the start, men from where they lie on the thigh of the lower leg.
+MOST_TURN: Final = dict(
+    zip((1, 3, 4, 5), np.radians((45.0, 45.0, 33.0, 45.0)).tolist(), strict=True)
 )
+_OTHERS: Final = tuple(who for who in range(len(PEOPLE)) if who not in MOST_TURN)
+_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(tuple(MOST_TURN)), held_out=Choice(_OTHERS))
 _TURN: Final = Part("turn", 1, "rad")
 _RADIUS: Final = Part("object radius", 1, "m")
 _FORCE: Final = Part("gripper force", 3, "N", 0.005, limit=2000.0)
@@ -81,7 +81,7 @@ class LogRoll(CareTask):
     hard: ClassVar[tuple[str, ...]] = (*FORCE_COSTS, *_OWN)
     bed: ClassVar[Bed] = Bed(centre=(0.80, 0.0, 0.08), length=0.9, width=2.1)
     facing: ClassVar[float] = math.pi / 2
-    people: ClassVar[tuple[int, ...]] = LIGHT
+    people: ClassVar[tuple[int, ...]] = tuple(MOST_TURN)
     parameters: ClassVar[tuple[Parameter, ...]] = (_BODY, *CARE_PARAMETERS[1:])
     table_depth: ClassVar[tuple[float, float]] = (-0.16, 1.32)
 
@@ -137,7 +137,9 @@ class LogRoll(CareTask):
             flank = geom.xpos[0] - radius - generator.uniform(*GAP)
             along = geom.xpos[1] + part.along + generator.uniform(*ALONG)
             hand[arm] = flank, along, self.bed.centre[2] + generator.uniform(*ABOVE_BED)
-        return LogRollStart(scene.to_bases(hand), turn=generator.uniform(*TURN), **person)
+        most = MOST_TURN.get(person["who"], TURN[1])
+        turn = float(generator.uniform(TURN[0], most))
+        return LogRollStart(scene.to_bases(hand), turn=turn, **person)
 
     def memory(self, n: int) -> Memory:
         """Return the memory of the person, and of how trunk and head lay."""
