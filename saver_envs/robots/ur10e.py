@@ -147,5 +147,9 @@ UR10E = Robot(
     off_table_geoms=("base", "shoulder"),
     grid_lower=(0.35, -0.80, 0.02),
     grid_upper=(1.15, 0.80, 0.70),
+    tool=(
+        f"a padded bar of {2000 * (BAR_HALF + BAR_RADIUS):g} x {2000 * BAR_RADIUS:g} mm, ahead of "
+        "the flange on a slanting stem, ours"
+    ),
 )
 """The Universal Robots UR10e: six strong joints, and a bar to press with."""

@@ -20,11 +20,11 @@ from saver_envs.people.lying_starts import drawn_supine
 from saver_envs.randomization import Choice, Parameter
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Scene
-from saver_envs.simulation import ArmState, Simulation
+from saver_envs.simulation import ACTION_DURATION, ArmState, Simulation
 from saver_envs.tasks.arm_and_object import HAND_PARTS, OBJECT_PARTS, hand_parts
-from saver_envs.tasks.care import CARE_PARAMETERS, CareTask
+from saver_envs.tasks.care import CARE_PARAMETERS, CareTask, cost_text, start_text
 from saver_envs.tasks.care_starts import CareStart, posed_people
-from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.trunk import TRUNK, Trunk, add_trunk_sensors
 from saver_envs.validation import require
@@ -182,3 +182,61 @@ class LogRoll(CareTask):
     def targets(self, scene: Scene, goal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return no points: the goal is two angles."""
         return np.empty((len(goal), 0, 3))
+
+    def page(self, scene: Scene) -> TaskPage:
+        """Return the text of the page."""
+        twist, bend = (
+            f"{math.degrees(one):.0f} degrees" for one in (GREATEST_TWIST, GREATEST_BEND)
+        )
+        least, most = (f"{math.degrees(one):.0f}" for one in TURN)
+        tolerance = f"{math.degrees(self.success_threshold):.0f} degrees"
+        held = f"{self.hold * ACTION_DURATION:g} s"
+        return TaskPage(
+            succeeds=(
+                f"thorax and pelvis have been turned to within {tolerance} of the wanted turn for "
+                f"{held}; and they were never twisted by more than {twist} against each other, the "
+                f"head was not bent by more than {bend}, the trunk not moved by more than "
+                f"{GREATEST_WAY:g} m, and nothing pressed harder than it may"
+            ),
+            start=(*start_text(), *_start_text(least, most)),
+            reward=f"0 where both turns are within {tolerance} of the wanted one, else -1.",
+            dense="minus the sum of the differences of both turns from the wanted one, in radians.",
+            goal={
+                "turn": "turn about the long axis, of the thorax and of the pelvis; 0 on the back"
+            },
+            costs={
+                **cost_text(),
+                "twist": f"1 on a step on which the turns differ by more than {twist}",
+                "head": f"1 on a step on which the head is bent by more than {bend}",
+                "way": f"1 on a step on which the trunk is more than {GREATEST_WAY:g} m away",
+            },
+            facts=(
+                ("object", "thorax (arm 0) and pelvis (arm 1); its position is that of the flank"),
+                ("tool", scene.robot.tool),
+                ("bed", f"{self.bed.width:g} x {self.bed.length:g} m, along the row of the arms"),
+            ),
+            readings=(
+                "`info` also has `twist` and `head` (rad), how far the head is bent against the "
+                "thorax from how it lay; `way` (m), how far hips or neck are, level, from where "
+                "they lay; `force_<part>` (N) and `torque_<joint>` (N m), see "
+                "[A limp person](../limp-person.md)."
+            ),
+        )
+
+
+def _start_text(least: str, most: str) -> list[str]:
+    """Return what the sampler guarantees besides, a sentence each."""
+    gap, height = (f"{100 * low:g} to {100 * high:g} cm" for low, high in (GAP, ABOVE_BED))
+    turns = [
+        f"{person.sex}, {person.height:.2f} m, {person.mass:.0f} kg: up to "
+        f"{math.degrees(MOST_TURN[who]):.0f} degrees"
+        for who, person in enumerate(PEOPLE)
+        if who in MOST_TURN
+    ]
+    return [
+        "The head points to -y, the person's left side to the arms. The left arm, which comes up, "
+        "lies across the chest, the right one out.",
+        f"The wanted turn is {least} to {most} degrees, as far as the arms of the expert can turn "
+        f"that person within the limits ({'; '.join(turns)}). Other people are held out.",
+        f"Tools {gap} from thorax and hip, {height} above the bed; nothing touches them.",
+    ]

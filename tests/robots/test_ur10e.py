@@ -30,8 +30,8 @@ ROWS = (
 )
 #: Torques (N m) and speeds (degrees per second), the maker's.
 TORQUES, SPEEDS = (330, 330, 150, 56, 56, 56), (120, 120, 180, 180, 180, 180)
-#: From the flange to the tool (m).
-TOOL = 0.14
+#: From the flange to the tool (m), ahead of it and below it.
+TOOL = (0.10, 0.0, 0.07)
 
 
 def frames(joints: Array) -> list[Array]:
@@ -71,7 +71,7 @@ def test_links_are_where_the_makers_table_says(model: mujoco.MjModel) -> None:
             body = model.body(f"link_{index}").id
             np.testing.assert_allclose(data.xipos[body], place, atol=1e-9)
         tool = data.site(UR10E.tool_site)
-        np.testing.assert_allclose(tool.xpos, (ends[-1] @ [0, 0, TOOL, 1])[:3], atol=1e-9)
+        np.testing.assert_allclose(tool.xpos, (ends[-1] @ [*TOOL, 1])[:3], atol=1e-9)
         # The tool's z axis points back, into the hand.
         np.testing.assert_allclose(tool.xmat[[2, 5, 8]], -ends[-1][:3, 2], atol=1e-9)
 
