@@ -16,7 +16,10 @@ from saver_envs.people.bed import Bed, add_bed
 from saver_envs.people.contact_forces import (
     FORCE_COSTS,
     FORCE_LIMITS,
+    LASTING,
+    NEVER_MORE,
     TORQUE_COSTS,
+    TRANSIENT_FACTOR,
     PersonLoads,
     add_load_sensors,
     load_memory,
@@ -236,10 +239,13 @@ class CareTask(Task):
 
 def cost_text() -> dict[str, str]:
     """Return when the costs of forces and torques are 1, and that of collisions."""
-    forces = {
-        f"force_{part}": f"1 on a step with more than {limit:g} N on it for 0.5 s or longer"
-        for part, limit in FORCE_LIMITS.items()
-    }
+    forces = {}
+    for part, limit in FORCE_LIMITS.items():
+        brief = limit if part in NEVER_MORE else TRANSIENT_FACTOR * limit
+        forces[f"force_{part}"] = (
+            f"1 on a step with more than {limit:g} N on the {part.replace('_', ' ')} for "
+            f"{LASTING:g} s or longer, or more than {brief:g} N"
+        )
     torques = dict.fromkeys(
         TORQUE_COSTS, "1 on a step with a harmful torque against the end of a range"
     )
@@ -247,14 +253,17 @@ def cost_text() -> dict[str, str]:
     return {"collision": collision, **forces, **torques}
 
 
-def start_text() -> list[str]:
-    """Return what all starts have, a sentence each."""
+def start_text(people: int) -> list[str]:
+    """Return what all starts have, a sentence each.
+
+    :param people: how many may lie there.
+    """
 
     def span(ends: tuple[float, float]) -> str:
         return f"{ends[0]:g} to {ends[1]:g}"
 
     return [
-        f"One of {len(PEOPLE)} people lies on the bed at rest, up to {100 * SPREAD_X[1]:g} cm "
+        f"One of {people} people lies on the bed at rest, up to {100 * SPREAD_X[1]:g} cm "
         f"along x and {100 * SPREAD_Y[1]:g} cm along y from the middle, turned by up to "
         f"{SPREAD_YAW[1]:g} rad.",
         f"Friction of clothes and skin {span(FRICTION)}, of person and bed {span(BED_FRICTION)}; "

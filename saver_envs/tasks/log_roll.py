@@ -65,6 +65,8 @@ class LogRoll(CareTask):
     """Turn a person on the back by 30 to 45 degrees, as one piece, and hold for 2 s.
 
     Arm 0 stands at the thorax, arm 1 at the pelvis, on the side that comes up.
+
+    :param success_threshold: difference of a turn from the wanted one that counts as reached, rad.
     """
 
     success_threshold: float = math.radians(10.0)
@@ -198,7 +200,7 @@ class LogRoll(CareTask):
                 f"head was not bent by more than {bend}, the trunk not moved by more than "
                 f"{GREATEST_WAY:g} m, and nothing pressed harder than it may"
             ),
-            start=(*start_text(), *_start_text(least, most)),
+            start=(*start_text(len(self.people)), *_start_text(least, most)),
             reward=f"0 where both turns are within {tolerance} of the wanted one, else -1.",
             dense="minus the sum of the differences of both turns from the wanted one, in radians.",
             goal={
