@@ -116,7 +116,7 @@ def test_it_holds_its_payload_at_its_reach() -> None:
     assert torque[1] > 0.75 * TORQUES[1]
 
 
-def test_it_presses_with_150_newtons_all_over_its_workspace(grid: ReachabilityMap) -> None:
+def test_it_presses_with_130_newtons_all_over_its_workspace(grid: ReachabilityMap) -> None:
     """In every direction, besides carrying itself, wherever its tool can be held."""
     model = UR10E.build(Fingers.LOCKED).compile()
     model.body_gravcomp[:] = 0
@@ -129,7 +129,7 @@ def test_it_presses_with_150_newtons_all_over_its_workspace(grid: ReachabilityMa
         data.qpos[:], data.qvel[:] = joints, 0.0
         mujoco.mj_forward(model, data)
         mujoco.mj_jacSite(model, data, jacobian, None, model.site(UR10E.tool_site).id)
-        torque = data.qfrc_bias + 150.0 * directions @ jacobian
+        torque = data.qfrc_bias + 130.0 * directions @ jacobian
         strong.append((np.abs(torque) <= np.array(TORQUES)).all())
     assert np.mean(strong) == 1.0
 
