@@ -150,7 +150,7 @@ class Outcome:
 #: Attributes of :class:`Episodes` that change from step to step.
 _CHANGING = (
     *("set_point", "goal", "elapsed", "_failed", "_collided", "_lost", "_observation", "_achieved"),
-    "memory",
+    *("_missed", "memory"),
 )
 
 
@@ -228,6 +228,8 @@ class Episodes:
         self._failed = np.zeros(n, dtype=bool)
         self._collided = np.zeros(n, dtype=bool)
         self._lost = np.zeros(n, dtype=bool)
+        # (n,) the last action after which the goal was not reached; 0 at the reset.
+        self._missed = np.zeros(n, dtype=np.int64)
         self._arms: ArmState = self.simulation.arm_state()
         self._observation = np.zeros((n, self.observation_size))
         self._achieved = np.zeros((n, self.goal_size))
@@ -293,7 +295,7 @@ class Episodes:
         self.worlds.begin_errors(rows, self._generators)
         self.set_point[rows] = np.stack([start.hand for start in starts])
         self.goal[rows] = self._clipped(self.task.desired(starts), self.task.goal_layout)
-        self.elapsed[rows] = 0
+        self.elapsed[rows] = self._missed[rows] = 0
         self._failed[rows] = self._collided[rows] = self._lost[rows] = False
         self._read(rows, begins=True)
         self.simulation.collided[:] = False
@@ -488,7 +490,9 @@ class Episodes:
         self._collided |= measured.get("cost_collision", cost) > 0
         if task.keeps_to_table:
             self._lost |= self.simulation.off_table()
-        success = reached & ~self._failed & ~self._lost
+        self._missed = np.where(reached, self._missed, self.elapsed)
+        held = self.elapsed - self._missed >= task.hold
+        success = reached & held & ~self._failed & ~self._lost
         return Outcome(
             reward=reward,
             truncated=(self.elapsed >= self.settings.horizon) | diverged,

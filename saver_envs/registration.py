@@ -26,6 +26,7 @@ from saver_envs.robots.description import Robot
 from saver_envs.tasks.carry import Carry
 from saver_envs.tasks.contract import RewardType, Start, Task
 from saver_envs.tasks.distance import Distance
+from saver_envs.tasks.log_roll import LogRoll
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
 from saver_envs.tasks.wrist_push import WristPush
@@ -394,4 +395,5 @@ def register_all() -> None:
     )
     for task, name, robot, n_arms in rows:
         register_task(task, name, robot, n_arms, check=False)
+    register_task(LogRoll, "LogRoll", "ur10e", 2, check=False)
     register_task(WristPush, "WristPush", "mico", 2, pixels=True, check=False)

@@ -16,7 +16,8 @@ from saver_envs.validation import require
 
 Ranges = Mapping[str, tuple[float, float]]
 
-#: Kind of start -> ranges of an arm's angles, degrees.
+#: Kind of start -> ranges of an arm's angles, degrees. On the chest lies a forearm, its elbow on
+#: the bed; across the chest lies the whole arm.
 ARM_STARTS: Final[Mapping[str, Ranges]] = {
     "side": {
         "abduction": (6.0, 20.0), "flexion": (0.0, 0.0), "rotation": (-45.0, 10.0),
@@ -33,6 +34,10 @@ ARM_STARTS: Final[Mapping[str, Ranges]] = {
     "chest": {
         "abduction": (3.0, 12.0), "flexion": (22.0, 38.0), "rotation": (-85.0, -60.0),
         "elbow": (80.0, 105.0),
+    },
+    "across": {
+        "abduction": (-25.0, -8.0), "flexion": (50.0, 62.0), "rotation": (-90.0, -75.0),
+        "elbow": (85.0, 105.0),
     },
     "overhanging": {
         "abduction": (58.0, 72.0), "flexion": (0.0, 8.0), "rotation": (-30.0, 0.0),

@@ -55,6 +55,7 @@ class Robot:
     :param grid_lower: lower corner of the box in which reachable hand positions are tabulated,
         metres; by default that of hand positions in SPEC, with room beyond its sides.
     :param grid_upper: upper corner of that box, metres.
+    :param tool: what the hand is, for pages, where it is none of the maker's.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Robot:
     wrist_lead: float = 0.0
     grid_lower: tuple[float, float, float] = (0.25, -0.50, 0.02)
     grid_upper: tuple[float, float, float] = (0.60, 0.50, 0.40)
+    tool: str = ""
 
     @property
     def arm_actuators(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The 6-DOF Universal Robots UR10e with a padded bar, to press and to turn heavy things.
+"""The 6-DOF Universal Robots UR10e with a padded crook, to press and to turn heavy things.
 
 Kinematics, masses, centres of mass and inertia are the maker's ("DH Parameters for calculations of
 kinematics and dynamics", universal-robots.com), as are the joints' torques ("Max. joint torques",
@@ -62,8 +62,10 @@ _CAPSULES = {
     "wrist_2": ("link_5", (0, 0, 0.02), (0, 0, 0.11985), 0.046),
     "wrist_3": ("link_6", (0, 0, 0.06), (0, 0, 0.09), 0.044),
 }
-#: The tool: a bar across the end of a stem, with which it presses: lengths, radii (m), mass (kg).
-_STEM, _STEM_RADIUS, _BAR_HALF, _BAR_RADIUS, _TOOL_MASS = 0.12, 0.018, 0.06, 0.020, 0.5
+#: The tool, a crook: a padded bar, across the hand, ahead of the flange and below it, on a slanting
+#: stem. It reaches under what it turns, and the stem keeps clear. Lengths, radii (m), mass (kg).
+_AHEAD, _BELOW, _STEM_RADIUS = 0.10, 0.07, 0.015
+BAR_HALF, BAR_RADIUS, _TOOL_MASS = 0.035, 0.015, 0.5
 
 
 def _turn(angle: float) -> tuple[float, float, float, float]:
@@ -99,16 +101,14 @@ def _add_arm(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 
 
 def _add_tool(hand: mujoco.MjsBody) -> None:
-    end = _STEM + _BAR_RADIUS
-    hand.mass, hand.ipos = _TOOL_MASS, (0, 0, end / 2)
-    hand.inertia, hand.explicitinertial = (0.0012, 0.0012, 0.0006), True
-    stem, bar = ((0, 0, 0), (0, 0, _STEM)), ((0, -_BAR_HALF, _STEM), (0, _BAR_HALF, _STEM))
-    links.add_capsule(hand, "stem", *stem, _STEM_RADIUS, drawn=links.LIGHT)
-    links.add_capsule(hand, "bar", *bar, _BAR_RADIUS, pad=True, drawn=links.DARK)
+    hand.mass, hand.ipos = _TOOL_MASS, (_AHEAD / 2, 0, _BELOW / 2)
+    hand.inertia, hand.explicitinertial = (0.0015, 0.0018, 0.0010), True
+    middle, right, left = ((_AHEAD, y, _BELOW) for y in (0.0, -BAR_HALF, BAR_HALF))
+    links.add_capsule(hand, "stem", (0, 0, 0), middle, _STEM_RADIUS, drawn=links.LIGHT)
+    links.add_capsule(hand, "bar", right, left, BAR_RADIUS, pad=True, drawn=links.DARK)
     # The hand points along its z axis: upside down, the tool's axes are parallel to the base's.
-    hand.add_site(
-        name=links.TOOL_SITE, pos=(0, 0, end), quat=_turn(math.pi), size=(0.005, 0, 0), group=4
-    )
+    down = _turn(math.pi)
+    hand.add_site(name=links.TOOL_SITE, pos=middle, quat=down, size=(0.005, 0, 0), group=4)
 
 
 def build(fingers: Fingers = Fingers.LOCKED) -> mujoco.MjSpec:
@@ -147,5 +147,9 @@ UR10E = Robot(
     off_table_geoms=("base", "shoulder"),
     grid_lower=(0.35, -0.80, 0.02),
     grid_upper=(1.15, 0.80, 0.70),
+    tool=(
+        f"a padded bar of {2000 * (BAR_HALF + BAR_RADIUS):g} x {2000 * BAR_RADIUS:g} mm, ahead of "
+        "the flange on a slanting stem, ours"
+    ),
 )
 """The Universal Robots UR10e: six strong joints, and a bar to press with."""

@@ -105,6 +105,10 @@ class Task(Content):
     fingers: ClassVar[Fingers] = Fingers.ACTUATED
     #: Height at which the tool is held (m), or ``None`` where the action sets it.
     held_height: ClassVar[float | None] = None
+    #: Least distance of a start from its goal, in the goal's unit; the threshold is below it.
+    least_way: ClassVar[float] = LEAST_WAY
+    #: Actions for which the goal has to be reached without a break before an episode succeeds.
+    hold: ClassVar[int] = 0
     #: Actions in an episode, at the default speed and at the rated one.
     horizon: ClassVar[int] = 50
     rated_horizon: ClassVar[int] = 125
@@ -130,9 +134,10 @@ class Task(Content):
     def __post_init__(self) -> None:
         known = self.reward_type in ("sparse", "dense")
         require("reward_type", self.reward_type, known, "'sparse' or 'dense'")
-        within = f"between 0 and {LEAST_WAY:.2f} m, the least distance of a start from its target"
-        threshold = self.success_threshold
-        require("success_threshold", threshold, 0 < threshold < LEAST_WAY, within)
+        least, threshold = self.least_way, self.success_threshold
+        way = f"{least:.2f} {self.goal[0].unit}, the least distance of a start from its target"
+        within = 0 < threshold < least
+        require("success_threshold", threshold, within, f"between 0 and {way}")
 
     # ---------------------------------------------------------------- what agents see
 

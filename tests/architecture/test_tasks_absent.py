@@ -18,6 +18,7 @@ for module, name in (
     ("pick_and_place", "PickAndPlace"),
     ("distance", "Distance"),
     ("carry", "Carry"),
+    ("log_roll", "LogRoll"),
     ("wrist_push", "WristPush"),
 ):
     stub = ModuleType(f"saver_envs.tasks.{module}")
@@ -60,5 +61,5 @@ def test_the_own_task_needs_none_of_ours() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "played" in done.stdout
-    for absent in ("cubes", "table", "board", "wrist_starts", "regions"):
+    for absent in ("cubes", "table", "board", "care", "wrist_starts", "regions"):
         assert f"saver_envs.tasks.{absent}'" not in done.stdout, done.stdout

@@ -1,0 +1,271 @@
+"""Care: what the tasks in which a limp person on a bed is handled have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any, ClassVar, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.people.bed import Bed, add_bed
+from saver_envs.people.contact_forces import (
+    FORCE_COSTS,
+    FORCE_LIMITS,
+    LASTING,
+    NEVER_MORE,
+    TORQUE_COSTS,
+    TRANSIENT_FACTOR,
+    PersonLoads,
+    add_load_sensors,
+    load_memory,
+)
+from saver_envs.people.limp_people import LIMP_PERSON_PARAMETERS, PEOPLE, LimpPeople
+from saver_envs.people.limp_person import add_limp_person
+from saver_envs.people.lying import LyingPosture, LyingWorld
+from saver_envs.randomization import Parameter, Uniform
+from saver_envs.randomization.parameters import require_allowed
+from saver_envs.reachability import reachability_map
+from saver_envs.scenes import Arms, add_collision_counters
+from saver_envs.simulation import Resting, Simulation
+from saver_envs.tasks.care_starts import moved, settled
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Task
+
+#: Name of the bed's geom.
+BED: Final = "bed"
+#: Sliding friction of a person and a bed sheet, and of clothes and skin; factor of the stiffness of
+#: joints; how far a person lies from the usual place, along x and y (m), and turned (rad): ranges
+#: from which nominal starts are drawn.
+BED_FRICTION, FRICTION, STIFFNESS = (0.4, 0.6), (0.35, 0.5), (0.8, 1.25)
+SPREAD_X, SPREAD_Y, SPREAD_YAW = (-0.02, 0.02), (-0.03, 0.03), (-0.05, 0.05)
+
+#: What may differ between people on beds; a task has options of these names.
+CARE_PARAMETERS: Final = (
+    *LIMP_PERSON_PARAMETERS,
+    Parameter(
+        *("person_x", "m", "place of the person along x, from the usual one", None, (-0.1, 0.1)),
+        wide=Uniform(-0.03, 0.03),
+    ),
+    Parameter(
+        *("person_y", "m", "place of the person along y, from the usual one", None, (-0.1, 0.1)),
+        wide=Uniform(-0.05, 0.05),
+    ),
+    Parameter(
+        *("person_yaw", "rad", "turn of the person against the bed", None, (-0.2, 0.2)),
+        wide=Uniform(-0.08, 0.08),
+    ),
+    Parameter(
+        *("bed_friction", "", "sliding friction of the person and the bed", None, (0.02, 1.5)),
+        wide=Uniform(0.3, 0.7),
+        held_out=Uniform(0.7, 0.9),
+    ),
+)
+#: What an episode remembers of a start.
+_REMEMBERED: Final = ("who", "stiffness", "friction", "bed_friction")
+
+
+@dataclass(frozen=True)
+class CareTask(Task):
+    """Base of tasks with a limp person on a bed.
+
+    A subclass says where bed and person are, :attr:`bed` and :attr:`facing`, and how the person
+    lies, :meth:`posture`; ``python tools/settle_starts.py ID`` then settles its starts. Its
+    ``sample`` adds hands and a goal to :meth:`drawn_person`. It adds what it measures to
+    :meth:`build`, :meth:`memory` and :meth:`measure`.
+
+    :param person_body: which of the persons lies there; drawn by default, as are friction,
+        stiffness, place, turn, and the friction of the bed.
+    :param person_friction: sliding friction of the person's clothes and skin.
+    :param person_stiffness: factor of stiffness and damping of the person's joints.
+    :param person_x: place of the person along x, from the usual one, m.
+    :param person_y: place of the person along y, from the usual one, m.
+    :param person_yaw: turn of the person against the bed, rad.
+    :param bed_friction: sliding friction of the person and the bed.
+    """
+
+    person_body: int | None = None
+    person_friction: float | None = None
+    person_stiffness: float | None = None
+    person_x: float | None = None
+    person_y: float | None = None
+    person_yaw: float | None = None
+    bed_friction: float | None = None
+
+    #: On which the person lies, on the table.
+    bed: ClassVar[Bed]
+    #: Turn of the person about the vertical (rad); at 0 the feet point along +x.
+    facing: ClassVar[float] = 0.0
+    #: Who lies there by default.
+    people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
+    #: How many settled postures there are of every person.
+    postures: ClassVar[int] = 32
+
+    costs: ClassVar[tuple[str, ...]] = ("collision", *FORCE_COSTS, *TORQUE_COSTS)
+    summed: ClassVar[tuple[str, ...]] = FORCE_COSTS
+    hard: ClassVar[tuple[str, ...]] = FORCE_COSTS
+    variants: ClassVar[int] = len(PEOPLE)
+    keeps_peaks: ClassVar[bool] = True
+    keeps_to_table: ClassVar[bool] = False
+    parameters: ClassVar[tuple[Parameter, ...]] = CARE_PARAMETERS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_allowed(self, self.parameters)
+
+    # ---------------------------------------------------------------- the scene
+
+    def scene_key(self) -> Hashable:
+        """Tasks of the same kind share a scene."""
+        return type(self), self.n_arms
+
+    def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
+        """Add bed and person, and what measures forces, torques and collisions."""
+        add_bed(spec, self.bed, BED)
+        add_limp_person(spec, PEOPLE[variant], self.bed.centre, skins=decorated)
+        add_load_sensors(spec, [arms.body(index) for index in range(arms.n)])
+        add_collision_counters(spec, arms, [[BED]] * arms.n)
+
+    @cached_property
+    def resting(self) -> tuple[Resting, ...]:
+        """The person's parts, on the bed, on the table and on one another."""
+        spec = mujoco.MjSpec()
+        add_limp_person(spec, PEOPLE[0], skins=False)
+        parts = [geom.name for geom in spec.geoms]
+        on_bed = [(part, place) for part in parts for place in (BED, "table")]
+        return (*on_bed, *combinations(parts, 2))
+
+    # ---------------------------------------------------------------- episodes
+
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
+        """Draw how a person is laid down, before the person comes to rest.
+
+        :param index: which of the settled postures it will be.
+        :param generator: source of randomness.
+        """
+        raise NotImplementedError
+
+    def keeps(self, world: LyingWorld, index: int) -> bool:
+        """Return whether a person came to rest as the task wants it; all do by default.
+
+        :param world: in which the person rests.
+        :param index: of the posture.
+        """
+        return True
+
+    def drawn_person(self, generator: np.random.Generator) -> dict[str, Any]:
+        """Draw who lies how on the bed.
+
+        :param generator: the episode's source of randomness.
+        :return: the fields of a :class:`saver_envs.tasks.care_starts.CareStart`, but for the hands.
+        """
+        who = self.people[generator.integers(len(self.people))]
+        index = int(generator.integers(self.postures))
+        ranges = {
+            "person_x": SPREAD_X,
+            "person_y": SPREAD_Y,
+            "person_yaw": SPREAD_YAW,
+            "person_stiffness": STIFFNESS,
+            "person_friction": FRICTION,
+            "bed_friction": BED_FRICTION,
+        }
+        values = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
+        known = {name: getattr(self, name) for name in ranges}
+        values |= {name: value for name, value in known.items() if value is not None}
+        who = who if self.person_body is None else self.person_body
+        shift = np.array([values["person_x"], values["person_y"], values["person_yaw"]])
+        return {
+            "who": who,
+            "pose": moved(settled(self.name)[who, index], self.bed.centre, shift),
+            "stiffness": values["person_stiffness"],
+            "friction": values["person_friction"],
+            "bed_friction": values["bed_friction"],
+        }
+
+    def memory(self, n: int) -> Memory:
+        """Return the memory of who lies there, and since when parts are pressed."""
+        person = {name: np.ones(n) for name in _REMEMBERED} | {"who": np.zeros(n, np.intp)}
+        return load_memory(n) | person
+
+    def place(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
+    ) -> None:
+        """Lay the people down, and put the arms where the starts say, hands open."""
+        self.lay(simulation, memory, rows, starts)
+        simulation.refresh(rows)
+
+    def lay(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
+    ) -> None:
+        """Do what :meth:`place` does, but leave derived quantities as they are."""
+        scene, robot = simulation.scene, simulation.scene.robot
+        for name in _REMEMBERED:
+            memory[name][rows] = [getattr(start, name) for start in starts]
+        memory["contact_since"][rows] = 0.0
+        self._give(simulation, memory, rows)
+        hand = np.stack([start.hand for start in starts])
+        joints = reachability_map(robot).postures_at(hand.reshape(-1, 3))
+        fingers = np.full((len(rows), *scene.finger_qpos.shape), robot.finger_open)
+        simulation.reset(rows, joints.reshape(len(rows), self.n_arms, -1), fingers)
+        poses = np.stack([start.pose for start in starts])
+        simulation.keep(LimpPeople).lay(rows, poses)
+
+    def restore(self, simulation: Simulation, memory: Memory) -> None:
+        """Restore the people in the memory, and their beds."""
+        self._give(simulation, memory, np.arange(simulation.n))
+
+    def _give(self, simulation: Simulation, memory: Memory, rows: Rows) -> None:
+        who, stiffness, friction, bed = (memory[name][rows] for name in _REMEMBERED)
+        simulation.keep(LimpPeople).give(rows, who, stiffness, friction)
+        geom = simulation.scene.model.geom(BED).id
+        simulation.per_simulation("geom_friction")[rows, geom, 0] = bed
+
+    def measure(
+        self, simulation: Simulation, memory: Memory, achieved: FloatArray, desired: FloatArray
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return costs and readings: force (N) on each part, torque (N m) on each joint."""
+        measured = super().measure(simulation, memory, achieved, desired)
+        return measured | simulation.keep(PersonLoads).readings(memory)
+
+    # ---------------------------------------------------------------- pictures and the page
+
+    def variant_of(self, memory: Memory, row: int) -> int:
+        """Return who lies in episode ``row``."""
+        return int(memory["who"][row])
+
+
+def cost_text() -> dict[str, str]:
+    """Return when the costs of forces and torques are 1, and that of collisions."""
+    forces = {}
+    for part, limit in FORCE_LIMITS.items():
+        brief = limit if part in NEVER_MORE else TRANSIENT_FACTOR * limit
+        forces[f"force_{part}"] = (
+            f"1 on a step with more than {limit:g} N on the {part.replace('_', ' ')} for "
+            f"{LASTING:g} s or longer, or more than {brief:g} N"
+        )
+    torques = dict.fromkeys(
+        TORQUE_COSTS, "1 on a step with a harmful torque against the end of a range"
+    )
+    collision = "1 on a step with contact between arms, or of an arm with the table or the bed"
+    return {"collision": collision, **forces, **torques}
+
+
+def start_text(people: int) -> list[str]:
+    """Return what all starts have, a sentence each.
+
+    :param people: how many may lie there.
+    """
+
+    def span(ends: tuple[float, float]) -> str:
+        return f"{ends[0]:g} to {ends[1]:g}"
+
+    return [
+        f"One of {people} people lies on the bed at rest, up to {100 * SPREAD_X[1]:g} cm "
+        f"along x and {100 * SPREAD_Y[1]:g} cm along y from the middle, turned by up to "
+        f"{SPREAD_YAW[1]:g} rad.",
+        f"Friction of clothes and skin {span(FRICTION)}, of person and bed {span(BED_FRICTION)}; "
+        f"stiffness and damping of the joints times {span(STIFFNESS)}.",
+    ]
