@@ -1,4 +1,4 @@
-"""The arm straighten expert: pushes and drags arms of a limp person, whatever way they lie."""
+"""The arm straighten expert: pushes and pulls arms of a limp person straight."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from saver_envs.tasks.arm_straighten import ArmStraighten
 from saver_envs.tasks.contract import PENDING, Task
 
 Bools = NDArray[np.bool_]
+Modes = NDArray[np.intp]
 #: What a hand does: push the forearm footwards over the trunk, pull the upper arm off it, push the
-#: forearm inwards on the bed, push the elbow inwards, drag the wrist to its target, leave.
-SWEEP, HOOK, PUSH, PRESS, DRAG, LEAVE = range(6)
+#: forearm inwards on the bed, press the elbow inwards, pull the forearm outwards, leave.
+SWEEP, HOOK, PUSH, PRESS, PULL, LEAVE = range(6)
 #: Sign of the outward direction along y, arm by arm.
 OUTWARDS: Final = np.array([-1.0, 1.0])
 
@@ -77,7 +78,7 @@ class Grip:
     :param entry: (n, arms, 3) where the hand comes down to the bed, metres.
     """
 
-    mode: NDArray[np.intp]
+    mode: Modes
     point: FloatArray
     heading: FloatArray
     touch: FloatArray
@@ -96,8 +97,8 @@ class StraightenSkill:
 
     An arm on the trunk is pulled off it by the upper arm, with the inner fingers of an open hand.
     A folded one, whose hand points to the head, is first unfolded. On the bed, a closed hand pushes
-    the forearm to the hip, and the elbow inwards, which straightens the arm; at last an open hand
-    takes the forearm between its fingers and drags it.
+    the forearm to the hip, and the elbow inwards, which straightens the arm. Where that moves the
+    wrist too far, the inner fingers of an open hand pull the forearm outwards again.
 
     :param step: longest displacement of an action, metres.
     :param bed: height of the bed in the bases' frames, metres.
@@ -110,113 +111,124 @@ class StraightenSkill:
     #: headwards from straight inwards by an angle of this sine, and is unfolded up to that (m).
     ON_TRUNK, FOLDED, UNFOLDED = 0.06, -0.26, 0.3
     #: A wrist farther out than this is pushed inwards, where the elbow is straight, and where it is
-    #: to be pressed inwards, which moves the wrist as well; one that is nearer than that to its
-    #: target is left (m).
-    FAR, FAR_BENT, NEAR = 0.03, 0.06, 0.045
+    #: to be pressed inwards, which moves the wrist as well; one that is farther inside than this is
+    #: pulled outwards until it is so near (m).
+    FAR, FAR_BENT, INSIDE, NEAR = 0.03, 0.06, 0.04, 0.02
     #: Bend up to which an elbow counts as straight, also while it is pressed, since it springs back
     #: (rad).
     BENT, PRESSED_TO = np.radians(22.0), np.radians(17.0)
-    #: Where limbs are pushed, shares of the forearm from the elbow on: far from an elbow that is
-    #: straight, near one that is bent by so much (rad), which the push would bend further. The
-    #: upper arm is pulled this share of it from the elbow.
-    SWEPT, DRAGGED, HOOKED = 1.15, 0.72, 0.12
-    PUSHED = (np.radians([12.0, 35.0]), [0.8, 0.15])
-    #: A swept forearm is pushed this far above its axis, and limbs on the bed this far below that
-    #: of a forearm; a dragged one is taken this far below it, but no lower than this (m).
-    ABOVE, UNDER, BELOW, LOWEST = 0.01, 0.005, 0.012, 0.018
+    #: Where limbs are taken, shares of the forearm from the elbow on; the upper arm is pulled this
+    #: share of it from the elbow.
+    SWEPT, PULLED, HOOKED = 1.15, 0.4, 0.12
+    #: Bends of the elbow (rad), and where the forearm is pushed: far from a straight elbow, nearer
+    #: to a bent one, which the push would bend further.
+    PUSHED = (np.radians([15.0, 45.0]), [0.8, 0.35])
+    #: A swept hand is pushed this far below its axis, and limbs on the bed this far below that of a
+    #: forearm (m).
+    SUNK, UNDER = 0.015, 0.005
     #: Distance of a closed hand from the surface of a forearm and of an upper arm that it pushes,
-    #: air for coming down beside it, and distance of the inner fingers of an open hand from its
-    #: axis (m); thickness of an upper arm, in forearms.
+    #: and air for coming down beside it (m); thickness of an upper arm, in forearms.
     TOUCH, ELBOW, AIR, THICKER = 0.029, 0.022, 0.025, 1.75
-    ASTRIDE, THICKEST, CLEAR = 1.7, 0.066, 0.052
+    #: The thickest limb that fits between the fingers of an open hand; it comes down farther
+    #: outside over a thinner one, by so much a metre; over one thicker than this, higher (m).
+    THICKEST, ASTRIDE, CLEAR = 0.066, 1.7, 0.052
     #: Height above an arm on the bed at which hands travel (m).
     TRAVEL = 0.34
     #: Share of the way left that an action covers.
     GAIN = 0.3
-    #: Longest displacement of an action: coming down, closing in on a limb, pushing it, pressing an
-    #: elbow, dragging (m).
-    DOWN, CLOSING, PACE, GENTLE, ALONG = 0.008, 0.01, 0.006, 0.003, 0.004
-    #: Greatest turn of an arm about its shoulder in an action (rad).
-    TURN = 0.02
-    #: Mean finger angle from which a hand has closed on a forearm, and up to which it has let go
-    #: (rad).
-    CLOSED, OPEN = 0.6, 0.35
+    #: Longest displacement of an action: coming down, closing in on a limb, moving it, pressing an
+    #: elbow (m).
+    DOWN, CLOSING, PACE, GENTLE = 0.008, 0.01, 0.006, 0.0025
+    #: Mean finger angle up to which a hand is open (rad).
+    OPEN = 0.35
 
     def actions(self, view: StraightenView) -> FloatArray:
         """Return the arms' actions (n, arms, 4) in [-1, 1]."""
         grip = self._grip(view)
         way = grip.entry - view.tool
         ahead, aside = grip.offset(view.tool)
-        rod = self._is_rod(grip.mode)
-        near = np.abs((view.tool - grip.point)[..., 2])
         off = length(aside)
+        rod, astride = self._closed(grip.mode), self._open(grip.mode)
         move = self._travel(view, way)
-        pushes = rod & (near < 0.03) & self._behind(grip, ahead, off)
+        tolerance = np.where(ahead > -grip.touch - 0.012, 0.05, 0.02)  # more where hands touch
+        behind = (ahead < -0.02) & (ahead > -0.14) & (off < tolerance)
+        pushes = rod & behind & (np.abs((view.tool - grip.point)[..., 2]) < 0.03)
         move = np.where(pushes[..., None], self._push(view, grip), move)
-        pulls = (grip.mode == HOOK) & (ahead < 0.10) & (ahead > -0.02) & (off < 0.03)
-        pulls &= np.abs(way[..., 2]) < 0.025
+        over = (ahead < 0.10) & (ahead > -0.02) & (off < 0.03)
+        pulls = astride & over & (np.abs(way[..., 2]) < 0.025)
         pull = self.PACE * grip.heading - 0.2 * aside
         move = np.where(pulls[..., None], self._level(pull, way), move)
-        between = (length((view.tool - grip.point)[..., :2]) < 0.035) & (near < 0.035)
-        holds = (grip.mode == DRAG) & between & (view.fingers > self.CLOSED)
-        takes = (grip.mode == DRAG) & between & (np.abs(way[..., 2]) < 0.012) & ~holds
-        move = np.where(takes[..., None], 0.2 * way, move)
-        move = np.where(holds[..., None], self._level(self._carried(view), way), move)
-        leaves = (grip.mode == LEAVE)[..., None]
-        move = np.where(leaves, self._leave(view, off < 0.04), move)
-        command = np.where(rod | holds | takes, -1.0, 1.0)
+        rise = self.GAIN * (view.target[..., 2] + self.TRAVEL - 0.05 - view.tool[..., 2])
+        leave = np.stack([np.zeros_like(rise), np.zeros_like(rise), rise], axis=-1)
+        move = np.where((grip.mode == LEAVE)[..., None], leave, move)
         motion = mirrored(shortened(move, self.step) / self.step)
-        return np.concatenate([motion, command[..., None]], axis=-1)
+        return np.concatenate([motion, np.where(rod, -1.0, 1.0)[..., None]], axis=-1)
 
     @staticmethod
-    def _is_rod(mode: NDArray[np.intp]) -> Bools:
+    def _closed(mode: Modes) -> Bools:
         """Return which hands push with closed fingers."""
         return (mode == SWEEP) | (mode == PUSH) | (mode == PRESS)
 
-    def _grip(self, view: StraightenView) -> Grip:
+    @staticmethod
+    def _open(mode: Modes) -> Bools:
+        """Return which hands pull with open fingers."""
+        return (mode == HOOK) | (mode == PULL)
+
+    def _mode(self, view: StraightenView) -> Modes:
         """Choose what each hand does next."""
-        fore, upper = view.wrist - view.elbow, view.elbow - view.shoulder
-        forward, along = unit(fore[..., :2]), unit(upper[..., :2])
-        gap = view.wrist - view.target
-        near = length(gap[..., :2]) < self.NEAR
-        folded = forward[..., 0] < np.where(self._sweeps(view, fore), self.UNFOLDED, self.FOLDED)
+        fore, gap = view.wrist - view.elbow, view.wrist - view.target
+        forward = unit(fore[..., :2])[..., 0]
+        folded = forward < np.where(self._sweeps(view, fore), self.UNFOLDED, self.FOLDED)
         bent = view.bend > np.where(self._presses(view), self.PRESSED_TO, self.BENT)
         far = gap[..., 1] > np.where(bent, self.FAR_BENT, self.FAR)
-        mode = np.select(
-            [gap[..., 2] > self.ON_TRUNK, far, bent, near],
-            [np.where(folded, SWEEP, HOOK), PUSH, PRESS, LEAVE],
-            DRAG,
+        inside = gap[..., 1] < -np.where(self._pulls(view, fore), self.NEAR, self.INSIDE)
+        return np.select(
+            [gap[..., 2] > self.ON_TRUNK, far, bent, inside],
+            [np.where(folded, SWEEP, HOOK), PUSH, PRESS, PULL],
+            LEAVE,
         )
+
+    def _grip(self, view: StraightenView) -> Grip:
+        """Choose where each hand takes the arm, and how."""
+        mode = self._mode(view)
+        fore, upper = view.wrist - view.elbow, view.elbow - view.shoulder
         share = np.select(
-            [mode == SWEEP, mode == PUSH, mode == PRESS],
-            [self.SWEPT, np.interp(view.bend, *self.PUSHED), 0.0],
-            self.DRAGGED,
+            [mode == SWEEP, mode == PUSH, mode == PULL],
+            [self.SWEPT, np.interp(view.bend, *self.PUSHED), self.PULLED],
+            0.0,
         )
         hooks = (mode == HOOK)[..., None]
-        limb = np.where(hooks, -self.HOOKED * upper, share[..., None] * fore)
-        point = view.elbow + limb
+        point = view.elbow + np.where(hooks, -self.HOOKED * upper, share[..., None] * fore)
         radius = view.target[..., 2] - self.bed
         thick = self.THICKER * radius
-        on_bed = view.target[..., 2] - self.UNDER
-        above = point[..., 2] + self.ABOVE
+        height, on_bed = point[..., 2], view.target[..., 2]
         point[..., 2] = np.select(
-            [mode == SWEEP, (mode == PUSH) | (mode == PRESS), mode == HOOK],
-            [above, on_bed, point[..., 2] + np.maximum(thick - self.CLEAR, 0.0)],
-            point[..., 2],
+            [mode == SWEEP, mode == PUSH, mode == PRESS, mode == HOOK],
+            [
+                height - self.SUNK,
+                np.minimum(height, on_bed) - self.UNDER,
+                on_bed - self.UNDER,
+                height + np.maximum(thick - self.CLEAR, 0.0),
+            ],
+            height,
         )
-        heading = np.select(
-            [(mode == SWEEP)[..., None], hooks, (mode == PRESS)[..., None]],
-            [np.broadcast_to([1.0, 0.0], along.shape), _left(along), -_left(along)],
-            -_left(forward),
-        )
+        outwards, across = _left(unit(upper[..., :2])), _left(unit(fore[..., :2]))
+        kinds = [(mode == kind)[..., None] for kind in (SWEEP, HOOK, PRESS, PULL)]
+        footwards = np.broadcast_to([1.0, 0.0], across.shape)
+        heading = np.select(kinds, [footwards, outwards, -outwards, across], -across)
         touch = np.where(mode == PRESS, thick + self.ELBOW, radius + self.TOUCH)
-        astride = self.ASTRIDE * np.maximum(self.THICKEST - thick, 0.0)
-        back = np.select([self._is_rod(mode), mode == HOOK], [-touch - self.AIR, astride], 0.0)
+        limb = np.where(mode == PULL, radius, thick)
+        astride = self.ASTRIDE * np.clip(self.THICKEST - limb, 0.0, 0.02)
+        back = np.select([self._closed(mode), self._open(mode)], [-touch - self.AIR, astride], 0.0)
         entry = point.copy()
         entry[..., :2] += back[..., None] * heading
-        low = np.maximum(point[..., 2] - self.BELOW, view.target[..., 2] - self.LOWEST)
-        entry[..., 2] = np.where(mode == DRAG, low, point[..., 2])
         return Grip(mode, point, heading, touch, entry)
+
+    def _sweeps(self, view: StraightenView, fore: FloatArray) -> Bools:
+        """Return which hands are headwards of a hand on the trunk, close to it."""
+        gap = view.tool - view.elbow - self.SWEPT * fore
+        beside = (gap[..., 0] > -0.10) & (gap[..., 0] < 0.0) & (np.abs(gap[..., 1]) < 0.05)
+        return beside & (np.abs(gap[..., 2]) < 0.05)
 
     def _presses(self, view: StraightenView) -> Bools:
         """Return which hands are beside an elbow on the bed."""
@@ -224,16 +236,11 @@ class StraightenSkill:
         beside = (np.abs(gap[..., 0]) < 0.08) & (gap[..., 1] > 0.02) & (gap[..., 1] < 0.12)
         return beside & (view.tool[..., 2] < view.target[..., 2] + 0.03)
 
-    def _sweeps(self, view: StraightenView, fore: FloatArray) -> Bools:
-        """Return which hands are headwards of a wrist on the trunk, close to it."""
-        gap = view.tool - view.elbow - self.SWEPT * fore
-        beside = (gap[..., 0] > -0.10) & (gap[..., 0] < 0.0) & (np.abs(gap[..., 1]) < 0.05)
-        return beside & (np.abs(gap[..., 2]) < 0.05)
-
-    def _behind(self, grip: Grip, ahead: FloatArray, off: FloatArray) -> Bools:
-        """Return which hands are where they can push; a little aside if they touch already."""
-        tolerance = np.where(ahead > -grip.touch - 0.012, 0.05, 0.02)
-        return (ahead < -0.02) & (ahead > -0.14) & (off < tolerance)
+    def _pulls(self, view: StraightenView, fore: FloatArray) -> Bools:
+        """Return which open hands are over a forearm on the bed."""
+        low = view.tool[..., 2] < view.target[..., 2] + 0.03
+        gap = view.tool - view.elbow - self.PULLED * fore
+        return low & (length(gap[..., :2]) < 0.08) & (view.fingers < self.OPEN)
 
     def _travel(self, view: StraightenView, way: FloatArray) -> FloatArray:
         """Return displacements (n, arms, 3): up, across, and down at the entry, metres."""
@@ -254,25 +261,9 @@ class StraightenSkill:
         pace = np.where(left > 0, np.minimum(0.003 + 0.15 * left, self.CLOSING), pace)
         return self._level(pace[..., None] * grip.heading - 0.2 * aside, grip.point - view.tool)
 
-    def _carried(self, view: StraightenView) -> FloatArray:
-        """Return displacements (n, arms, 2) of wrists, about the shoulder to the target, metres."""
-        here, there = ((one - view.shoulder)[..., :2] for one in (view.wrist, view.target))
-        angle, goal = (np.arctan2(one[..., 1], one[..., 0]) for one in (here, there))
-        angle = angle + np.clip(goal - angle, -self.TURN, self.TURN)
-        far = length(here)
-        far = far + np.clip(0.2 * (length(there) - far), -self.ALONG, self.ALONG)
-        return far[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1) - here
-
     def _level(self, move: FloatArray, way: FloatArray) -> FloatArray:
         """Return displacements (n, arms, 3) with a share of the way left along the vertical."""
         return np.concatenate([move, self.GAIN * way[..., 2:]], axis=-1)
-
-    def _leave(self, view: StraightenView, over: Bools) -> FloatArray:
-        """Return displacements (n, arms, 3) upwards, metres, of hands that have let go."""
-        height = view.target[..., 2] + self.TRAVEL - 0.05
-        waits = over & (view.fingers > self.OPEN) & (view.tool[..., 2] < view.target[..., 2] + 0.1)
-        rise = np.where(waits, 0.0, self.GAIN * (height - view.tool[..., 2]))
-        return np.concatenate([np.zeros((*rise.shape, 2)), rise[..., None]], axis=-1)
 
 
 def mirrored(points: FloatArray) -> FloatArray:

@@ -72,9 +72,9 @@ class ArmStraighten(CareTask):
     summed: ClassVar[tuple[str, ...]] = (*FORCE_COSTS, *TORQUE_COSTS)
     hard: ClassVar[tuple[str, ...]] = (*FORCE_COSTS, *TORQUE_COSTS)
     expert: ClassVar[str | None] = "saver_envs.experts.arm_straighten:expert"
-    bed: ClassVar[Bed] = Bed(centre=(0.52, 0.0, -0.10), width=1.2)
+    bed: ClassVar[Bed] = Bed(centre=(0.52, 0.0, -0.10), width=1.2, thickness=0.35)
     table_depth: ClassVar[tuple[float, float]] = (-0.65, 1.70)
-    table_height = -0.18  # the bed stands on it
+    table_height = -0.45  # on which the bed stands
     postures: ClassVar[int] = 2 * PAIRS
 
     def __post_init__(self) -> None:
