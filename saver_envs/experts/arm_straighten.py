@@ -113,10 +113,11 @@ class StraightenSkill:
     #: A wrist farther out than this is pushed inwards, where the elbow is straight, and where it is
     #: to be pressed inwards, which moves the wrist as well; one that is farther inside than this is
     #: pulled outwards until it is so near (m).
-    FAR, FAR_BENT, INSIDE, NEAR = 0.03, 0.06, 0.04, 0.02
-    #: Bend up to which an elbow counts as straight, also while it is pressed, since it springs back
-    #: (rad).
-    BENT, PRESSED_TO = np.radians(22.0), np.radians(17.0)
+    FAR, FAR_BENT, INSIDE, NEAR = 0.03, 0.06, 0.045, 0.02
+    #: Bend up to which an elbow counts as straight; how far inside a wrist is (m), and the bend up
+    #: to which an elbow is pressed then (rad): it springs back, but the wrist moves inwards.
+    BENT = np.radians(23.5)
+    PRESSED_TO = ([-0.04, -0.02], np.radians([21.5, 17.0]))
     #: Where limbs are taken, shares of the forearm from the elbow on; the upper arm is pulled this
     #: share of it from the elbow.
     SWEPT, PULLED, HOOKED = 1.15, 0.4, 0.12
@@ -150,7 +151,7 @@ class StraightenSkill:
         off = length(aside)
         rod, astride = self._closed(grip.mode), self._open(grip.mode)
         move = self._travel(view, way)
-        tolerance = np.where(ahead > -grip.touch - 0.012, 0.05, 0.02)  # more where hands touch
+        tolerance = np.where(ahead > -grip.touch - 0.012, 0.10, 0.02)  # a hand slides along
         behind = (ahead < -0.02) & (ahead > -0.14) & (off < tolerance)
         pushes = rod & behind & (np.abs((view.tool - grip.point)[..., 2]) < 0.03)
         move = np.where(pushes[..., None], self._push(view, grip), move)
@@ -179,7 +180,8 @@ class StraightenSkill:
         fore, gap = view.wrist - view.elbow, view.wrist - view.target
         forward = unit(fore[..., :2])[..., 0]
         folded = forward < np.where(self._sweeps(view, fore), self.UNFOLDED, self.FOLDED)
-        bent = view.bend > np.where(self._presses(view), self.PRESSED_TO, self.BENT)
+        straight = np.interp(gap[..., 1], *self.PRESSED_TO)
+        bent = view.bend > np.where(self._presses(view), straight, self.BENT)
         far = gap[..., 1] > np.where(bent, self.FAR_BENT, self.FAR)
         inside = gap[..., 1] < -np.where(self._pulls(view, fore), self.NEAR, self.INSIDE)
         return np.select(
