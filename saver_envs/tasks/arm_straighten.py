@@ -75,6 +75,8 @@ class ArmStraighten(CareTask):
     bed: ClassVar[Bed] = Bed(centre=(0.52, 0.0, -0.10), width=1.2, thickness=0.35)
     table_depth: ClassVar[tuple[float, float]] = (-0.65, 1.70)
     table_height = -0.45  # on which the bed stands
+    # All but the tallest: where his arm overhangs, the hand sinks and catches at the bed's edge.
+    people: ClassVar[tuple[int, ...]] = (0, 1, 3, 4, 5, 6, 7)
     postures: ClassVar[int] = 2 * PAIRS
 
     def __post_init__(self) -> None:
