@@ -101,4 +101,5 @@ def start_text() -> list[str]:
         f"A wrist's target is on the bed, {100 * ASIDE:g} cm from the person's middle line, as far "
         f"down as the arm reaches with the elbow bent by {math.degrees(_SLACK):.0f} degrees: "
         "some 7 cm below the hip joint.",
+        "The tallest person lies there only in worlds that vary.",
     ]
