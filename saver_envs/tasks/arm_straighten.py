@@ -106,11 +106,16 @@ class ArmStraighten(CareTask):
         add_arm_sensors(spec)
         for index in range(arms.n):
             add_target(spec, index, 0.03, (0.5, 0.1 * index, 0.0))
+        if decorated:
+            self._add_stands(spec)
+
+    def _add_stands(self, spec: mujoco.MjSpec) -> None:
+        """Draw a post beside the bed for each arm, with a plate above the bed, under its base."""
+        post, inner = self.bed.width / 2 + 0.07, BEDSIDE_SPACING / 2 - 0.06
+        middle, half = (post + inner) / 2, (post - inner) / 2 + 0.03
+        height = -self.table_height / 2
         for side in (-1, 1):
-            post, inner = self.bed.width / 2 + 0.07, BEDSIDE_SPACING / 2 - 0.06
-            middle, half = (post + inner) / 2, (post - inner) / 2 + 0.03
             draw_box(spec.worldbody, (0.0, side * middle, -0.011), (0.06, half, 0.01), _STEEL)
-            height = -self.table_height / 2
             draw_box(spec.worldbody, (0.0, side * post, -height), (0.03, 0.03, height), _STEEL)
 
     def workspace(self, arms: Arms) -> Workspace:
