@@ -194,7 +194,7 @@ class ArmStraighten(CareTask):
                 f"elbow is bent by at most {bend}, and no part of the person was ever pressed, "
                 "and no joint ever pushed against the end of its range, beyond its limit"
             ),
-            start=(*start_text(), *own_start_text()),
+            start=(*start_text(len(self.people)), *own_start_text()),
             reward="0 where both wrists are at their targets and both elbows straight, else -1.",
             dense=(
                 "minus the sum of the wrists' distances to their targets, in metres, and of a "

@@ -101,5 +101,6 @@ def start_text() -> list[str]:
         f"A wrist's target is on the bed, {100 * ASIDE:g} cm from the person's middle line, as far "
         f"down as the arm reaches with the elbow bent by {math.degrees(_SLACK):.0f} degrees: "
         "some 7 cm below the hip joint.",
-        "The tallest person lies there only in worlds that vary.",
+        "The tallest of our people, whose hanging hand would catch at the edge of the bed, lies "
+        "there only in worlds that vary.",
     ]
