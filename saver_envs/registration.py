@@ -23,6 +23,7 @@ from saver_envs.randomization.parameters import COMMON, Parameter
 from saver_envs.randomization.presets import parse_randomization
 from saver_envs.robots import ROBOTS
 from saver_envs.robots.description import Robot
+from saver_envs.tasks.arm_straighten import ArmStraighten
 from saver_envs.tasks.carry import Carry
 from saver_envs.tasks.contract import RewardType, Start, Task
 from saver_envs.tasks.distance import Distance
@@ -395,5 +396,6 @@ def register_all() -> None:
     )
     for task, name, robot, n_arms in rows:
         register_task(task, name, robot, n_arms, check=False)
+    register_task(ArmStraighten, "ArmStraighten", "jaco", 2, check=False)
     register_task(LogRoll, "LogRoll", "ur10e", 2, check=False)
     register_task(WristPush, "WristPush", "mico", 2, pixels=True, check=False)

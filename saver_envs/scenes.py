@@ -16,11 +16,14 @@ from saver_envs.robots.description import COLLISION_GROUP, Fingers, Robot
 from saver_envs.validation import require
 from saver_envs.world import TABLE_BIT, TABLE_DEPTH, add_cameras, new_world, table_around
 
-Bases = Literal["row", "ring"]
+Bases = Literal["row", "ring", "bedside"]
 Array = NDArray[np.float64]
 
 #: Distance between neighbouring bases in a row (m), Table 8.1.
 BASE_SPACING = 0.72
+#: Distance of the bases on either side of a bed (m), ours: arms reach from there across the
+#: person's middle, and as far as elbows of arms that are spread.
+BEDSIDE_SPACING = 1.0
 #: Radius of the circle of bases around the table (m), ours: the distance of a base in a row from
 #: the middle of its workspace.
 RING_RADIUS = 0.60
@@ -273,16 +276,17 @@ def base_poses(n_arms: int, bases: Bases) -> tuple[Array, Array]:
 
     :param n_arms: 1 to 4.
     :param bases: ``row``: side by side along y, 0.72 m apart, all facing +x; ``ring``: on a circle
-        around the point (0.6, 0, 0), facing it.
+        around the point (0.6, 0, 0), facing it; ``bedside``: as in a row, 1 m apart.
     :return: positions (arms, 3) in metres and yaw angles (arms,) in radians, world frame.
     :raises ValueError: for another number of arms or another way to stand.
     """
     require("n_arms", n_arms, 1 <= n_arms <= MAX_ARMS, f"1 to {MAX_ARMS}")
-    require("layout", bases, bases in get_args(Bases), "'row' or 'ring'")
+    require("layout", bases, bases in get_args(Bases), "'row' or 'ring' or 'bedside'")
     index = np.arange(n_arms)
     positions = np.zeros((n_arms, 3))
-    if bases == "row":
-        positions[:, 1] = (index - (n_arms - 1) / 2) * BASE_SPACING
+    if bases != "ring":
+        spacing = BASE_SPACING if bases == "row" else BEDSIDE_SPACING
+        positions[:, 1] = (index - (n_arms - 1) / 2) * spacing
         return positions, np.zeros(n_arms)
     yaw = 2 * math.pi * index / n_arms
     positions[:, 0] = RING_RADIUS * (1 - np.cos(yaw))

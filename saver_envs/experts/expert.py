@@ -106,7 +106,7 @@ def expert_of(
         raise ValueError(f"the task {task.name!r} has no expert")
     if settings.control != "cartesian":
         raise ValueError(f"control={settings.control!r}: experts command Cartesian displacements")
-    if task.bases != "row" and task.n_arms > 1 and coordinated:
+    if task.bases == "ring" and task.n_arms > 1 and coordinated:
         raise ValueError(f"layout={task.bases!r}: experts coordinate arms in a row")
     if free_arm is not None and not 0 <= free_arm < task.n_arms:
         raise ValueError(f"free_arm={free_arm!r}: must be 0 to {task.n_arms - 1}")

@@ -41,6 +41,7 @@ class TableTask(CubeTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         require("overlap", self.overlap, 0 <= self.overlap <= 0.2, "0 to 0.2 m")
+        require("layout", self.layout, self.layout in ("row", "ring"), "'row' or 'ring'")
         self.start_rules()  # which checks the options that it takes
 
     @property

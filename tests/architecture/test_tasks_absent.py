@@ -17,6 +17,7 @@ for module, name in (
     ("push", "Push"),
     ("pick_and_place", "PickAndPlace"),
     ("distance", "Distance"),
+    ("arm_straighten", "ArmStraighten"),
     ("carry", "Carry"),
     ("log_roll", "LogRoll"),
     ("wrist_push", "WristPush"),

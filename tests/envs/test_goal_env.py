@@ -33,6 +33,7 @@ from saver_envs.envs.pixel_env import SaverPixelEnv
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.people.contact_forces import FORCE_COSTS, TORQUE_COSTS
 from saver_envs.registration import ENVIRONMENTS, default_options
+from saver_envs.tasks.arm_straighten import ArmStraighten
 from saver_envs.tasks.log_roll import LogRoll
 
 
@@ -68,6 +69,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
         "DualJacoPickAndPlace-v0": (56, 8, 6),
         "DualJacoDistance-v0": (56, 8, 7),
         "DualJacoCarry-v0": (52, 8, 6),
+        "ArmStraighten-v0": (70, 8, 8),
         "LogRoll-v0": (66, 6, 2),
         "WristPush-v0": (56, 6, 6),
     }
@@ -97,6 +99,9 @@ def test_episode_api(env_id: str) -> None:
     if "LogRoll" in env_id:
         names |= {"twist", "head", "way", *FORCE_COSTS, *TORQUE_COSTS}
         names |= {f"cost_{name}" for name in LogRoll.costs}
+    if "Straighten" in env_id:
+        names |= {*FORCE_COSTS, *TORQUE_COSTS}
+        names |= {f"cost_{name}" for name in ArmStraighten.costs}
     if "Wrist" in env_id:
         names |= {"torso_force", "torso_displacement"}
         names |= {"cost_torso_force", "cost_torso_displacement"}

@@ -21,7 +21,7 @@ from rollouts import (
     targets_of,
 )
 
-from saver_envs.people.contact_forces import FORCE_COSTS
+from saver_envs.people.contact_forces import FORCE_COSTS, TORQUE_COSTS
 from saver_envs.registration import ENVIRONMENTS, make_episodes
 from saver_envs.tasks.contract import Task
 from saver_envs.tasks.distance import Distance
@@ -219,6 +219,8 @@ def test_costs_that_an_id_names() -> None:
             expected = ("tilt", "dropped")
         if "LogRoll" in env_id:
             expected = (*FORCE_COSTS, "twist", "head", "way")
+        if "Straighten" in env_id:
+            expected = (*FORCE_COSTS, *TORQUE_COSTS)
         assert names == expected
 
 

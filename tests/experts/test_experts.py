@@ -92,6 +92,7 @@ def test_one_arm_cannot_carry_a_board(free_arm: int) -> None:
         ("DualJacoPickAndPlace-v0", 0.97),
         ("DualJacoDistance-v0", 0.90),
         ("DualJacoCarry-v0", 0.97),
+        ("ArmStraighten-v0", 0.85),
         ("LogRoll-v0", 0.97),
         ("MicoPush-v0", 0.90),
         ("WristPush-v0", 0.95),

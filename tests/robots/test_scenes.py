@@ -96,7 +96,7 @@ def test_too_few_or_too_many_arms(n_arms: int) -> None:
 
 
 def test_unknown_layout() -> None:
-    with pytest.raises(ValueError, match="'row' or 'ring'"):
+    with pytest.raises(ValueError, match="'row' or 'ring' or 'bedside'"):
         base_poses(2, "circle")  # type: ignore[arg-type]
 
 

@@ -1,0 +1,106 @@
+"""How the arms of a person lie before they are straightened, and where their wrists are to be."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from saver_envs.people.bed import Bed
+from saver_envs.people.limp_arms import ARM_JOINTS
+from saver_envs.people.lying import LyingWorld
+from saver_envs.people.manikin import SIDES
+
+#: How arms lie at the start, kinds of :data:`saver_envs.people.lying_starts.ARM_STARTS`.
+KINDS: Final = ("chest", "bent", "abducted", "overhanging")
+#: Number of pairs of kinds, of the left and the right arm.
+PAIRS: Final = len(KINDS) ** 2
+#: Distance of a wrist's target from the person's middle line (m).
+ASIDE: Final = 0.25
+#: Bend of the elbow with which the wrist is at its target (rad).
+_SLACK: Final = math.radians(15.0)
+#: Least height above the bed of a wrist on the chest (m), bend of a bent elbow (rad), and distance
+#: of the wrist of an abducted arm from the middle line (m).
+_ON_CHEST, _BENT, _ABDUCTED = 0.15, math.radians(35.0), 0.34
+
+
+def kinds_of(index: int) -> tuple[str, str]:
+    """Return how the left and the right arm lie in posture ``index``."""
+    left, right = divmod(index % PAIRS, len(KINDS))
+    return KINDS[left], KINDS[right]
+
+
+def stays(world: LyingWorld, bed: Bed, side: str, kind: str) -> bool:
+    """Return whether an arm at rest lies as its kind of start says.
+
+    :param world: in which the person rests.
+    :param bed: on what.
+    :param side: ``left`` or ``right``.
+    :param kind: one of :data:`KINDS`.
+    """
+    wrist = np.abs(world.data.site(f"joint_{side}_wrist").xpos - bed.centre)
+    if kind == "chest":
+        return bool(wrist[2] > _ON_CHEST)
+    if kind == "bent":
+        return bool(world.data.joint(f"{side}_elbow").qpos[0] > _BENT)
+    if kind == "abducted":
+        return bool(wrist[1] > _ABDUCTED)
+    hand = world.model.geom(f"{side}_hand_0").id
+    along = world.data.geom_xmat[hand].reshape(3, 3)[1, 2] * world.model.geom_size[hand, 1]
+    middle = abs(world.data.geom_xpos[hand, 1] - bed.centre[1])
+    return bool(middle + abs(along) > bed.width / 2)
+
+
+def wrist_target(
+    data: mujoco.MjData, model: mujoco.MjModel, side: str, bed: Bed
+) -> NDArray[np.float64]:
+    """Return where a wrist is to be (3,), world frame, metres.
+
+    It lies on the bed beside the hip, as far down as a nearly straight arm reaches.
+
+    :param data: of a person in a pose.
+    :param model: of the person.
+    :param side: ``left`` or ``right``.
+    :param bed: on what the person lies.
+    """
+
+    def site(name: str) -> NDArray[np.float64]:
+        return np.asarray(data.site(f"joint_{name}").xpos)
+
+    joints = [site(f"{side}_{name}") for name in ARM_JOINTS]
+    lengths = [math.dist(*ends) for ends in pairwise(joints)]
+    reach = math.cos(_SLACK / 2) * sum(lengths)
+    hips = [site(f"{one}_hip")[:2] for one in SIDES]
+    leftwards = (hips[0] - hips[1]) / math.dist(*hips)
+    footwards = np.array([leftwards[1], -leftwards[0]])
+    outwards = leftwards if side == "left" else -leftwards
+    shoulder = joints[0][:2] - (hips[0] + hips[1]) / 2
+    height = bed.centre[2] + float(model.geom(f"{side}_forearm_0").size[0])
+    across, drop = ASIDE - shoulder @ outwards, joints[0][2] - height
+    along = shoulder @ footwards + math.sqrt(reach**2 - across**2 - drop**2)
+    level = (hips[0] + hips[1]) / 2 + ASIDE * outwards + along * footwards
+    return np.array([*level, height])
+
+
+def start_text() -> list[str]:
+    """Return what these starts have, a sentence each."""
+    lying = {
+        "chest": "with the forearm on the chest or the belly, the elbow on the bed",
+        "bent": f"at the side, the elbow bent by at least {math.degrees(_BENT):.0f} degrees",
+        "abducted": "on the bed, abducted by 25 to 60 degrees",
+        "overhanging": "abducted further, the hand beyond the bed's edge",
+    }
+    return [
+        "Each arm lies in one of four ways, all pairs alike often: "
+        + "; ".join(lying[kind] for kind in KINDS)
+        + ".",
+        f"A wrist's target is on the bed, {100 * ASIDE:g} cm from the person's middle line, as far "
+        f"down as the arm reaches with the elbow bent by {math.degrees(_SLACK):.0f} degrees: "
+        "some 7 cm below the hip joint.",
+        "The tallest of our people, whose hanging hand would catch at the edge of the bed, lies "
+        "there only in worlds that vary.",
+    ]
