@@ -114,8 +114,8 @@ def results_page(results: list[dict[str, Any]]) -> str:
     """
     evaluations = _evaluations(results)
     sections = [_section(one) for one in results if one not in evaluations]
-    named = {"title": "Results", "folder": FOLDER, "introduction": ""}
-    return page("results", **named, evaluations=evaluations, columns=SUCCESS_COLUMNS, sections=sections)
+    named = {"title": "Results", "folder": FOLDER, "introduction": "", "columns": SUCCESS_COLUMNS}
+    return page("results", **named, evaluations=evaluations, sections=sections)
 
 
 def curves_page(results: list[dict[str, Any]]) -> str:
@@ -130,7 +130,7 @@ def curves_page(results: list[dict[str, Any]]) -> str:
         "student alone. Training time is wall-clock time, pauses included."
     )
     named = {"title": "Learning curves", "folder": CURVES_FOLDER, "introduction": introduction}
-    return page("results", **named, evaluations=[], columns={}, sections=sections)
+    return page("results", **named, columns={}, evaluations=[], sections=sections)
 
 
 def _section(one: dict[str, Any], folder: str = FOLDER) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 from saver_advisors.reporting.tables import Column
@@ -17,9 +18,20 @@ COLUMNS: Final[dict[str, Column]] = {
     "goal": "{goal_size}",
     "horizon": "{horizon}",
     "succeeds when, on the last step,": "{succeeds}",
-    "cost": lambda row: ", ".join(row["summed_costs"]),
+    "cost": lambda row: ", ".join(_grouped(row["summed_costs"])),
 }
 """Headings, and how an :func:`entry` fills each column."""
+
+#: As many costs of a kind are named one by one.
+_FEW: Final = 2
+
+
+def _grouped(costs: Sequence[str]) -> list[str]:
+    """Return costs with those of many parts, such as forces, as one: ``force_*``."""
+    kinds = [cost.partition("_")[0] for cost in costs]
+    many = {kind for kind in kinds if kinds.count(kind) > _FEW}
+    named = (f"{kind}_*" if kind in many else cost for kind, cost in zip(kinds, costs, strict=True))
+    return list(dict.fromkeys(named))
 
 
 def entry(env_id: str) -> dict[str, Any]:

@@ -241,11 +241,11 @@ def cost_text() -> dict[str, str]:
     """Return when the costs of forces and torques are 1, and that of collisions."""
     forces = {}
     for part, limit in FORCE_LIMITS.items():
-        brief = limit if part in NEVER_MORE else TRANSIENT_FACTOR * limit
-        forces[f"force_{part}"] = (
-            f"1 on a step with more than {limit:g} N on the {part.replace('_', ' ')} for "
-            f"{LASTING:g} s or longer, or more than {brief:g} N"
-        )
+        text = f"1 on a step with more than {limit:g} N on the {part.replace('_', ' ')}"
+        if part not in NEVER_MORE:
+            brief = TRANSIENT_FACTOR * limit
+            text += f" for {LASTING:g} s or longer, or more than {brief:g} N"
+        forces[f"force_{part}"] = text
     torques = dict.fromkeys(
         TORQUE_COSTS, "1 on a step with a harmful torque against the end of a range"
     )
