@@ -116,7 +116,10 @@ def test_a_person_rests() -> None:
         result = episodes.step(np.tile(IDLE, (6, 1)))
     assert not result.measured["cost_collision"].any()
     assert result.cost.max() == 0.0
-    assert np.abs(episodes.observation().achieved_goal - before).max() < 0.03
+    # Joints are up to a quarter stiffer than those of the person who was settled.
+    moved = np.abs(episodes.observation().achieved_goal - before).reshape(6, 2, 4)
+    assert moved[..., :3].max() < 0.02
+    assert moved[..., 3].max() < math.radians(5)
 
 
 @pytest.mark.parametrize(("off", "degrees"), [(0.049, 24.0), (0.051, 24.0), (0.049, 26.0)])
