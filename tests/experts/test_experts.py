@@ -131,9 +131,12 @@ def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, sa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["JacoPush-v0", "JacoPickAndPlace-v0", "DualJacoCarry-v0"])
-def test_an_expert_copes_with_worlds_that_vary(env_id: str) -> None:
-    assert success(env_id, 30, seed=1000, randomization="wide") >= 0.8
+@pytest.mark.parametrize(
+    ("env_id", "episodes"),
+    [("JacoPush-v0", 30), ("JacoPickAndPlace-v0", 30), ("DualJacoCarry-v0", 10)],
+)
+def test_an_expert_copes_with_worlds_that_vary(env_id: str, episodes: int) -> None:
+    assert success(env_id, episodes, seed=1000, randomization="wide") >= 0.8
 
 
 @pytest.mark.slow
