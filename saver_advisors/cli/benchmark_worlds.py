@@ -77,6 +77,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     """
     from saver_advisors.cli import evaluate
     from saver_advisors.cli.policies import resolve
+    from saver_advisors.policies.files import weights_digest
     from saver_advisors.reporting.provenance import provenance, write_json_atomic
     from saver_envs.digest import world_digest
 
@@ -91,11 +92,11 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     origin = provenance()  # before the file is written, perhaps in the checkout
     done = earlier_rows(args.json, args.episodes, args.seed)
     for policy, env, kwargs in todo:
-        world = kwargs["randomization"]
-        row = done.get((policy, world, world_digest(env, kwargs)))
+        world, weights = kwargs["randomization"], weights_digest(policy)
+        row = done.get((policy, weights, world, world_digest(env, kwargs)))
         if row is None:
             row = evaluate.measure(policy, env, args.episodes, args.seed, kwargs)
-        rows.append({"under": world, **row})
+        rows.append({"under": world, "weights": weights, **row})
         if args.json is not None:
             write_json_atomic(args.json, {**HEAD, "rows": rows, "provenance": origin})
     return {**HEAD, "rows": rows}
@@ -103,18 +104,19 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
 
 def earlier_rows(
     path: Path | None, episodes: int, seed: int
-) -> dict[tuple[str, str, str], dict[str, Any]]:
-    """Return the rows that an interrupted command left in its file.
+) -> dict[tuple[str, str | None, str, str], dict[str, Any]]:
+    """Return the rows that an earlier command left in its file.
 
     :param path: of the JSON file, if there is one
     :param episodes: of every row
     :param seed: of every row
-    :return: rows by policy, name of the randomization, and digest of the world
+    :return: rows by policy, digest of its weights, name of the randomization, and digest of the
+        world
     """
     if path is None or not path.exists():
         return {}
     return {
-        (one["policy"], one["under"], one["world"]): one
+        (one["policy"], one.get("weights"), one["under"], one["world"]): one
         for one in read_measurement(path, HEAD["kind"])["rows"]
         if (one["episodes"], one["seed"]) == (episodes, seed)
     }

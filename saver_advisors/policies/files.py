@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -85,6 +86,20 @@ def load_teacher(name_or_path: str | PathLike[str]) -> Teacher:
     if path.suffix == ".zip" and os.path.isfile(path):
         return Teacher(_checked(path, networks_of_zip(path)), path.stem)
     return load_policy(name_or_path).teacher()
+
+
+def weights_digest(name_or_path: str) -> str | None:
+    """Return a digest of a weight file, which tells two policies of the same name apart.
+
+    :param name_or_path: a shipped policy's name, or the path of a weight file.
+    :return: None for all else.
+    """
+    path = WEIGHTS_DIR / f"{name_or_path}.safetensors"
+    path = path if os.path.isfile(path) else Path(name_or_path)
+    if not os.path.isfile(path):
+        return None
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 def _find(name_or_path: str | PathLike[str]) -> Path:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from tiny_runs import TINY_RUN
 
 from saver_advisors.cli.policies import options_that_fit
 from saver_advisors.evaluation.episodes import EpisodeOutcomes
-from saver_advisors.policies.files import read_networks
+from saver_advisors.policies.files import WEIGHTS_DIR, load_teacher, read_networks, save_policy
 from saver_advisors.reporting.errors import UsageError
 from saver_advisors.training import run as training_run
 from saver_advisors.training.launch import train
@@ -156,3 +157,25 @@ def test_distributions_of_python_survive_the_record(tmp_path: Path) -> None:
     expected = {**SIZES, "action_delay": {"choice": [0, 1]}}
     assert record["config"]["env_kwargs"]["randomization"] == expected
     assert record["randomization"] == expected
+
+
+def test_rows_are_measured_again_when_weights_have_changed(saver: Saver, tmp_path: Path) -> None:
+    found, policy = tmp_path / "worlds.json", tmp_path / "policy.safetensors"
+    words = ["benchmark", "worlds", "--policies", policy, "--env", PUSH, "--json", found]
+    words += ["--worlds", "none", "mild", "--episodes", 2]
+
+    def rows() -> list[Any]:
+        result = saver(*words)
+        assert result.status == 0, result.err
+        rows: list[Any] = read_json(found)["rows"]
+        return rows
+
+    copyfile(WEIGHTS_DIR / "jaco-push.safetensors", policy)
+    first = rows()
+    assert [one["under"] for one in first] == ["none", "mild"]
+    assert rows() == first  # with the same times: nothing was measured
+    teacher, card = load_teacher(policy), read_networks(policy)[1]
+    save_policy(policy, teacher, replace(card, seed=card.seed + 1))
+    again = rows()
+    assert again[0]["weights"] != first[0]["weights"]
+    assert again[0]["wall_clock_s"] != first[0]["wall_clock_s"]
