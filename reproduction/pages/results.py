@@ -114,8 +114,8 @@ def results_page(results: list[dict[str, Any]]) -> str:
     """
     evaluations = _evaluations(results)
     sections = [_section(one) for one in results if one not in evaluations]
-    named = {"title": "Results", "folder": FOLDER, "evaluations": evaluations}
-    return page("results", **named, columns=SUCCESS_COLUMNS, sections=sections)
+    named = {"title": "Results", "folder": FOLDER, "introduction": ""}
+    return page("results", **named, evaluations=evaluations, columns=SUCCESS_COLUMNS, sections=sections)
 
 
 def curves_page(results: list[dict[str, Any]]) -> str:
@@ -125,8 +125,12 @@ def curves_page(results: list[dict[str, Any]]) -> str:
     :return: Markdown.
     """
     sections = [_section(one, CURVES_FOLDER) for one in results]
-    named = {"title": "Learning curves", "folder": CURVES_FOLDER, "evaluations": []}
-    return page("results", **named, columns={}, sections=sections)
+    introduction = (
+        "Success rate, collisions and mean Q-value at each evaluation during training, of the "
+        "student alone. Training time is wall-clock time, pauses included."
+    )
+    named = {"title": "Learning curves", "folder": CURVES_FOLDER, "introduction": introduction}
+    return page("results", **named, evaluations=[], columns={}, sections=sections)
 
 
 def _section(one: dict[str, Any], folder: str = FOLDER) -> dict[str, str]:
@@ -141,7 +145,7 @@ def _section(one: dict[str, Any], folder: str = FOLDER) -> dict[str, str]:
         text = _plain_table(_trials(one["trials"]))
     elif isinstance(one.get("rows"), list):
         text = _plain_table(one["rows"])
-    heading = one.get("title", stem.replace("-", " "))
+    heading = one.get("title", stem.replace("-", " ").capitalize())
     return {"heading": heading, "text": text, "origin": _origin(one)}
 
 
