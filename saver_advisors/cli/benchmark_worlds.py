@@ -88,18 +88,21 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     ]
     for policy, env, kwargs in todo:  # report policies that do not fit before the first episode
         resolve(policy, env, kwargs)
-    rows: list[dict[str, Any]] = []
+    keys = [
+        (policy, weights_digest(policy), kwargs["randomization"], world_digest(env, kwargs))
+        for policy, env, kwargs in todo
+    ]
     origin = provenance()  # before the file is written, perhaps in the checkout
-    done = earlier_rows(args.json, args.episodes, args.seed)
-    for policy, env, kwargs in todo:
-        world, weights = kwargs["randomization"], weights_digest(policy)
-        row = done.get((policy, weights, world, world_digest(env, kwargs)))
-        if row is None:
-            row = evaluate.measure(policy, env, args.episodes, args.seed, kwargs)
-        rows.append({"under": world, "weights": weights, **row})
+    rows = earlier_rows(args.json, args.episodes, args.seed)
+    for key, (policy, env, kwargs) in zip(keys, todo, strict=True):
+        if key in rows:
+            continue
+        row = evaluate.measure(policy, env, args.episodes, args.seed, kwargs)
+        rows[key] = {"under": kwargs["randomization"], "weights": key[1], **row}
         if args.json is not None:
-            write_json_atomic(args.json, {**HEAD, "rows": rows, "provenance": origin})
-    return {**HEAD, "rows": rows}
+            so_far = [rows[one] for one in keys if one in rows]
+            write_json_atomic(args.json, {**HEAD, "rows": so_far, "provenance": origin})
+    return {**HEAD, "rows": [rows[key] for key in keys]}
 
 
 def earlier_rows(
