@@ -121,12 +121,21 @@ def portable_command(command: str) -> str:
     :return: the command, with the program and absolute paths reduced to their file names
     """
     program, *words = shlex.split(command)
-    named = [Path(word).name if Path(word).is_absolute() else word for word in words]
+    named = [portable_word(word) for word in words]
     package, name = Path(program).parts[-2:] if "/" in program else ("", program)
     if name != "__main__.py":
         return shlex.join([name, *named])
     first = ["saver"] if package == "cli" else ["python", "-m", package]
     return shlex.join([*first, *named])
+
+
+def portable_word(word: str) -> str:
+    """Reduce an absolute path, also that of a setting ``name=path``, to its file name.
+
+    :param word: of a command line, or a setting's value
+    """
+    name, equals, value = word.rpartition("=")
+    return f"{name}{equals}{Path(value).name}" if Path(value).is_absolute() else word
 
 
 def command_line() -> str:

@@ -13,7 +13,7 @@ from saver_advisors.evaluation.protocol import REPORT_SEED, SELECTION_SEED
 from saver_advisors.evaluation.shield import Shield
 from saver_advisors.policies.files import load_policy, save_policy
 from saver_advisors.policies.freezing import networks_from_sb3
-from saver_advisors.reporting.provenance import portable_command
+from saver_advisors.reporting.provenance import portable_command, portable_word
 from saver_advisors.training.curve_file import read_curve
 from saver_advisors.training.launch import load_trained
 from saver_advisors.training.run_folder import read_record
@@ -107,6 +107,9 @@ def release_run(
     summary = evaluate_trained(run_dir, chosen, episodes=episodes, seed=REPORT_SEED).summary()
     record = read_record(run_dir)
     best = chosen == "best"
+    settings = config.to_mapping()
+    if config.start_from is not None:
+        settings["start_from"] = portable_word(config.start_from)
     evaluation = Path(run_dir) / "best" / "evaluation.json"
     progress = read_json(evaluation) if best else read_curve(run_dir)[-1]
     card = {
@@ -120,7 +123,7 @@ def release_run(
         **_rates(summary),
         "task": task,
         "env_kwargs": config.env_kwargs,
-        "notes": {"config": config.to_mapping(), "selection": selection}
+        "notes": {"config": settings, "selection": selection}
         | {name: summary[name] for name in ("randomization",) if name in summary},
     }
     save_policy(path, networks_from_sb3(load_trained(run_dir, chosen)), card)

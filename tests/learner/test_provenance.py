@@ -80,5 +80,9 @@ def test_a_command_names_no_folder_of_the_machine() -> None:
         "saver train --output push --set 'net_arch=[8,8]' runs/other"
     )
     assert portable_command(".venv/bin/saver envs") == "saver envs"
+    assert (
+        portable_command("saver train --set start_from=/r/two")
+        == "saver train --set start_from=two"
+    )
     assert portable_command("/clone/reproduction/__main__.py ik") == "python -m reproduction ik"
     assert portable_command("/x/saver_advisors/cli/__main__.py envs") == "saver envs"

@@ -20,6 +20,7 @@ from saver_advisors.learner.policies import SETTLED_COUNT
 from saver_advisors.policies.files import load_policy, load_teacher
 from saver_advisors.training.curve_file import OF_THE_MACHINE, read_curve
 from saver_advisors.training.launch import load_trained, train
+from saver_advisors.training.release import release_run
 from saver_advisors.training.settings import AdviceConfig, RunConfig
 from saver_envs.envs.sb3_vec_env import SaverVecEnv
 
@@ -118,6 +119,9 @@ def test_three_arms_start_as_two(tmp_path: Path) -> None:
     assert (begun["shared_features.count"] == SETTLED_COUNT).all()
     shutil.rmtree(two)  # a resumed run no longer needs it
     assert train(config, three, progress=False, resume=True).finished
+    card = three / "policy.safetensors"
+    release_run(three, card, episodes=2)
+    assert load_policy(card).card.notes["config"]["start_from"] == "two"
     ended = load_file(three / "latest" / "policy.safetensors")
     for name in ("shift", "scale"):
         then, now = (one[f"shared_features.{name}"] for one in (start, ended))
