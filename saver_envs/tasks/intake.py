@@ -24,6 +24,7 @@ from saver_envs.tasks.arm_and_object import HAND_PARTS, hand_parts
 from saver_envs.tasks.care import BED, CARE_PARAMETERS, CareTask, cost_text, start_text
 from saver_envs.tasks.care_starts import CareStart
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
+from saver_envs.tasks.hand_force import FORCE, HandForces, add_force_sensors
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.limbs import POSITIONS, VELOCITIES, Limbs, add_limb_sensors
 from saver_envs.tasks.regions import HAND_LOWER, HAND_UPPER
@@ -35,16 +36,23 @@ WAY, SPEED = 1.8, (0.07, 0.10)
 #: Distance between the rails, their height above the bed and thickness (m); where they begin, along
 #: x; length (m) and angle (rad) of the flares in front of them; their friction. Ours.
 GAP, RAIL_HEIGHT, RAIL_THICKNESS = 0.60, 0.12, 0.02
-ENTRANCE, FLARE_LENGTH, FLARE_ANGLE, RAIL_FRICTION = 0.05, 0.10, math.radians(35.0), 0.4
+ENTRANCE, FLARE_LENGTH, FLARE_ANGLE, RAIL_FRICTION = 0.05, 0.15, math.radians(22.0), 0.15
 #: Where hands start: forward, outwards and up from their bases (m).
 HAND_START: Final = ((0.34, 0.38), (0.08, 0.16), (0.30, 0.36))
-#: Kinds of starts of an arm; legs are straight.
-ARM_KINDS: Final = ("abducted", "side", "bent", "abducted", "chest")
+#: Kinds of starts of the arms of a posture and of its mirror image; legs are straight.
+ARM_KINDS: Final = (
+    ("apart", "apart"),
+    ("apart", "side"),
+    ("apart", "apart"),
+    ("apart", "chest"),
+    ("apart", "bent"),
+)
 #: Names of the geoms of the rails and their flared ends.
 RAILS: Final = ("rail_left", "flare_left", "rail_right", "flare_right")
 _INNER: Final = "inner_bed"
 _BEHIND: Final = 2.0
-_TRAVEL: Final = Part("travel", 1, "m")
+#: How far the pelvis has travelled; how far the arm at a side is from the space between the rails.
+_GOAL: Final = (Part("travel", 1, "m"), Part("arm outside", 1, "m"))
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ class Intake(CareTask):
     least_way: ClassVar[float] = WAY
     pressers: ClassVar[tuple[str, ...]] = RAILS
     postures: ClassVar[int] = 30
-    bed: ClassVar[Bed] = Bed(centre=(1.40, 0.0, 0.08), length=2.5, width=1.5)
+    bed: ClassVar[Bed] = Bed(centre=(1.30, 0.0, 0.08), length=2.5, width=1.5)
     facing: ClassVar[float] = math.pi
     expert: ClassVar[str | None] = "saver_envs.experts.intake:expert"
     table_depth: ClassVar[tuple[float, float]] = (-1.0, 2.7)
@@ -94,14 +102,14 @@ class Intake(CareTask):
 
     @property
     def observation(self) -> tuple[Part, ...]:
-        """Each arm's hand, and the joints of the person's limbs at its side; the bed's speed."""
+        """Each arm's hand, what it presses with, and the limbs at its side; the bed's speed."""
         shared = Part("bed speed", 1, "m/s", shared=True), Part("way left", 1, "m", shared=True)
-        return (*HAND_PARTS, *POSITIONS, *VELOCITIES, *shared)
+        return (*HAND_PARTS, *POSITIONS, *VELOCITIES, FORCE, *shared)
 
     @property
     def goal(self) -> tuple[Part, ...]:
-        """How far the person has travelled."""
-        return (_TRAVEL,)
+        """How far the person has travelled, and how far the arm at a side is still outside."""
+        return _GOAL
 
     # ---------------------------------------------------------------- the scene
 
@@ -115,6 +123,7 @@ class Intake(CareTask):
             spec.geom(name).surfacevel[0] = -SPEED[0]
         _add_rails(spec, self.bed.centre[2])
         add_limb_sensors(spec)
+        add_force_sensors(spec, arms)
         for index in range(arms.n):
             for name in (_INNER, *RAILS):
                 sensor = f"collision_arm{index}_{name}"
@@ -131,9 +140,8 @@ class Intake(CareTask):
     # ---------------------------------------------------------------- episodes
 
     def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
-        """Draw a posture on the back, every kind of arm as often on either side."""
-        arms = (ARM_KINDS[index % len(ARM_KINDS)], str(generator.choice(ARM_KINDS)))
-        posture = drawn_supine(generator, arms=arms)
+        """Draw a posture on the back, every pair of kinds as often as its mirror image."""
+        posture = drawn_supine(generator, arms=ARM_KINDS[index % len(ARM_KINDS)])
         return posture if index % 2 else posture.mirrored()
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> IntakeStart:
@@ -176,15 +184,18 @@ class Intake(CareTask):
         """Return hands, limbs, and what the bed does."""
         travelled = memory["began"] - _pelvis(simulation)
         bed = {"bed speed": memory["speed"][:, None], "way left": (WAY - travelled)[:, None]}
-        return hand_parts(simulation, arms) | simulation.keep(Limbs).observed() | bed
+        limbs, forces = simulation.keep(Limbs).observed(), simulation.keep(HandForces).observed()
+        return hand_parts(simulation, arms) | limbs | forces | bed
 
     def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
-        """Return how far the person has travelled (n, 2), metres, twice the same."""
-        return np.repeat(WAY - seen["way left"], self.n_arms, axis=1)
+        """Return how far the person has travelled and arms are outside, (n, 4), metres."""
+        travelled = np.repeat(WAY - seen["way left"], self.n_arms, axis=1)
+        outside = _outside(simulation.keep(Limbs).arms())
+        return np.stack([travelled, outside], axis=-1).reshape(len(outside), -1)
 
     def desired(self, starts: Sequence[Any]) -> NDArray[np.float64]:
-        """Return how far the person is to travel (k, 2), metres."""
-        return np.full((len(starts), self.n_arms), WAY)
+        """Return how far the person is to travel, and that arms are inside, (k, 4), metres."""
+        return np.tile([WAY, 0.0], (len(starts), self.n_arms))
 
     # ---------------------------------------------------------------- pictures and the page
 
@@ -197,19 +208,26 @@ class Intake(CareTask):
         low, high = SPEED
         return TaskPage(
             succeeds=(
-                f"the person has travelled {WAY:g} m between the rails, and no part of the body "
-                "was ever pressed beyond its limit"
+                f"the person has travelled {WAY:g} m, wrists and elbows are between the rails to "
+                f"within {100 * self.success_threshold:g} cm, and no part of the body was ever "
+                "pressed beyond its limit"
             ),
             start=(
                 *start_text(),
-                "Arms lie at the side, abducted by up to 60 degrees, bent at the side or on the "
-                "chest; legs are straight.",
+                "One arm or both lie apart, abducted by 24 to 38 degrees, the other one else at "
+                "the side, bent beside the trunk, or on the chest; legs are straight.",
                 f"The bed moves at {low:g} to {high:g} m/s, and stops after {WAY:g} m.",
                 "Hands are raised beside the rails.",
             ),
-            reward="0 where the person has travelled the whole way, else -1.",
-            dense="minus the way left, in metres, for each arm.",
-            goal={"travel": "how far the pelvis has travelled, the same for both arms"},
+            reward="0 where the person has travelled the whole way with both arms inside, else -1.",
+            dense="minus how far travel and arm are from what is wanted, in metres, of both arms.",
+            goal={
+                "travel": "how far the pelvis has travelled, the same for both arms",
+                "arm outside": (
+                    "distance of the wrist or elbow at this side, whichever is farther, from the "
+                    "space between the rails"
+                ),
+            },
             costs=cost_text(),
             facts=(
                 ("rails", f"{GAP:g} m apart, {100 * RAIL_HEIGHT:g} cm high, with flared ends"),
@@ -222,6 +240,14 @@ class Intake(CareTask):
 def _pelvis(simulation: Simulation) -> NDArray[np.float64]:
     """Return where pelvises are along x, (n,), metres."""
     return simulation.qpos[:, simulation.keep(LimpPeople).layout.root_qpos[0]]
+
+
+def _outside(points: FloatArray) -> FloatArray:
+    """Return how far the farthest of points (..., k, 3) is from between the rails, metres."""
+    before = np.maximum(points[..., 0] - ENTRANCE, 0.0)
+    beside = np.maximum(np.abs(points[..., 1]) - GAP / 2, 0.0)
+    farthest: FloatArray = np.hypot(before, beside).max(axis=-1)
+    return farthest
 
 
 def _add_rails(spec: mujoco.MjSpec, height: float) -> None:

@@ -21,6 +21,7 @@ POSITIONS: Final = tuple(Part(f"{joint} position", 3, "m") for joint in LIMB_JOI
 VELOCITIES: Final = tuple(
     Part(f"{joint} velocity", 3, "m/s", LINEAR_VELOCITY_SCALE) for joint in LIMB_JOINTS
 )
+_ARM: Final = [LIMB_JOINTS.index("wrist"), LIMB_JOINTS.index("elbow")]
 _SENSOR: Final = "limb_velocity_"
 
 
@@ -63,3 +64,7 @@ class Limbs:
             seen[place.name] = scene.to_bases(places[:, :, index])
             seen[speed.name] = speeds[:, :, index]
         return seen
+
+    def arms(self) -> FloatArray:
+        """Return where wrists and elbows are, (n, arms, 2, 3), metres, in the world."""
+        return self._simulation.site_position[:, self._sites[:, _ARM]]
