@@ -103,8 +103,6 @@ class CareTask(Task):
     people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
     #: Names of geoms of the world that press on the person, besides the arms.
     pressers: ClassVar[tuple[str, ...]] = ()
-    #: Who lies there by default.
-    people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
 

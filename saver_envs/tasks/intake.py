@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
 import mujoco
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from saver_envs.control import Workspace
 from saver_envs.people.bed import BED_PRIORITY, Bed, add_bed
-from saver_envs.people.limp_people import LimpPeople
-from saver_envs.people.lying import LyingPosture
+from saver_envs.people.limp_people import PEOPLE, LimpPeople
+from saver_envs.people.lying import LyingPosture, LyingWorld
 from saver_envs.people.lying_starts import drawn_supine
-from saver_envs.randomization import Parameter, Uniform
+from saver_envs.people.manikin import SIDES
+from saver_envs.randomization import Choice, Parameter, Uniform
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Arms, Scene, add_contact_sensor
 from saver_envs.simulation import ArmState, Simulation
@@ -39,6 +40,14 @@ GAP, RAIL_HEIGHT, RAIL_THICKNESS = 0.60, 0.12, 0.02
 ENTRANCE, FLARE_LENGTH, FLARE_ANGLE, RAIL_FRICTION = 0.05, 0.15, math.radians(22.0), 0.15
 #: Where hands start: forward, outwards and up from their bases (m).
 HAND_START: Final = ((0.34, 0.38), (0.08, 0.16), (0.30, 0.36))
+#: How far outside of the rails' line a wrist lies at least (m).
+OUTSIDE: Final = 0.04
+#: How far an ankle is from the middle at most (m).
+FEET: Final = 0.22
+#: Who lies there: all but the man who fills the space between the rails, who is held out.
+_BROADEST: Final = 6
+_PEOPLE: Final = tuple(who for who in range(len(PEOPLE)) if who != _BROADEST)
+_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(_PEOPLE), held_out=Choice((_BROADEST,)))
 #: Kinds of starts of the arms of a posture and of its mirror image; legs are straight.
 ARM_KINDS: Final = (
     ("apart", "apart"),
@@ -82,13 +91,15 @@ class Intake(CareTask):
     rated_horizon: ClassVar[int] = 700
     least_way: ClassVar[float] = WAY
     pressers: ClassVar[tuple[str, ...]] = RAILS
+    people: ClassVar[tuple[int, ...]] = _PEOPLE
     postures: ClassVar[int] = 30
     bed: ClassVar[Bed] = Bed(centre=(1.30, 0.0, 0.08), length=2.5, width=1.5)
     facing: ClassVar[float] = math.pi
     expert: ClassVar[str | None] = "saver_envs.experts.intake:expert"
     table_depth: ClassVar[tuple[float, float]] = (-1.0, 2.7)
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        *CARE_PARAMETERS,
+        _BODY,
+        *CARE_PARAMETERS[1:],
         Parameter(
             *("bed_speed", "m/s", "speed of the bed", None, (0.065, 0.20)),
             wide=Uniform(0.07, 0.12),
@@ -127,9 +138,7 @@ class Intake(CareTask):
         for index in range(arms.n):
             for name in (_INNER, *RAILS):
                 sensor = f"collision_arm{index}_{name}"
-                add_contact_sensor(
-                    spec, sensor, arms.body(index), mujoco.mjtObj.mjOBJ_GEOM, name
-                )
+                add_contact_sensor(spec, sensor, arms.body(index), mujoco.mjtObj.mjOBJ_GEOM, name)
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
@@ -144,6 +153,11 @@ class Intake(CareTask):
         posture = drawn_supine(generator, arms=ARM_KINDS[index % len(ARM_KINDS)])
         return posture if index % 2 else posture.mirrored()
 
+    def keeps(self, world: LyingWorld, index: int) -> bool:
+        """Return whether a wrist lies outside of the line of the rails."""
+        wrists = [world.data.site(f"joint_{side}_wrist").xpos[1] for side in SIDES]
+        return bool(np.abs(wrists).max() > GAP / 2 + OUTSIDE)
+
     def sample(self, generator: np.random.Generator, scene: Scene) -> IntakeStart:
         """Draw a person, the bed's speed, and hands raised beside the rails."""
         person = self.drawn_person(generator)
@@ -152,6 +166,13 @@ class Intake(CareTask):
         drawn = float(generator.uniform(*SPEED))
         speed = drawn if self.bed_speed is None else self.bed_speed
         return IntakeStart(hand, speed=speed, **person)
+
+    def valid(
+        self, simulation: Simulation, memory: Memory, rows: Rows, starts: Sequence[Any]
+    ) -> NDArray[np.bool_]:
+        """Return also whether feet are on their way between the rails."""
+        feet = np.abs(simulation.keep(Limbs).ankles()[rows, :, 1]).max(axis=-1)
+        return super().valid(simulation, memory, rows, starts) & (feet < FEET)
 
     def memory(self, n: int) -> Memory:
         """Return the memory of the person, of where the pelvis was, and of the bed's speed."""
@@ -214,8 +235,12 @@ class Intake(CareTask):
             ),
             start=(
                 *start_text(),
+                f"One wrist or both are more than {100 * OUTSIDE:g} cm outside of the rails' line.",
                 "One arm or both lie apart, abducted by 24 to 38 degrees, the other one else at "
-                "the side, bent beside the trunk, or on the chest; legs are straight.",
+                "the side, bent beside the trunk, or on the chest.",
+                f"Legs are straight, ankles at most {100 * FEET:g} cm from the middle.",
+                f"The broadest person ({_described()}) is held out: with arms at the sides he is "
+                "as wide as the rails are apart.",
                 f"The bed moves at {low:g} to {high:g} m/s, and stops after {WAY:g} m.",
                 "Hands are raised beside the rails.",
             ),
@@ -235,6 +260,12 @@ class Intake(CareTask):
             ),
             readings="`info` also has forces (N) by part of the body and torques (N m) of joints.",
         )
+
+
+def _described() -> str:
+    """Return who is held out."""
+    person = PEOPLE[_BROADEST]
+    return f"{person.sex}, {person.height:.2f} m, {person.mass:.0f} kg"
 
 
 def _pelvis(simulation: Simulation) -> NDArray[np.float64]:

@@ -65,6 +65,10 @@ class Limbs:
             seen[speed.name] = speeds[:, :, index]
         return seen
 
+    def ankles(self) -> FloatArray:
+        """Return where ankles are, (n, arms, 3), metres, in the world."""
+        return self._simulation.site_position[:, self._sites[:, LIMB_JOINTS.index("ankle")]]
+
     def arms(self) -> FloatArray:
         """Return where wrists and elbows are, (n, arms, 2, 3), metres, in the world."""
         return self._simulation.site_position[:, self._sites[:, _ARM]]
