@@ -44,10 +44,11 @@ HAND_START: Final = ((0.34, 0.38), (0.08, 0.16), (0.30, 0.36))
 OUTSIDE: Final = 0.04
 #: How far an ankle is from the middle at most (m).
 FEET: Final = 0.22
-#: Who lies there: all but the man who fills the space between the rails, who is held out.
-_BROADEST: Final = 6
-_PEOPLE: Final = tuple(who for who in range(len(PEOPLE)) if who != _BROADEST)
-_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(_PEOPLE), held_out=Choice((_BROADEST,)))
+#: Who is held out: the tallest, whose arms reach farther out than hands sweep them in in time, and
+#: the broadest, who fills the space between the rails.
+_HELD_OUT: Final = (2, 6)
+_PEOPLE: Final = tuple(who for who in range(len(PEOPLE)) if who not in _HELD_OUT)
+_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(_PEOPLE), held_out=Choice(_HELD_OUT))
 #: Kinds of starts of the arms of a posture and of its mirror image; legs are straight.
 ARM_KINDS: Final = (
     ("apart", "apart"),
@@ -239,8 +240,9 @@ class Intake(CareTask):
                 "One arm or both lie apart, abducted by 24 to 38 degrees, the other one else at "
                 "the side, bent beside the trunk, or on the chest.",
                 f"Legs are straight, ankles at most {100 * FEET:g} cm from the middle.",
-                f"The broadest person ({_described()}) is held out: with arms at the sides he is "
-                "as wide as the rails are apart.",
+                f"The tallest and the broadest person are held out ({_described()}): the one's "
+                "arms reach too far out for the hands, the other's fill the space between the "
+                "rails.",
                 f"The bed moves at {low:g} to {high:g} m/s, and stops after {WAY:g} m.",
                 "Hands are raised beside the rails.",
             ),
@@ -264,8 +266,8 @@ class Intake(CareTask):
 
 def _described() -> str:
     """Return who is held out."""
-    person = PEOPLE[_BROADEST]
-    return f"{person.sex}, {person.height:.2f} m, {person.mass:.0f} kg"
+    people = [PEOPLE[who] for who in _HELD_OUT]
+    return "; ".join(f"{one.sex}, {one.height:.2f} m, {one.mass:.0f} kg" for one in people)
 
 
 def _pelvis(simulation: Simulation) -> NDArray[np.float64]:
