@@ -235,7 +235,7 @@ class Intake(CareTask):
                 "pressed beyond its limit"
             ),
             start=(
-                *start_text(),
+                *start_text(len(self.people)),
                 f"One wrist or both are more than {100 * OUTSIDE:g} cm outside of the rails' line.",
                 "One arm or both lie apart, abducted by 24 to 38 degrees, the other one else at "
                 "the side, bent beside the trunk, or on the chest.",
