@@ -243,7 +243,8 @@ class Intake(CareTask):
                 f"The tallest and the broadest person are held out ({_described()}): the one's "
                 "arms reach too far out for the hands, the other's fill the space between the "
                 "rails.",
-                f"The bed moves at {low:g} to {high:g} m/s, and stops after {WAY:g} m.",
+                f"The bed moves at {low:g} to {high:g} m/s, slower ones would not fit the horizon, "
+                f"and stops after {WAY:g} m.",
                 "Hands are raised beside the rails.",
             ),
             reward="0 where the person has travelled the whole way with both arms inside, else -1.",
