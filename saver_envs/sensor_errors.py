@@ -18,6 +18,8 @@ from saver_envs.tasks.layout import Layout
 
 Array = NDArray[np.float64]
 
+#: Of a person's limbs, which the camera locates as it does objects.
+_JOINTS = ("ankle", "knee", "wrist", "elbow")
 _RELATIVE = "object position relative to the gripper"
 
 
@@ -49,6 +51,8 @@ SENSORS = (
     Sensor(ORIENTATION, 0.03),
     Sensor("object linear velocity", 0.03),
     Sensor("object angular velocity", 0.3),
+    *(Sensor(f"{joint} position", 0.003, offset=0.005) for joint in _JOINTS),
+    *(Sensor(f"{joint} velocity", 0.03) for joint in _JOINTS),
     Sensor("load position on the object", 0.003, offset=0.005),
     Sensor("load velocity on the object", 0.03),
 )

@@ -27,6 +27,10 @@ ARM_STARTS: Final[Mapping[str, Ranges]] = {
         "abduction": (25.0, 60.0), "flexion": (0.0, 0.0), "rotation": (-60.0, 30.0),
         "elbow": (3.0, 30.0),
     },
+    "apart": {
+        "abduction": (24.0, 38.0), "flexion": (0.0, 0.0), "rotation": (-60.0, 30.0),
+        "elbow": (3.0, 30.0),
+    },
     "bent": {
         "abduction": (32.0, 45.0), "flexion": (0.0, 0.0), "rotation": (-90.0, -78.0),
         "elbow": (60.0, 85.0),

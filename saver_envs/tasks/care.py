@@ -101,6 +101,8 @@ class CareTask(Task):
     facing: ClassVar[float] = 0.0
     #: Who lies there by default.
     people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
+    #: Names of geoms of the world that press on the person, besides the arms.
+    pressers: ClassVar[tuple[str, ...]] = ()
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
 
@@ -126,7 +128,7 @@ class CareTask(Task):
         """Add bed and person, and what measures forces, torques and collisions."""
         add_bed(spec, self.bed, BED)
         add_limp_person(spec, PEOPLE[variant], self.bed.centre, skins=decorated)
-        add_load_sensors(spec, [arms.body(index) for index in range(arms.n)])
+        add_load_sensors(spec, [*(arms.body(index) for index in range(arms.n)), *self.pressers])
         add_collision_counters(spec, arms, [[BED]] * arms.n)
 
     @cached_property

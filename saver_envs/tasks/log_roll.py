@@ -25,6 +25,7 @@ from saver_envs.tasks.arm_and_object import HAND_PARTS, OBJECT_PARTS, hand_parts
 from saver_envs.tasks.care import CARE_PARAMETERS, CareTask, cost_text, start_text
 from saver_envs.tasks.care_starts import CareStart, posed_people
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
+from saver_envs.tasks.hand_force import FORCE
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.trunk import TRUNK, Trunk, add_trunk_sensors
 from saver_envs.validation import require
@@ -46,7 +47,6 @@ _OTHERS: Final = tuple(who for who in range(len(PEOPLE)) if who not in MOST_TURN
 _BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(tuple(MOST_TURN)), held_out=Choice(_OTHERS))
 _TURN: Final = Part("turn", 1, "rad")
 _RADIUS: Final = Part("object radius", 1, "m")
-_FORCE: Final = Part("gripper force", 3, "N", 0.005, limit=2000.0)
 _OWN: Final = ("twist", "head", "way")
 
 
@@ -97,7 +97,7 @@ class LogRoll(CareTask):
     def observation(self) -> tuple[Part, ...]:
         """Each arm's hand and its part of the trunk; how bent and how far away the person is."""
         shared = Part("head bend", 1, "rad", shared=True), Part("trunk way", 1, "m", shared=True)
-        return (*HAND_PARTS, *OBJECT_PARTS, _RADIUS, _FORCE, *shared)
+        return (*HAND_PARTS, *OBJECT_PARTS, _RADIUS, FORCE, *shared)
 
     @property
     def goal(self) -> tuple[Part, ...]:

@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_envs.scenes import NET_FORCE, Arms, add_contact_sensor, rotate
+from saver_envs.scenes import Arms
 from saver_envs.simulation import ArmState, Simulation, cross, rotate_by_quaternion
 from saver_envs.tasks.arm_and_object import OBJECT_PARTS
+from saver_envs.tasks.hand_force import HandForces, add_force_sensors
 
 Arrays = dict[str, NDArray[Any]]
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,6 @@ class TrunkPart:
 #: Thorax and pelvis, arm by arm.
 TRUNK: Final = (TrunkPart("torso", "back_0", -0.02), TrunkPart("pelvis", "pelvis_0", 0.0))
 _BODIES: Final = (*(part.body for part in TRUNK), "head")
-_PRESS: Final = "press_"
 _KINDS: Final = {
     "position": mujoco.mjtSensor.mjSENS_FRAMEPOS,
     "quaternion": mujoco.mjtSensor.mjSENS_FRAMEQUAT,
@@ -45,9 +45,7 @@ _KINDS: Final = {
 
 def add_trunk_sensors(spec: mujoco.MjSpec, arms: Arms) -> None:
     """Measure where thorax, pelvis and head are, and how they move, and what hands press with."""
-    for index in range(arms.n):
-        name, kind = f"{_PRESS}{index}", mujoco.mjtObj.mjOBJ_XBODY
-        add_contact_sensor(spec, name, arms.body(index), kind, "pelvis", NET_FORCE)
+    add_force_sensors(spec, arms)
     for kind, sensor in _KINDS.items():
         for body in _BODIES:
             spec.add_sensor(
@@ -82,8 +80,6 @@ class Trunk:
         #: their radii, metres.
         self._middle = np.stack([one.geom_pos[ids] for one in scene.models])
         self._radius = np.stack([one.geom_size[ids, :1] for one in scene.models])
-        addresses = [int(model.sensor(f"{_PRESS}{index}").adr[0]) for index in range(scene.n_arms)]
-        self._press = np.array(addresses)[:, None] + np.arange(3)
         self._neck = model.site("joint_neck").id
 
     @staticmethod
@@ -140,14 +136,16 @@ class Trunk:
         )
         seen = {part.name: value for part, value in zip(OBJECT_PARTS, values, strict=True)}
         readings = self.readings(memory)
-        return seen | {
-            "object radius": self._radius[who],
-            "gripper force": rotate(
-                scene.world_to_base, self._simulation.sensors.take(self._press, 1)
-            ),
-            "head bend": readings["head"][:, None],
-            "trunk way": readings["way"][:, None],
-        }
+        forces = self._simulation.keep(HandForces).observed()
+        return (
+            seen
+            | forces
+            | {
+                "object radius": self._radius[who],
+                "head bend": readings["head"][:, None],
+                "trunk way": readings["way"][:, None],
+            }
+        )
 
     def readings(self, memory: Arrays) -> Arrays:
         """Return ``twist`` and ``head`` (rad) and ``way`` (m), (n,) each.

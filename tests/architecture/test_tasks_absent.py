@@ -19,6 +19,7 @@ for module, name in (
     ("distance", "Distance"),
     ("arm_straighten", "ArmStraighten"),
     ("carry", "Carry"),
+    ("intake", "Intake"),
     ("log_roll", "LogRoll"),
     ("wrist_push", "WristPush"),
 ):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import mujoco
 import numpy as np
 
 from saver_envs.registration import ENVIRONMENTS
+from saver_envs.tasks.contract import Task
 from saver_envs.tasks.table import TableTask
 
 FOLDER = Path(__file__).parent.parent / "golden"
@@ -38,6 +40,7 @@ def play(env_id: str) -> dict[str, Any]:
     seen, _ = env.reset(seed=SEED)
     episodes = env.episodes
     settles = not isinstance(episodes.task, TableTask)
+    driven = type(episodes.task).drive is not Task.drive  # a bed moves what lies on it
     resting = seen["achieved_goal"]
     observations = [seen["observation"]]
     size = env.action_space.shape[0]
@@ -46,7 +49,7 @@ def play(env_id: str) -> dict[str, Any]:
         seen = env.step(action)[0]
         moved = float(np.abs(seen["achieved_goal"] - resting).max())
         if episodes.simulation.touching(np.arange(1), episodes.task.resting).any() or moved > (
-            0.012 if settles else 1e-3
+            math.inf if driven else 0.012 if settles else 1e-3
         ):
             raise RuntimeError(f"{env_id}: step {step} is not free of contact")
         if step % EVERY == 0:

@@ -34,6 +34,7 @@ from saver_envs.envs.sb3_vec_env import SaverVecEnv
 from saver_envs.people.contact_forces import FORCE_COSTS, TORQUE_COSTS
 from saver_envs.registration import ENVIRONMENTS, default_options
 from saver_envs.tasks.arm_straighten import ArmStraighten
+from saver_envs.tasks.intake import Intake
 from saver_envs.tasks.log_roll import LogRoll
 
 
@@ -70,6 +71,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
         "DualJacoDistance-v0": (56, 8, 7),
         "DualJacoCarry-v0": (52, 8, 6),
         "ArmStraighten-v0": (70, 8, 8),
+        "Intake-v0": (80, 6, 4),
         "LogRoll-v0": (66, 6, 2),
         "WristPush-v0": (56, 6, 6),
     }
@@ -102,6 +104,9 @@ def test_episode_api(env_id: str) -> None:
     if "Straighten" in env_id:
         names |= {*FORCE_COSTS, *TORQUE_COSTS}
         names |= {f"cost_{name}" for name in ArmStraighten.costs}
+    if "Intake" in env_id:
+        names |= {*FORCE_COSTS, *TORQUE_COSTS}
+        names |= {f"cost_{name}" for name in Intake.costs}
     if "Wrist" in env_id:
         names |= {"torso_force", "torso_displacement"}
         names |= {"cost_torso_force", "cost_torso_displacement"}

@@ -219,6 +219,8 @@ def test_costs_that_an_id_names() -> None:
             expected = ("tilt", "dropped")
         if "LogRoll" in env_id:
             expected = (*FORCE_COSTS, "twist", "head", "way")
+        if "Intake" in env_id:
+            expected = FORCE_COSTS
         if "Straighten" in env_id:
             expected = (*FORCE_COSTS, *TORQUE_COSTS)
         assert names == expected

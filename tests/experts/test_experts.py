@@ -94,6 +94,7 @@ def test_one_arm_cannot_carry_a_board(free_arm: int) -> None:
         ("DualJacoCarry-v0", 0.97),
         ("ArmStraighten-v0", 0.85),
         ("LogRoll-v0", 0.85),
+        ("Intake-v0", 0.60),
         ("MicoPush-v0", 0.90),
         ("WristPush-v0", 0.95),
     ],
