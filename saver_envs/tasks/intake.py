@@ -256,7 +256,13 @@ class Intake(CareTask):
                     "space between the rails"
                 ),
             },
-            costs=cost_text(),
+            costs={
+                **cost_text(),
+                "collision": (
+                    "1 on a step with contact between arms, or of an arm with the table, the bed "
+                    "or a rail"
+                ),
+            },
             facts=(
                 ("rails", f"{GAP:g} m apart, {100 * RAIL_HEIGHT:g} cm high, with flared ends"),
                 ("person", "conveyed feet first"),
