@@ -56,6 +56,26 @@ def info_row(infos: dict[str, Any], index: int) -> dict[str, Any]:
     }
 
 
+_built: dict[str, Episodes] = {}
+
+
+def started(env_id: str, seed: int) -> Episodes:
+    """Start one episode from ``seed``; the episodes of an id are built once."""
+    if env_id not in _built:
+        _built[env_id] = make_episodes(env_id)
+    episodes = _built[env_id]
+    episodes.set_generator(0, np.random.default_rng(seed))
+    episodes.reset()
+    return episodes
+
+
+def seen_part(episodes: Episodes, name: str) -> NDArray[np.float64]:
+    """Return a part of the observation (n, arms, size), or (n, size) if shared, in its unit."""
+    layout = episodes.task.observation_layout
+    values = layout.get(episodes.observation().observation.astype(np.float64), name)
+    return np.asarray(values / layout.part(name).scale)
+
+
 def begun(env_id: str, n: int = 1, seed: int = 0, **options: Any) -> Episodes:
     """Build n episodes and start episode i from ``seed + i``."""
     episodes = make_episodes(env_id, n, **options)

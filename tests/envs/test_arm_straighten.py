@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, pickled_and_back, touching
+from rollouts import assert_same, begun, pickled_and_back, seen_part, touching
 
 from saver_envs.envs.parallel_env import SaverParallelEnv
 from saver_envs.episodes import Episodes
@@ -27,24 +29,12 @@ ENV_ID = "ArmStraighten-v0"
 IDLE = np.zeros(8)
 BASES = np.array([[0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])
 
-_built: list[Episodes] = []
-
-
-def started(seed: int) -> Episodes:
-    """Start one episode from ``seed``; the episodes are built once."""
-    if not _built:
-        _built.append(make_episodes(ENV_ID))
-    episodes = _built[0]
-    episodes.set_generator(0, np.random.default_rng(seed))
-    episodes.reset()
-    return episodes
+started = partial(rollouts.started, ENV_ID)
 
 
 def seen(episodes: Episodes, name: str) -> NDArray[np.float64]:
     """Return a part of the observation (arms, size), in its unit."""
-    layout = episodes.task.observation_layout
-    values = layout.get(episodes.observation().observation.astype(np.float64), name)
-    return np.asarray(values / layout.part(name).scale)[0]
+    return seen_part(episodes, name)[0]
 
 
 def outcome(episodes: Episodes) -> Any:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
+import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import begun, random_actions, touching
+from rollouts import begun, random_actions, seen_part, touching
 
 from saver_envs.envs.parallel_env import SaverParallelEnv
 from saver_envs.episodes import Episodes
@@ -23,28 +25,11 @@ IDLE = np.tile([0.0, 0.0, 0.0, 1.0], 2)
 UP = np.array([0.0, 0.0, 0.07])
 BASES = np.array([[0.0, -0.36, 0.0], [0.0, 0.36, 0.0]])
 
-_built: list[Episodes] = []
-
-
-def started(seed: int) -> Episodes:
-    """Start one episode from ``seed``; the episodes are built once."""
-    if not _built:
-        _built.append(make_episodes(ENV_ID))
-    episodes = _built[0]
-    episodes.set_generator(0, np.random.default_rng(seed))
-    episodes.reset()
-    return episodes
+started = partial(rollouts.started, ENV_ID)
 
 
 def bodies(episodes: Episodes) -> FreeBodies:
     return free_bodies(episodes.scene, ("board", "load"))
-
-
-def seen(episodes: Episodes, name: str) -> NDArray[np.float64]:
-    """Return a part of the observation, in its unit."""
-    layout = episodes.task.observation_layout
-    values = layout.get(episodes.observation().observation.astype(np.float64), name)
-    return np.asarray(values / layout.part(name).scale)
 
 
 def quaternion(axis: tuple[float, float, float], degrees: float) -> NDArray[np.float64]:
@@ -70,13 +55,15 @@ def lay(episodes: Episodes, turn: NDArray[np.float64], load: tuple[float, float,
 def test_a_start_keeps_the_rules(seed: int) -> None:
     episodes = started(seed)
     board, load = episodes.simulation.qpos[0, bodies(episodes).qpos]
-    ends = seen(episodes, "object position")[0]
+    ends = seen_part(episodes, "object position")[0]
     goals = episodes.goal.reshape(2, 3)
     # The board lies flat on the table, and the block on the board.
     assert board[2] == pytest.approx(0.01)
     np.testing.assert_array_equal(board[4:6], 0.0)
     assert load[2] == pytest.approx(0.04)
-    assert (np.abs(seen(episodes, "load position on the object")[0]) <= [0.031, 0.101, 0.031]).all()
+    assert (
+        np.abs(seen_part(episodes, "load position on the object")[0]) <= [0.031, 0.101, 0.031]
+    ).all()
     # Ends and targets: a rigid board's, level, where each arm reaches its own.
     for points in (ends, goals):
         world = points + BASES
@@ -190,18 +177,22 @@ def test_what_agents_see_of_a_board_that_turns() -> None:
     episodes.simulation.refresh()
     episodes._read()
     np.testing.assert_allclose(
-        seen(episodes, "load position on the object")[0], [0.02, -0.05, 0.03], atol=1e-6
+        seen_part(episodes, "load position on the object")[0], [0.02, -0.05, 0.03], atol=1e-6
     )
-    np.testing.assert_allclose(seen(episodes, "load velocity on the object")[0], 0.0, atol=1e-6)
-    np.testing.assert_allclose(seen(episodes, "object angular velocity")[0], spin, atol=1e-6)
-    np.testing.assert_allclose(seen(episodes, "object linear velocity")[0], [0.1, 0, 0], atol=1e-6)
-    orientation = seen(episodes, "object orientation, a quaternion with w >= 0")
+    np.testing.assert_allclose(
+        seen_part(episodes, "load velocity on the object")[0], 0.0, atol=1e-6
+    )
+    np.testing.assert_allclose(seen_part(episodes, "object angular velocity")[0], spin, atol=1e-6)
+    np.testing.assert_allclose(
+        seen_part(episodes, "object linear velocity")[0], [0.1, 0, 0], atol=1e-6
+    )
+    orientation = seen_part(episodes, "object orientation, a quaternion with w >= 0")
     np.testing.assert_allclose(orientation[0], turn, atol=1e-6)
     # Turned by a right angle, the right end of the board is ahead and the left one behind.
-    world = seen(episodes, "object position")[0] + BASES
+    world = seen_part(episodes, "object position")[0] + BASES
     np.testing.assert_allclose(world, [[0.70, 0, 0.355], [0.14, 0, 0.355]], atol=1e-6)
     tools = episodes.simulation.arm_state().tool_position[0]
-    relative = seen(episodes, "object position relative to the gripper")[0]
+    relative = seen_part(episodes, "object position relative to the gripper")[0]
     np.testing.assert_allclose(relative, world - BASES - tools, atol=1e-6)
 
 
@@ -245,7 +236,7 @@ def test_a_table_of_another_height_has_board_block_and_targets_on_it() -> None:
         for action in random_actions(8, 25, 4):
             outcome = episodes.step(0.0 * action + IDLE)
         assert outcome.measured["tilt"].max() < 1e-3
-        np.testing.assert_allclose(seen(episodes, "object position")[..., 2], 0.095, atol=1e-3)
+        np.testing.assert_allclose(seen_part(episodes, "object position")[..., 2], 0.095, atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, pickled_and_back, touching
+from rollouts import assert_same, begun, pickled_and_back, seen_part, touching
 
 from saver_envs.envs.parallel_env import SaverParallelEnv
 from saver_envs.episodes import Episodes
@@ -25,24 +27,7 @@ from saver_envs.tasks.trunk import Trunk
 ENV_ID = "LogRoll-v0"
 IDLE = np.zeros(6)
 
-_built: list[Episodes] = []
-
-
-def started(seed: int) -> Episodes:
-    """Start one episode from ``seed``; the episodes are built once."""
-    if not _built:
-        _built.append(make_episodes(ENV_ID))
-    episodes = _built[0]
-    episodes.set_generator(0, np.random.default_rng(seed))
-    episodes.reset()
-    return episodes
-
-
-def seen(episodes: Episodes, name: str) -> NDArray[np.float64]:
-    """Return a part of the observation, in its unit."""
-    layout = episodes.task.observation_layout
-    values = layout.get(episodes.observation().observation.astype(np.float64), name)
-    return np.asarray(values / layout.part(name).scale)
+started = partial(rollouts.started, ENV_ID)
 
 
 def root(episodes: Episodes) -> NDArray[np.float64]:
@@ -78,13 +63,13 @@ def test_a_start_keeps_the_rules(seed: int) -> None:
     assert math.radians(30) <= wanted[0] <= MOST_TURN[who]
     assert np.abs(episodes.observation().achieved_goal).max() < math.radians(1)
     assert not touching(episodes, np.arange(1)).any()
-    gap = -seen(episodes, "object position relative to the gripper")[0]
-    radius = seen(episodes, "object radius")[0, :, 0]
+    gap = -seen_part(episodes, "object position relative to the gripper")[0]
+    radius = seen_part(episodes, "object radius")[0, :, 0]
     before = -gap[:, 0] - radius
     assert (before > 0.055).all()
     assert (before < 0.145).all()
     assert (np.abs(gap[:, 1]) < 0.06).all()
-    height = seen(episodes, "gripper position")[0, :, 2] - LogRoll.bed.centre[2]
+    height = seen_part(episodes, "gripper position")[0, :, 2] - LogRoll.bed.centre[2]
     assert (height > 0.029).all()
     assert (height < 0.101).all()
     left, right = (

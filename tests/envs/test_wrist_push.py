@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium
 import mujoco
 import numpy as np
 import pytest
+import rollouts
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,17 +28,7 @@ from saver_envs.tasks.wrist_push import WristPush
 ENV_ID = "WristPush-v0"
 IDLE = np.zeros((1, 6))
 
-_built: list[Episodes] = []
-
-
-def started(seed: int) -> Episodes:
-    """Start one episode from ``seed``; the episodes are built once."""
-    if not _built:
-        _built.append(make_episodes(ENV_ID))
-    episodes = _built[0]
-    episodes.set_generator(0, np.random.default_rng(seed))
-    episodes.reset()
-    return episodes
+started = partial(rollouts.started, ENV_ID)
 
 
 def drawn(episodes: Episodes, row: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
