@@ -110,8 +110,11 @@ class Grid:
             return self
         chosen = tuple(run for run in self.runs if any(word in run.name for word in words))
         if not chosen:
-            names = ", ".join(run.name for run in self.runs)
-            raise ValueError(f"no run has {' or '.join(words)} in its name; there are {names}")
+            rows = ", ".join(dict.fromkeys(run.name.rpartition("-seed")[0] for run in self.runs))
+            raise ValueError(
+                f"no run has {' or '.join(words)} in its name; "
+                f"names are one of {rows}, then -seed and a number"
+            )
         return Grid(self.title, chosen)
 
 

@@ -137,7 +137,7 @@ def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, sa
     [("JacoPush-v0", 30), ("JacoPickAndPlace-v0", 30), ("DualJacoCarry-v0", 10)],
 )
 def test_an_expert_copes_with_worlds_that_vary(env_id: str, episodes: int) -> None:
-    assert success(env_id, episodes, seed=1000, randomization="wide") >= 0.8
+    assert success(env_id, episodes, seed=2000, randomization="wide") >= 0.8
 
 
 @pytest.mark.slow
