@@ -28,6 +28,7 @@ from saver_envs.tasks.carry import Carry
 from saver_envs.tasks.contract import RewardType, Start, Task
 from saver_envs.tasks.distance import Distance
 from saver_envs.tasks.intake import Intake
+from saver_envs.tasks.leg_straighten import LegStraighten
 from saver_envs.tasks.log_roll import LogRoll
 from saver_envs.tasks.pick_and_place import PickAndPlace
 from saver_envs.tasks.push import Push
@@ -398,6 +399,7 @@ def register_all() -> None:
     for task, name, robot, n_arms in rows:
         register_task(task, name, robot, n_arms, check=False)
     register_task(ArmStraighten, "ArmStraighten", "jaco", 2, check=False)
+    register_task(LegStraighten, "LegStraighten", "jaco", 2, check=False)
     register_task(LogRoll, "LogRoll", "ur10e", 2, check=False)
     register_task(Intake, "Intake", "mico", 2, check=False)
     register_task(WristPush, "WristPush", "mico", 2, pixels=True, check=False)

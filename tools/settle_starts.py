@@ -26,8 +26,8 @@ def settled_start(task: CareTask, who: int, index: int) -> NDArray[np.float64]:
     """
     generator, world = np.random.default_rng([who, index]), alone(who, task.bed)
     for _ in range(MOST_TRIES):
-        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, index):
+        pose = world.laid(task.posture(who, index, generator), task.bed.centre[:2], task.facing)
+        if pose is not None and task.keeps(world, who, index):
             return pose
     raise RuntimeError(f"person {who}, posture {index}: none of {MOST_TRIES} came to rest")
 

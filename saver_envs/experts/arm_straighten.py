@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,16 @@ from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.geometry import FloatArray, dot, length, unit
+from saver_envs.experts.limbs import GAIN, mirrored, seen_points, way_over
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.arm_straighten import ArmStraighten
-from saver_envs.tasks.contract import PENDING, Task
+from saver_envs.tasks.contract import Task
 
 Bools = NDArray[np.bool_]
 Modes = NDArray[np.intp]
 #: What a hand does: push the forearm footwards over the trunk, pull the upper arm off it, push the
 #: forearm inwards on the bed, press the elbow inwards, pull the forearm outwards, leave.
 SWEEP, HOOK, PUSH, PRESS, PULL, LEAVE = range(6)
-#: Sign of the outward direction along y, arm by arm.
-OUTWARDS: Final = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -53,17 +52,11 @@ class StraightenView:
     def of(cls, task: Task, observation: dict[str, FloatArray]) -> Self:
         """Read a batched goal-conditioned observation."""
         layout, seen = task.observation_layout, observation["observation"]
-        tool = layout.get(seen, "gripper position")
-        if task.observe_pending_motion:
-            tool = tool + layout.get(seen, PENDING.name)
         joints = {"wrist": "object", "elbow": "elbow", "shoulder": "shoulder"}
-        points = {name: layout.get(seen, f"{part} position") for name, part in joints.items()}
         return cls(
-            tool=mirrored(tool),
             fingers=layout.get(seen, "finger positions").mean(axis=-1),
             bend=layout.get(seen, "elbow bend")[..., 0],
-            target=mirrored(task.goal_layout.get(observation["desired_goal"], "object position")),
-            **{name: mirrored(values) for name, values in points.items()},
+            **seen_points(task, observation, joints),
         )
 
 
@@ -135,8 +128,6 @@ class StraightenSkill:
     THICKEST, ASTRIDE, CLEAR = 0.066, 1.7, 0.052
     #: Height above an arm on the bed at which hands travel (m).
     TRAVEL = 0.34
-    #: Share of the way left that an action covers.
-    GAIN = 0.3
     #: Longest displacement of an action: coming down, closing in on a limb, moving it, pressing an
     #: elbow (m).
     DOWN, CLOSING, PACE, GENTLE = 0.008, 0.01, 0.006, 0.0025
@@ -150,7 +141,8 @@ class StraightenSkill:
         ahead, aside = grip.offset(view.tool)
         off = length(aside)
         rod, astride = self._closed(grip.mode), self._open(grip.mode)
-        move = self._travel(view, way)
+        height = view.target[..., 2] + self.TRAVEL
+        move = way_over(view.tool, way, height, self.DOWN, self.step)
         tolerance = np.where(ahead > -grip.touch - 0.012, 0.10, 0.02)  # a hand slides along
         behind = (ahead < -0.02) & (ahead > -0.14) & (off < tolerance)
         pushes = rod & behind & (np.abs((view.tool - grip.point)[..., 2]) < 0.03)
@@ -159,7 +151,7 @@ class StraightenSkill:
         pulls = astride & over & (np.abs(way[..., 2]) < 0.025)
         pull = self.PACE * grip.heading - 0.2 * aside
         move = np.where(pulls[..., None], self._level(pull, way), move)
-        rise = self.GAIN * (view.target[..., 2] + self.TRAVEL - 0.05 - view.tool[..., 2])
+        rise = GAIN * (view.target[..., 2] + self.TRAVEL - 0.05 - view.tool[..., 2])
         leave = np.stack([np.zeros_like(rise), np.zeros_like(rise), rise], axis=-1)
         move = np.where((grip.mode == LEAVE)[..., None], leave, move)
         motion = mirrored(shortened(move, self.step) / self.step)
@@ -244,17 +236,6 @@ class StraightenSkill:
         gap = view.tool - view.elbow - self.PULLED * fore
         return low & (length(gap[..., :2]) < 0.08) & (view.fingers < self.OPEN)
 
-    def _travel(self, view: StraightenView, way: FloatArray) -> FloatArray:
-        """Return displacements (n, arms, 3): up, across, and down at the entry, metres."""
-        height = view.target[..., 2] + self.TRAVEL
-        aside = length(way[..., :2])
-        down = np.clip(self.GAIN * way[..., 2], -self.DOWN, self.step)
-        up = self.GAIN * (height - view.tool[..., 2])
-        rise = np.select([aside < 0.02, aside < 0.05], [down, np.zeros_like(down)], up)
-        crosses = (view.tool[..., 2] > height - 0.06) | (aside < 0.05)
-        level = np.where(crosses[..., None], self.GAIN * way[..., :2], 0.0)
-        return np.concatenate([level, rise[..., None]], axis=-1)
-
     def _push(self, view: StraightenView, grip: Grip) -> FloatArray:
         """Return displacements (n, arms, 3) of hands behind a limb, metres: gently at first."""
         ahead, aside = grip.offset(view.tool)
@@ -265,14 +246,7 @@ class StraightenSkill:
 
     def _level(self, move: FloatArray, way: FloatArray) -> FloatArray:
         """Return displacements (n, arms, 3) with a share of the way left along the vertical."""
-        return np.concatenate([move, self.GAIN * way[..., 2:]], axis=-1)
-
-
-def mirrored(points: FloatArray) -> FloatArray:
-    """Return points or displacements (n, arms, 3) with y outwards, or back."""
-    result = np.array(points)
-    result[..., 1] *= OUTWARDS
-    return result
+        return np.concatenate([move, GAIN * way[..., 2:]], axis=-1)
 
 
 def _left(direction: FloatArray) -> FloatArray:

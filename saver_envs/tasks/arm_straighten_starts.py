@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Final
 
 import mujoco
@@ -11,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.people.bed import Bed
-from saver_envs.people.limp_arms import ARM_JOINTS
+from saver_envs.people.limp_limbs import LimpArms
 from saver_envs.people.lying import LyingWorld
-from saver_envs.people.manikin import SIDES
+from saver_envs.tasks.straighten import end_target
 
 #: How arms lie at the start, kinds of :data:`saver_envs.people.lying_starts.ARM_STARTS`.
 KINDS: Final = ("chest", "bent", "abducted", "overhanging")
@@ -68,22 +67,8 @@ def wrist_target(
     :param bed: on what the person lies.
     """
 
-    def site(name: str) -> NDArray[np.float64]:
-        return np.asarray(data.site(f"joint_{name}").xpos)
-
-    joints = [site(f"{side}_{name}") for name in ARM_JOINTS]
-    lengths = [math.dist(*ends) for ends in pairwise(joints)]
-    reach = math.cos(_SLACK / 2) * sum(lengths)
-    hips = [site(f"{one}_hip")[:2] for one in SIDES]
-    leftwards = (hips[0] - hips[1]) / math.dist(*hips)
-    footwards = np.array([leftwards[1], -leftwards[0]])
-    outwards = leftwards if side == "left" else -leftwards
-    shoulder = joints[0][:2] - (hips[0] + hips[1]) / 2
     height = bed.centre[2] + float(model.geom(f"{side}_forearm_0").size[0])
-    across, drop = ASIDE - shoulder @ outwards, joints[0][2] - height
-    along = shoulder @ footwards + math.sqrt(reach**2 - across**2 - drop**2)
-    level = (hips[0] + hips[1]) / 2 + ASIDE * outwards + along * footwards
-    return np.array([*level, height])
+    return end_target(data, LimpArms, side, ASIDE, _SLACK, height)
 
 
 def start_text() -> list[str]:

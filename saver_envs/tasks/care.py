@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -37,11 +37,17 @@ from saver_envs.tasks.contract import FloatArray, Memory, Rows, Task
 
 #: Name of the bed's geom.
 BED: Final = "bed"
-#: Sliding friction of a person and a bed sheet, and of clothes and skin; factor of the stiffness of
-#: joints; how far a person lies from the usual place, along x and y (m), and turned (rad): ranges
-#: from which nominal starts are drawn.
-BED_FRICTION, FRICTION, STIFFNESS = (0.4, 0.6), (0.35, 0.5), (0.8, 1.25)
-SPREAD_X, SPREAD_Y, SPREAD_YAW = (-0.02, 0.02), (-0.03, 0.03), (-0.05, 0.05)
+#: Ranges from which nominal starts are drawn: how far a person lies from the usual place, along x
+#: and y (m), and turned (rad); factor of the stiffness of joints; sliding friction of clothes and
+#: skin, and of a person and a bed sheet.
+RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    "person_x": (-0.02, 0.02),
+    "person_y": (-0.03, 0.03),
+    "person_yaw": (-0.05, 0.05),
+    "person_stiffness": (0.8, 1.25),
+    "person_friction": (0.35, 0.5),
+    "bed_friction": (0.4, 0.6),
+}
 
 #: What may differ between people on beds; a task has options of these names.
 CARE_PARAMETERS: Final = (
@@ -103,6 +109,8 @@ class CareTask(Task):
     people: ClassVar[tuple[int, ...]] = tuple(range(len(PEOPLE)))
     #: Names of geoms of the world that press on the person, besides the arms.
     pressers: ClassVar[tuple[str, ...]] = ()
+    #: From which nominal starts are drawn, as :data:`RANGES`, in the order of drawing.
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = RANGES
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
 
@@ -142,18 +150,20 @@ class CareTask(Task):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw how a person is laid down, before the person comes to rest.
 
+        :param who: which of :data:`saver_envs.people.limp_people.PEOPLE`.
         :param index: which of the settled postures it will be.
         :param generator: source of randomness.
         """
         raise NotImplementedError
 
-    def keeps(self, world: LyingWorld, index: int) -> bool:
+    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
         """Return whether a person came to rest as the task wants it; all do by default.
 
         :param world: in which the person rests.
+        :param who: which person.
         :param index: of the posture.
         """
         return True
@@ -166,16 +176,8 @@ class CareTask(Task):
         """
         who = self.people[generator.integers(len(self.people))]
         index = int(generator.integers(self.postures))
-        ranges = {
-            "person_x": SPREAD_X,
-            "person_y": SPREAD_Y,
-            "person_yaw": SPREAD_YAW,
-            "person_stiffness": STIFFNESS,
-            "person_friction": FRICTION,
-            "bed_friction": BED_FRICTION,
-        }
-        values = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
-        known = {name: getattr(self, name) for name in ranges}
+        values = {name: float(generator.uniform(*ends)) for name, ends in self.ranges.items()}
+        known = {name: getattr(self, name) for name in self.ranges}
         values |= {name: value for name, value in known.items() if value is not None}
         who = who if self.person_body is None else self.person_body
         shift = np.array([values["person_x"], values["person_y"], values["person_yaw"]])
@@ -255,19 +257,21 @@ def cost_text() -> dict[str, str]:
     return {"collision": collision, **forces, **torques}
 
 
-def start_text(people: int) -> list[str]:
+def start_text(people: int, ranges: Mapping[str, tuple[float, float]] = RANGES) -> list[str]:
     """Return what all starts have, a sentence each.
 
     :param people: how many may lie there.
+    :param ranges: from which starts are drawn.
     """
 
-    def span(ends: tuple[float, float]) -> str:
-        return f"{ends[0]:g} to {ends[1]:g}"
+    def span(name: str) -> str:
+        return f"{ranges[name][0]:g} to {ranges[name][1]:g}"
 
+    x, y, turn = (ranges[name][1] for name in ("person_x", "person_y", "person_yaw"))
     return [
-        f"One of {people} people lies on the bed at rest, up to {100 * SPREAD_X[1]:g} cm "
-        f"along x and {100 * SPREAD_Y[1]:g} cm along y from the middle, turned by up to "
-        f"{SPREAD_YAW[1]:g} rad.",
-        f"Friction of clothes and skin {span(FRICTION)}, of person and bed {span(BED_FRICTION)}; "
-        f"stiffness and damping of the joints times {span(STIFFNESS)}.",
+        f"One of {people} people lies on the bed at rest, up to {100 * x:g} cm along x and "
+        f"{100 * y:g} cm along y from the middle, turned by up to {turn:g} rad.",
+        f"Friction of clothes and skin {span('person_friction')}, of person and bed "
+        f"{span('bed_friction')}; stiffness and damping of the joints times "
+        f"{span('person_stiffness')}.",
     ]

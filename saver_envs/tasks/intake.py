@@ -149,12 +149,12 @@ class Intake(CareTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture on the back, every pair of kinds as often as its mirror image."""
         posture = drawn_supine(generator, arms=ARM_KINDS[index % len(ARM_KINDS)])
         return posture if index % 2 else posture.mirrored()
 
-    def keeps(self, world: LyingWorld, index: int) -> bool:
+    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
         """Return whether a wrist lies outside of the line of the rails."""
         wrists = [world.data.site(f"joint_{side}_wrist").xpos[1] for side in SIDES]
         return bool(np.abs(wrists).max() > GAP / 2 + OUTSIDE)
@@ -235,7 +235,7 @@ class Intake(CareTask):
                 "pressed beyond its limit"
             ),
             start=(
-                *start_text(len(self.people)),
+                *start_text(len(self.people), self.ranges),
                 f"One wrist or both are more than {100 * OUTSIDE:g} cm outside of the rails' line.",
                 "One arm or both lie apart, abducted by 24 to 38 degrees, the other one else at "
                 "the side, bent beside the trunk, or on the chest.",

@@ -119,11 +119,11 @@ class LogRoll(CareTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture: one arm across the chest, the other, on whose side they roll, out."""
         return drawn_supine(generator, arms=("across", "abducted"), head_turn=10.0)
 
-    def keeps(self, world: LyingWorld, index: int) -> bool:
+    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
         """Return whether the arm stayed across the chest."""
         heights = [world.data.site(f"joint_left_{name}").xpos[2] for name in ("elbow", "wrist")]
         return bool(min(heights) > self.bed.centre[2] + 0.12)
@@ -200,7 +200,7 @@ class LogRoll(CareTask):
                 f"head was not bent by more than {bend}, the trunk not moved by more than "
                 f"{GREATEST_WAY:g} m, and nothing pressed harder than it may"
             ),
-            start=(*start_text(len(self.people)), *_start_text(least, most)),
+            start=(*start_text(len(self.people), self.ranges), *_start_text(least, most)),
             reward=f"0 where both turns are within {tolerance} of the wanted one, else -1.",
             dense="minus the sum of the differences of both turns from the wanted one, in radians.",
             goal={

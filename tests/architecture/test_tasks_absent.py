@@ -20,6 +20,7 @@ for module, name in (
     ("arm_straighten", "ArmStraighten"),
     ("carry", "Carry"),
     ("intake", "Intake"),
+    ("leg_straighten", "LegStraighten"),
     ("log_roll", "LogRoll"),
     ("wrist_push", "WristPush"),
 ):

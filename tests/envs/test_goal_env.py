@@ -71,6 +71,7 @@ def test_sizes_are_those_of_the_table(env_id: str) -> None:
         "DualJacoDistance-v0": (56, 8, 7),
         "DualJacoCarry-v0": (52, 8, 6),
         "ArmStraighten-v0": (70, 8, 8),
+        "LegStraighten-v0": (82, 6, 8),
         "Intake-v0": (80, 6, 4),
         "LogRoll-v0": (66, 6, 2),
         "WristPush-v0": (56, 6, 6),

@@ -93,6 +93,7 @@ def test_one_arm_cannot_carry_a_board(free_arm: int) -> None:
         ("DualJacoDistance-v0", 0.90),
         ("DualJacoCarry-v0", 0.97),
         ("ArmStraighten-v0", 0.85),
+        ("LegStraighten-v0", 0.85),
         ("LogRoll-v0", 0.85),
         ("Intake-v0", 0.60),
         ("MicoPush-v0", 0.90),
