@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.files import written_whole
-from saver_envs.people.limp_people import PEOPLE
 from saver_envs.registration import row_of
 from saver_envs.tasks.care import CareTask
 from saver_envs.tasks.care_starts import FOLDER, alone, settled_path
@@ -26,8 +25,8 @@ def settled_start(task: CareTask, who: int, index: int) -> NDArray[np.float64]:
     """
     generator, world = np.random.default_rng([who, index]), alone(who, task.bed)
     for _ in range(MOST_TRIES):
-        pose = world.laid(task.posture(who, index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, who, index):
+        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
+        if pose is not None and task.keeps(world, index):
             return pose
     raise RuntimeError(f"person {who}, posture {index}: none of {MOST_TRIES} came to rest")
 
@@ -56,11 +55,13 @@ def main() -> None:
     parser.add_argument("env_id")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    people = range(len(PEOPLE))
+    task = care_task(options.env_id)
+    [body] = [one for one in task.parameters if one.name == "person_body"]
+    people = range(int(body.limits[1]) + 1)
     with ProcessPoolExecutor(options.processes) as pool:
         poses = list(pool.map(settled_person, repeat(options.env_id), people))
     FOLDER.mkdir(exist_ok=True)
-    with written_whole(settled_path(care_task(options.env_id).name)) as file:
+    with written_whole(settled_path(task.name)) as file:
         np.save(file, np.stack(poses).astype(np.float32), allow_pickle=False)
 
 

@@ -1,9 +1,9 @@
-"""The leg straighten expert: frees tucked legs and pushes legs of a limp person side by side."""
+"""The leg straighten expert: pushes crossed legs apart, and spread ones side by side."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,82 +17,103 @@ from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
 from saver_envs.tasks.leg_straighten import LegStraighten
 
-Bools = NDArray[np.bool_]
 Modes = NDArray[np.intp]
-#: What a hand does: push the leg at its side inwards, push the other leg away, leave.
-OWN, OTHER, LEAVE = range(3)
+#: What a hand does: push the other leg away, push the leg at its side inwards, leave.
+AWAY, INWARDS, LEAVE = range(3)
 
 
 @dataclass(frozen=True)
 class LegView:
+    """What the arms see; leading dimensions (n, arms).
+
+    Points are in the arms' base frames, those of arm 0 mirrored: x points to the person's head, y
+    outwards, metres.
+
+    :param tool: (n, arms, 3).
+    :param ankle: (n, arms, 3).
+    :param knee: (n, arms, 3).
+    :param other_ankle: (n, arms, 3) of the leg at the other arm.
+    :param other_knee: (n, arms, 3).
+    :param target: (n, arms, 3) of the ankles.
+    """
+
     tool: FloatArray
     ankle: FloatArray
     knee: FloatArray
     other_ankle: FloatArray
     other_knee: FloatArray
-    bend: FloatArray
     target: FloatArray
 
     @classmethod
     def of(cls, task: Task, observation: dict[str, FloatArray]) -> Self:
         """Read a batched goal-conditioned observation."""
-        layout, seen = task.observation_layout, observation["observation"]
         joints = {
             "ankle": "object",
             "knee": "knee",
             "other_ankle": "other ankle",
             "other_knee": "other knee",
         }
-        bend = layout.get(seen, "knee bend")[..., 0]
-        return cls(bend=bend, **seen_points(task, observation, joints))
+        return cls(**seen_points(task, observation, joints))
 
 
 @dataclass(frozen=True)
 class LegSkill:
+    """What each hand does with the legs; the hands have no need to coordinate.
+
+    A hand only ever pushes towards the middle and beyond: the other leg away, from the inside,
+    where that lies too far at this hand's side, and else the leg at its own side inwards. A leg
+    that comes free of the other one straightens by its own weight on the sheet.
+
+    :param step: longest displacement of an action, metres.
+    :param middle: y of the middle of the bed in the bases' frames, metres.
+    """
+
     step: float
     middle: float
 
-    BENT = np.radians(15.0)
+    #: A leg is pushed whose ankle is farther than this from its target across the bed, until it is
+    #: so near (m).
     FAR, NEAR = 0.03, 0.01
-    SHARE = 0.25
-    BESIDE = 0.13
-    LOW = -0.045
-    TRAVEL = 0.28
+    #: Where a leg is pushed, a share of the shank from the ankle on.
+    SHARE = 0.2
+    #: A hand comes down this far beside the axis of a shank; it is behind it from there to here (m).
+    BESIDE, AHEAD = 0.13, 0.02
+    #: Heights of hands that push, at least, and that travel (m).
+    LOW, TRAVEL = -0.045, 0.28
+    #: Longest displacement of an action: coming down, closing in on a leg, moving it (m).
     DOWN, CLOSING, PACE = 0.012, 0.01, 0.006
 
     def actions(self, view: LegView) -> FloatArray:
+        """Return the arms' actions (n, arms, 3) in [-1, 1]."""
         mode = self._mode(view)
-        other = (mode == OTHER)[..., None]
-        ankle = np.where(other, view.other_ankle, view.ankle)
-        knee = np.where(other, view.other_knee, view.knee)
+        away = (mode == AWAY)[..., None]
+        ankle = np.where(away, view.other_ankle, view.ankle)
+        knee = np.where(away, view.other_knee, view.knee)
         point = ankle + self.SHARE * (knee - ankle)
-        point[..., 2] = self.LOW
-        entry = point.copy()
-        entry[..., 1] += self.BESIDE
-        ahead = view.tool[..., 1] - point[..., 1]  # 0 < outside of the shank
-        along = view.tool[..., 0] - point[..., 0]
-        behind = (ahead > 0.02) & (ahead < self.BESIDE + 0.03) & (np.abs(along) < 0.06)
-        low = view.tool[..., 2] < self.LOW + 0.03
-        pace = np.where(ahead > 0.09, self.CLOSING, self.PACE)
-        push = np.stack([-0.2 * along, -pace, GAIN * (self.LOW - view.tool[..., 2])], axis=-1)
-        move = np.where((behind & low)[..., None], push, way_over(view.tool, entry - view.tool, self.TRAVEL, self.DOWN, self.step))
-        rise = GAIN * (self.TRAVEL - 0.04 - view.tool[..., 2])
-        zero = np.zeros_like(rise)
-        leave = np.stack([zero, zero, rise], axis=-1)
-        move = np.where((mode == LEAVE)[..., None], leave, move)
+        point[..., 2] = np.maximum(point[..., 2], self.LOW)
+        way = point - view.tool
+        beside = -way[..., 1]
+        behind = (beside > self.AHEAD) & (beside < self.BESIDE + 0.03)
+        ready = behind & (np.abs(way[..., 0]) < 0.06) & (np.abs(way[..., 2]) < 0.03)
+        pace = np.where(beside > 0.09, self.CLOSING, self.PACE)
+        push = np.stack([0.2 * way[..., 0], -pace, GAIN * way[..., 2]], axis=-1)
+        entry = way + [0.0, self.BESIDE, 0.0]
+        travel = way_over(view.tool, entry, self.TRAVEL, self.DOWN, self.step)
+        rise = np.zeros_like(way)
+        rise[..., 2] = GAIN * (self.TRAVEL - 0.04 - view.tool[..., 2])
+        move = np.where(ready[..., None], push, travel)
+        move = np.where((mode == LEAVE)[..., None], rise, move)
         return mirrored(shortened(move, self.step) / self.step)
 
     def _mode(self, view: LegView) -> Modes:
-        gap = view.ankle[..., 1] - view.target[..., 1]
-        pushing = view.tool[..., 2] < 0.0
-        far = gap > np.where(pushing, self.NEAR, self.FAR)
-        # The other leg's target is the mirror image, about the middle.
-        inside = (2 * self.middle - view.target[..., 1]) - view.other_ankle[..., 1]
-        near = -inside
-        off = (view.other_ankle[..., 1] - (2 * self.middle - view.target[..., 1])) > np.where(
-            pushing, self.NEAR, self.FAR
+        """Choose what each hand does next."""
+        target = view.target[..., 1]
+        # The target of the other leg is as far from the middle.
+        crossed = view.other_ankle[..., 1] - (2 * self.middle - target)
+        far = np.where(view.tool[..., 2] < 0.05, self.NEAR, self.FAR)
+        return np.select(
+            [crossed > far, view.ankle[..., 1] - target > far], [AWAY, INWARDS], LEAVE
         )
-        return np.select([view.bend > self.BENT, far, off], [OTHER, OWN, OTHER], LEAVE)
 
 
 def expert(

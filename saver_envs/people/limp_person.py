@@ -131,6 +131,11 @@ class LimpPerson:
         return self.bmi * self.height**2
 
     @property
+    def described(self) -> str:
+        """Sex, height and mass in words."""
+        return f"{self.sex}, {self.height:.2f} m, {self.mass:.0f} kg"
+
+    @property
     def body(self) -> LimpBody:
         """What the body is made of."""
         return limp_body(self.sex, self.height, self.bmi)

@@ -60,11 +60,11 @@ class ArmStraighten(StraightenTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture; every pair of kinds of start has its turn."""
         return drawn_supine(generator, arms=kinds_of(index))
 
-    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
+    def keeps(self, world: LyingWorld, index: int) -> bool:
         """Return whether both arms stayed as they were laid."""
         pairs = zip(SIDES, kinds_of(index), strict=True)
         return all(stays(world, self.bed, side, kind) for side, kind in pairs)

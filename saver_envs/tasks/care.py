@@ -150,20 +150,18 @@ class CareTask(Task):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw how a person is laid down, before the person comes to rest.
 
-        :param who: which of :data:`saver_envs.people.limp_people.PEOPLE`.
         :param index: which of the settled postures it will be.
         :param generator: source of randomness.
         """
         raise NotImplementedError
 
-    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
+    def keeps(self, world: LyingWorld, index: int) -> bool:
         """Return whether a person came to rest as the task wants it; all do by default.
 
         :param world: in which the person rests.
-        :param who: which person.
         :param index: of the posture.
         """
         return True

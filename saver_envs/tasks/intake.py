@@ -149,12 +149,12 @@ class Intake(CareTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture on the back, every pair of kinds as often as its mirror image."""
         posture = drawn_supine(generator, arms=ARM_KINDS[index % len(ARM_KINDS)])
         return posture if index % 2 else posture.mirrored()
 
-    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
+    def keeps(self, world: LyingWorld, index: int) -> bool:
         """Return whether a wrist lies outside of the line of the rails."""
         wrists = [world.data.site(f"joint_{side}_wrist").xpos[1] for side in SIDES]
         return bool(np.abs(wrists).max() > GAP / 2 + OUTSIDE)
@@ -273,8 +273,7 @@ class Intake(CareTask):
 
 def _described() -> str:
     """Return who is held out."""
-    people = [PEOPLE[who] for who in _HELD_OUT]
-    return "; ".join(f"{one.sex}, {one.height:.2f} m, {one.mass:.0f} kg" for one in people)
+    return "; ".join(PEOPLE[who].described for who in _HELD_OUT)
 
 
 def _pelvis(simulation: Simulation) -> NDArray[np.float64]:

@@ -11,10 +11,11 @@ import numpy as np
 
 from saver_envs.people.bed import Bed
 from saver_envs.people.limp_limbs import LimpLegs, LimpLimbs
+from saver_envs.people.limp_people import PEOPLE
 from saver_envs.people.lying import LyingPosture, LyingWorld
 from saver_envs.people.lying_starts import drawn_supine
 from saver_envs.people.manikin import SIDES
-from saver_envs.randomization import Parameter, Uniform
+from saver_envs.randomization import Choice, Parameter, Uniform
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Scene
 from saver_envs.simulation import ArmState, Simulation
@@ -23,12 +24,17 @@ from saver_envs.tasks.care_starts import posed_people
 from saver_envs.tasks.contract import Memory, Seen, TaskPage
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.leg_straighten_starts import PAIRS, ankle_target, kinds_of, stays
+from saver_envs.tasks.leg_straighten_starts import start_text as own_start_text
 from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTask
 
 #: Greatest bend of a knee of a straight leg (rad).
 STRAIGHT: Final = math.radians(15.0)
 #: Where a hand starts, in the frame of its base, the second number outwards (m).
 HAND_LOWER, HAND_UPPER = np.array([0.30, -0.02, 0.28]), np.array([0.42, 0.10, 0.34])
+#: Who lies there: all but the last of the people, a short and heavy woman, whose legs do not stay
+#: crossed.
+_PEOPLE: Final = tuple(range(len(PEOPLE) - 1))
+_BODY: Final = replace(CARE_PARAMETERS[0], limits=(0, _PEOPLE[-1]), wide=Choice(_PEOPLE))
 #: The bed has a slide sheet.
 _SHEET: Final = replace(CARE_PARAMETERS[-1], wide=Uniform(0.12, 0.35), held_out=Uniform(0.35, 0.5))
 #: What an arm sees of the leg at the other arm.
@@ -55,7 +61,7 @@ class LegStraighten(StraightenTask):
     expert: ClassVar[str | None] = "saver_envs.experts.leg_straighten:expert"
     # Starts are settled where it is most slippery.
     bed: ClassVar[Bed] = Bed(
-        centre=(1.25, 0.0, -0.10), length=2.24, width=1.2, thickness=0.35, friction=0.15
+        centre=(1.15, 0.0, -0.10), length=2.14, width=1.2, thickness=0.35, friction=0.15
     )
     facing: ClassVar[float] = math.pi
     table_depth: ClassVar[tuple[float, float]] = (-0.30, 2.45)
@@ -66,8 +72,9 @@ class LegStraighten(StraightenTask):
         "person_friction": (0.5, 0.6),
         "bed_friction": (0.15, 0.3),
     }
-    postures: ClassVar[int] = 6 * len(PAIRS)
-    parameters: ClassVar[tuple[Parameter, ...]] = (*CARE_PARAMETERS[:-1], _SHEET)
+    people: ClassVar[tuple[int, ...]] = _PEOPLE
+    postures: ClassVar[int] = 4 * len(PAIRS)
+    parameters: ClassVar[tuple[Parameter, ...]] = (_BODY, *CARE_PARAMETERS[1:-1], _SHEET)
 
     @property
     def observation(self) -> tuple[Part, ...]:
@@ -76,13 +83,13 @@ class LegStraighten(StraightenTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture; every pair of kinds of start has its turn."""
-        return drawn_supine(generator, legs=kinds_of(who, index))
+        return drawn_supine(generator, legs=kinds_of(index))
 
-    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
+    def keeps(self, world: LyingWorld, index: int) -> bool:
         """Return whether both legs stayed as they were laid."""
-        pairs = zip(SIDES, kinds_of(who, index), strict=True)
+        pairs = zip(SIDES, kinds_of(index), strict=True)
         return all(stays(world, self.bed, side, kind) for side, kind in pairs)
 
     def sample(self, generator: np.random.Generator, scene: Scene) -> StraightenStart:
@@ -107,7 +114,12 @@ class LegStraighten(StraightenTask):
         """Return the text of the page."""
         return TaskPage(
             succeeds=self.success_text(),
-            start=(*start_text(len(self.people), self.ranges),),
+            start=(
+                *start_text(len(self.people), self.ranges),
+                *own_start_text(),
+                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: her legs "
+                "do not stay crossed.",
+            ),
             reward="0 where both ankles are at their targets and both knees straight, else -1.",
             dense=self.dense_text(),
             goal=self.goal_text(),

@@ -119,11 +119,11 @@ class LogRoll(CareTask):
 
     # ---------------------------------------------------------------- episodes
 
-    def posture(self, who: int, index: int, generator: np.random.Generator) -> LyingPosture:
+    def posture(self, index: int, generator: np.random.Generator) -> LyingPosture:
         """Draw a posture: one arm across the chest, the other, on whose side they roll, out."""
         return drawn_supine(generator, arms=("across", "abducted"), head_turn=10.0)
 
-    def keeps(self, world: LyingWorld, who: int, index: int) -> bool:
+    def keeps(self, world: LyingWorld, index: int) -> bool:
         """Return whether the arm stayed across the chest."""
         heights = [world.data.site(f"joint_left_{name}").xpos[2] for name in ("elbow", "wrist")]
         return bool(min(heights) > self.bed.centre[2] + 0.12)
@@ -230,8 +230,7 @@ def _start_text(least: str, most: str) -> list[str]:
     """Return what the sampler guarantees besides, a sentence each."""
     gap, height = (f"{100 * low:g} to {100 * high:g} cm" for low, high in (GAP, ABOVE_BED))
     turns = [
-        f"{person.sex}, {person.height:.2f} m, {person.mass:.0f} kg: up to "
-        f"{math.degrees(MOST_TURN[who]):.0f} degrees"
+        f"{person.described}: up to {math.degrees(MOST_TURN[who]):.0f} degrees"
         for who, person in enumerate(PEOPLE)
         if who in MOST_TURN
     ]

@@ -96,8 +96,8 @@ def test_a_settled_start_is_what_the_task_settles(index: int) -> None:
     task, who = LogRoll(2), 3
     world, generator = alone(who, task.bed), np.random.default_rng([who, index])
     while True:
-        pose = world.laid(task.posture(who, index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, who, index):
+        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
+        if pose is not None and task.keeps(world, index):
             break
     np.testing.assert_allclose(settled(task.name)[who, index], pose, atol=5e-3)
 
