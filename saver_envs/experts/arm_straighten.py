@@ -12,7 +12,7 @@ from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.expert import Expert
 from saver_envs.experts.geometry import FloatArray, dot, length, unit
-from saver_envs.experts.limbs import GAIN, mirrored, seen_points, way_over
+from saver_envs.experts.limbs import GAIN, hand_force, mirrored, seen_points, way_over
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.arm_straighten import ArmStraighten
 from saver_envs.tasks.contract import Task
@@ -38,6 +38,7 @@ class StraightenView:
     :param shoulder: (n, arms, 3).
     :param bend: (n, arms) of the elbows, radians.
     :param target: (n, arms, 3) of the wrists.
+    :param force: (n, arms) that the hands press with, N.
     """
 
     tool: FloatArray
@@ -47,6 +48,7 @@ class StraightenView:
     shoulder: FloatArray
     bend: FloatArray
     target: FloatArray
+    force: FloatArray
 
     @classmethod
     def of(cls, task: Task, observation: dict[str, FloatArray]) -> Self:
@@ -56,6 +58,7 @@ class StraightenView:
         return cls(
             fingers=layout.get(seen, "finger positions").mean(axis=-1),
             bend=layout.get(seen, "elbow bend")[..., 0],
+            force=hand_force(task, observation),
             **seen_points(task, observation, joints),
         )
 
@@ -131,6 +134,8 @@ class StraightenSkill:
     #: Longest displacement of an action: coming down, closing in on a limb, moving it, pressing an
     #: elbow (m).
     DOWN, CLOSING, PACE, GENTLE = 0.008, 0.01, 0.006, 0.0025
+    #: Force that a hand keeps below (N), displacement per newton left, and when it yields (m).
+    HARDEST, PER_NEWTON, YIELD = 90.0, 1e-4, 0.004
     #: Mean finger angle up to which a hand is open (rad).
     OPEN = 0.35
 
@@ -149,7 +154,8 @@ class StraightenSkill:
         move = np.where(pushes[..., None], self._push(view, grip), move)
         over = (ahead < 0.10) & (ahead > -0.02) & (off < 0.03)
         pulls = astride & over & (np.abs(way[..., 2]) < 0.025)
-        pull = self.PACE * grip.heading - 0.2 * aside
+        pace = np.minimum(self.PACE, self._allowed(view))
+        pull = pace[..., None] * grip.heading - 0.2 * aside
         move = np.where(pulls[..., None], self._level(pull, way), move)
         rise = GAIN * (view.target[..., 2] + self.TRAVEL - 0.05 - view.tool[..., 2])
         leave = np.stack([np.zeros_like(rise), np.zeros_like(rise), rise], axis=-1)
@@ -242,7 +248,12 @@ class StraightenSkill:
         left = -ahead - grip.touch - 0.005
         pace = np.where(grip.mode == PRESS, self.GENTLE, self.PACE)
         pace = np.where(left > 0, np.minimum(0.003 + 0.15 * left, self.CLOSING), pace)
+        pace = np.minimum(pace, self._allowed(view))
         return self._level(pace[..., None] * grip.heading - 0.2 * aside, grip.point - view.tool)
+
+    def _allowed(self, view: StraightenView) -> FloatArray:
+        """Return how far hands may push (n, arms) for what they press with already, metres."""
+        return np.maximum(self.PER_NEWTON * (self.HARDEST - view.force), -self.YIELD)
 
     def _level(self, move: FloatArray, way: FloatArray) -> FloatArray:
         """Return displacements (n, arms, 3) with a share of the way left along the vertical."""

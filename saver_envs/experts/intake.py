@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from saver_envs.control import shortened
 from saver_envs.episodes import Settings
 from saver_envs.experts.expert import Expert
-from saver_envs.experts.geometry import FloatArray, length, unit
+from saver_envs.experts.geometry import FloatArray, unit
+from saver_envs.experts.limbs import hand_force
 from saver_envs.scenes import BASE_SPACING
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import PENDING, Task
@@ -42,13 +43,13 @@ class IntakeView:
         """Read a batched goal-conditioned observation."""
         layout, seen = task.observation_layout, observation["observation"]
         joints = np.stack([layout.get(seen, part.name) for part in POSITIONS], axis=2)
-        tool, press = layout.get(seen, "gripper position"), layout.part("gripper force")
+        tool = layout.get(seen, "gripper position")
         if task.observe_pending_motion:
             tool = tool + layout.get(seen, PENDING.name)
         return cls(
             tool=_outwards(tool, _OUTWARDS),
             joints=_outwards(joints, _OUTWARDS[:, None]),
-            force=length(layout.get(seen, press.name)) / press.scale,
+            force=hand_force(task, observation),
         )
 
 

@@ -111,9 +111,7 @@ class LegSkill:
         # The target of the other leg is as far from the middle.
         crossed = view.other_ankle[..., 1] - (2 * self.middle - target)
         far = np.where(view.tool[..., 2] < 0.05, self.NEAR, self.FAR)
-        return np.select(
-            [crossed > far, view.ankle[..., 1] - target > far], [AWAY, INWARDS], LEAVE
-        )
+        return np.select([crossed > far, view.ankle[..., 1] - target > far], [AWAY, INWARDS], LEAVE)
 
 
 def expert(

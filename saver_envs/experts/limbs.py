@@ -9,6 +9,7 @@ import numpy as np
 
 from saver_envs.experts.geometry import FloatArray, length
 from saver_envs.tasks.contract import PENDING, Task
+from saver_envs.tasks.hand_force import FORCE
 
 #: Sign of the outward direction along y, arm by arm.
 OUTWARDS: Final = np.array([-1.0, 1.0])
@@ -39,6 +40,17 @@ def seen_points(
     points = {name: layout.get(seen, f"{part} position") for name, part in parts.items()}
     points["target"] = task.goal_layout.get(observation["desired_goal"], "object position")
     return {name: mirrored(values) for name, values in (points | {"tool": tool}).items()}
+
+
+def hand_force(task: Task, observation: Mapping[str, FloatArray]) -> FloatArray:
+    """Return what hands press with (n, arms), N.
+
+    :param task: whose observation it is.
+    :param observation: batched.
+    """
+    layout = task.observation_layout
+    pressed = layout.get(observation["observation"], FORCE.name)
+    return length(pressed) / FORCE.scale
 
 
 def way_over(

@@ -22,6 +22,7 @@ from saver_envs.tasks.arm_and_object import HAND_PARTS, OBJECT_PARTS, hand_parts
 from saver_envs.tasks.care import CareTask
 from saver_envs.tasks.care_starts import CareStart
 from saver_envs.tasks.contract import Bools, FloatArray, Memory, Seen
+from saver_envs.tasks.hand_force import FORCE, HandForces, add_force_sensors
 from saver_envs.tasks.layout import Part
 from saver_envs.validation import require
 from saver_envs.world import draw_box
@@ -82,9 +83,9 @@ class StraightenTask(CareTask):
 
     @property
     def observation(self) -> tuple[Part, ...]:
-        """Each arm's hand, and the person's limb at its side; the object is the limb's end."""
+        """Each arm's hand, its force, and the limb at its side; the object is the limb's end."""
         inner = (Part(f"{name} position", 3, "m") for name in self.limbs.joints[:2])
-        return (*HAND_PARTS, *OBJECT_PARTS, *inner, self.bend)
+        return (*HAND_PARTS, *OBJECT_PARTS, *inner, self.bend, FORCE)
 
     @property
     def goal(self) -> tuple[Part, ...]:
@@ -97,6 +98,7 @@ class StraightenTask(CareTask):
         """Add bed and person, what measures them, targets, and what the arms stand on."""
         super().build(spec, arms, variant, decorated)
         self.limbs.add_sensors(spec)
+        add_force_sensors(spec, arms)
         for index in range(arms.n):
             add_target(spec, index, 0.03, (0.5, 0.1 * index, 0.0))
         if decorated:
@@ -109,7 +111,9 @@ class StraightenTask(CareTask):
         height = -self.table_height / 2
         for side in (-1, 1):
             draw_box(spec.worldbody, (0.0, side * middle, -0.011), (0.06, half, 0.01), _STEEL)
-            draw_box(spec.worldbody, (0.0, side * self.posts, -height), (0.03, 0.03, height), _STEEL)
+            draw_box(
+                spec.worldbody, (0.0, side * self.posts, -height), (0.03, 0.03, height), _STEEL
+            )
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""
@@ -123,7 +127,8 @@ class StraightenTask(CareTask):
         limbs = simulation.keep(self.limbs)
         seen = hand_parts(simulation, arms) | object_parts(arms, limbs.ends())
         places = {f"{name} position": limbs.places(name) for name in limbs.joints[:2]}
-        return seen | places | {self.bend.name: limbs.bends()}
+        forces = simulation.keep(HandForces).observed()
+        return seen | places | forces | {self.bend.name: limbs.bends()}
 
     def achieved(self, simulation: Simulation, memory: Memory, seen: Seen) -> NDArray[np.float64]:
         """Return ends of limbs, each in its arm's base frame, metres, and bends, radians."""
