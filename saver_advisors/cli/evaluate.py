@@ -133,7 +133,11 @@ def measure(
 
 def show(figures: dict[str, Any]) -> None:
     """Print the results as a table."""
-    costs = {f"{name} per episode": f"{mean:.2f}" for name, mean in figures["cost_means"].items()}
+    means, shares = figures["cost_means"], figures["cost_rates"]
+    costs = {
+        f"{name} per episode": f"{mean:.2f}, in {100 * shares[name]:.1f}% of the episodes"
+        for name, mean in means.items()
+    }
     forces = {"highest force of collisions (N), mean and maximum": collision_force}
     show_rows([figures], {**EVALUATION_COLUMNS, **costs, **forces})
     if figures.get("object_lost"):
