@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from saver_advisors.cli import arguments
 from saver_advisors.integration import POLICY
@@ -24,10 +24,11 @@ examples:
   saver run wrist-push --trials 20 --report report  a page with each failed trial's video and cause
   saver run wrist-push --view                       a window, which needs a display
   saver run wrist-push --true-state --exact-ik      without camera, network and learned kinematics
-  saver run wrist-push --apart                      its stages in three processes, in real time"""
+  saver run wrist-push --apart                      its stages in three processes, in real time
+  saver run extraction --true-state --trials 50     a person's arms straight, then into the robot"""
 
 Look = Callable[[float], None]
-TASKS: Final = ("wrist-push",)
+WRIST_PUSH, EXTRACTION = TASKS = "wrist-push", "extraction"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,6 +88,10 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
+    if args.task == EXTRACTION:
+        from saver_advisors.cli.run_extraction import run_extraction
+
+        return run_extraction(args)
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )

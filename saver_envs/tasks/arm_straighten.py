@@ -78,6 +78,7 @@ class ArmStraighten(CareTask):
     # All but the tallest: where his arm overhangs, the hand sinks and catches at the bed's edge.
     people: ClassVar[tuple[int, ...]] = (0, 1, 3, 4, 5, 6, 7)
     postures: ClassVar[int] = 2 * PAIRS
+    handles: ClassVar[tuple[str, ...]] = ("arms",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
