@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from saver_advisors.cli import arguments
 from saver_advisors.integration import POLICY
-from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -25,10 +25,11 @@ examples:
   saver run wrist-push --view                       a window, which needs a display
   saver run wrist-push --true-state --exact-ik      without camera, network and learned kinematics
   saver run wrist-push --apart                      its stages in three processes, in real time
-  saver run extraction --true-state --trials 50     a person's arms straight, then into the robot"""
+  saver run extraction --true-state --trials 50     a person's limbs straight, then into the robot
+  saver run ArmStraighten-v0 --video arms.mp4       one of its tasks, seen by a camera"""
 
 Look = Callable[[float], None]
-WRIST_PUSH, EXTRACTION = TASKS = "wrist-push", "extraction"
+WRIST_PUSH, EXTRACTION = "wrist-push", "extraction"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    arguments.add(parser, "task", "the task", choices=TASKS)
+    text = "wrist-push, extraction, or a task of the extraction"
+    arguments.add(parser, "task", text, type=_task, metavar="TASK")
     arguments.add_count(parser, "--trials", 1, "number of trials")
     arguments.add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
@@ -49,6 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_folder(shown, "--report", "write a page about the trials in this folder")
     arguments.add_flag(parser, "--apart", "run the stages in three processes, in real time")
     arguments.add_json(parser)
+
+
+def _task(text: str) -> str:
+    """Parse the task."""
+    from saver_envs.registration import EXTRACTION_IDS
+
+    valid = (WRIST_PUSH, EXTRACTION, *EXTRACTION_IDS)
+    if text not in valid:
+        raise argparse.ArgumentTypeError(unknown("task", text, valid))
+    return text
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
-    if args.task == EXTRACTION:
+    if args.task != WRIST_PUSH:
         from saver_advisors.cli.run_extraction import run_extraction
 
         return run_extraction(args)

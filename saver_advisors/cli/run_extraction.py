@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from saver_advisors.evaluation.episodes import Predict
     from saver_advisors.integration.extraction import Extraction
 
+EXTRACTION: Final = "extraction"
 EXPERT: Final = "expert"
 #: Arguments of the closed loop, which an extraction does without.
 _OF_THE_LOOP: Final = ("apart", "view", "exact_ik", "measured_latency", "max_speed")
@@ -36,18 +37,19 @@ def run_extraction(args: argparse.Namespace) -> int:
     from saver_advisors.integration.extraction import extract
 
     _check(args)
-    names = _policies(args.policy)
+    names = _policies(args.task, args.policy)
+    seeing = not args.true_state
     policies = {env_id: resolve(name, env_id, {}) for env_id, name in names.items()}
     seeds = range(args.seed, args.seed + args.trials)
     film = args.report / _VIDEO if args.report else args.video
     extractions: list[Extraction] = []
     if film is not None:
         film.parent.mkdir(parents=True, exist_ok=True)
-        extractions.append(_filmed(film, policies, seeds[0]))
+        extractions.append(_filmed(film, policies, seeds[0], seeing))
         seeds = seeds[1:]
     with tqdm(total=len(seeds), unit="person", dynamic_ncols=True) as bar:
         for first in range(0, len(seeds), N_ENVS):
-            batch = extract(policies, seeds[first : first + N_ENVS])
+            batch = extract(policies, seeds[first : first + N_ENVS], seeing=seeing)
             extractions += batch
             bar.update(len(batch))
     for one in extractions:
@@ -56,9 +58,11 @@ def run_extraction(args: argparse.Namespace) -> int:
     if args.report is not None:
         from saver_advisors.integration.extraction_page import write_report
 
-        print(f"wrote {write_report(args.report, extractions, names, _VIDEO)}")
+        print(f"wrote {write_report(args.report, extractions, names, seeing, _VIDEO)}")
     told = [one.to_mapping() for one in extractions]
-    arguments.write_json(args.json, {"kind": "extraction", "policies": names, "people": told})
+    arguments.write_json(
+        args.json, {"kind": "extraction", "policies": names, "seeing": seeing, "people": told}
+    )
     return 0
 
 
@@ -70,13 +74,12 @@ def _check(args: argparse.Namespace) -> None:
     for name in _OF_THE_LOOP:
         if getattr(args, name):
             raise UsageError(f"argument --{name.replace('_', '-')}: not for an extraction")
-    if not args.true_state:
-        raise UsageError("argument --true-state: an extraction needs it, it has no camera")
 
 
-def _policies(word: str) -> dict[str, str]:
+def _policies(task: str, word: str) -> dict[str, str]:
     """Return who plays each task: the policy that ships for it, or else its expert.
 
+    :param task: an id, or ``extraction`` for the whole procedure
     :param word: ``expert`` for experts alone
     :raises UsageError: for another policy: one cannot play several tasks
     """
@@ -85,7 +88,7 @@ def _policies(word: str) -> dict[str, str]:
 
     if word not in (POLICY, EXPERT):
         raise UsageError(f"argument --policy: {word!r} cannot play an extraction; {EXPERT} can")
-    names = dict.fromkeys(EXTRACTION_IDS, EXPERT)
+    names = dict.fromkeys(EXTRACTION_IDS if task == EXTRACTION else (task,), EXPERT)
     for name in shipped_policies() if word == POLICY else ():
         env_id = load_policy(name).card.env_id
         if env_id in names:
@@ -93,13 +96,13 @@ def _policies(word: str) -> dict[str, str]:
     return names
 
 
-def _filmed(path: Path, policies: Mapping[str, Predict], seed: int) -> Extraction:
+def _filmed(path: Path, policies: Mapping[str, Predict], seed: int, seeing: bool) -> Extraction:
     """Extract a person and record it."""
     from saver_advisors.integration.extraction import extract
     from saver_advisors.integration.extraction_page import ExtractionVideo
 
     with closing(ExtractionVideo(path)) as recorder:
-        extraction = extract(policies, [seed], recorder)[0]
+        extraction = extract(policies, [seed], recorder, seeing=seeing)[0]
         recorder.end(extraction)
     print(f"wrote {path}")
     return extraction

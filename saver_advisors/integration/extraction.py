@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saver_advisors.evaluation.episodes import Predict
 from saver_envs.episodes import Episodes
 from saver_envs.people.contact_forces import FORCE_COSTS, FORCE_LIMITS
 from saver_envs.people.limp_people import PEOPLE
-from saver_envs.registration import EXTRACTION_IDS, make_episodes, task_and_settings
+from saver_envs.registration import make_episodes, task_and_settings
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.procedure import PersonOnBed, drawn_person, left_behind, with_person
+from saver_envs.wrappers.seen_person import SeenPeople
 
 #: Called at the start of a step of the procedure and after each action.
 Look = Callable[[str, Episodes], None]
@@ -58,13 +61,13 @@ class Extraction:
     @property
     def completed(self) -> bool:
         """Whether all tasks succeeded."""
-        return len(self.steps) == len(EXTRACTION_IDS) and self.steps[-1].success
+        return self.steps[-1].success
 
     @property
     def outcome(self) -> str:
         """In words."""
         last = self.steps[-1]
-        if last.success:
+        if self.completed:
             return "completed"
         why = ", ".join(last.exceeded) if last.exceeded else "the goal was not reached"
         return f"{last.env_id} failed: {why}"
@@ -75,29 +78,37 @@ class Extraction:
 
 
 def extract(
-    policies: Mapping[str, Predict], seeds: Sequence[int], look: Look | None = None
+    policies: Mapping[str, Predict],
+    seeds: Sequence[int],
+    look: Look | None = None,
+    *,
+    seeing: bool = False,
 ) -> list[Extraction]:
     """Extract people: play the tasks in turn, each until its horizon.
 
     A person lies on the bed of a task as the one before left them; the robot has driven up anew,
     as exactly as in the task's own starts.
 
-    :param policies: id of a care task -> batched observation to actions.
+    :param policies: id of a care task -> batched observation to actions, in the order of the
+        procedure.
     :param seeds: one a person; they are played together.
     :param look: sees the episodes; gets a step's id and its episodes.
+    :param seeing: a camera and the pose network find the person, instead of the true state.
     """
-    tasks: list[Any] = [task_and_settings(env_id, {})[0] for env_id in EXTRACTION_IDS]
+    tasks: list[Any] = [task_and_settings(env_id, {})[0] for env_id in policies]
     people = {
         seed: drawn_person(tasks, np.random.default_rng([seed, _PEOPLE_STREAM])) for seed in seeds
     }
     steps: dict[int, list[ExtractionStep]] = {seed: [] for seed in seeds}
     left = seeds
-    for number, env_id in enumerate(EXTRACTION_IDS):
+    for number, (env_id, predict) in enumerate(policies.items()):
         episodes = make_episodes(env_id, len(left))
         for row, seed in enumerate(left):
             episodes.worlds.tasks[row] = with_person(tasks[number], people[seed])
             episodes.set_generator(row, np.random.default_rng([seed, number]))
-        ended = play_step(env_id, episodes, policies[env_id], look)
+        with ExitStack() as stack:
+            eye = stack.enter_context(closing(SeenPeople(episodes))) if seeing else None
+            ended = play_step(env_id, episodes, predict, look, eye)
         for row, (seed, step) in enumerate(zip(left, ended, strict=True)):
             steps[seed].append(step)
             people[seed] = left_behind(tasks[number], people[seed], episodes.simulation, row)
@@ -110,7 +121,11 @@ def extract(
 
 
 def play_step(
-    env_id: str, episodes: Episodes, predict: Predict, look: Look | None = None
+    env_id: str,
+    episodes: Episodes,
+    predict: Predict,
+    look: Look | None = None,
+    eye: SeenPeople | None = None,
 ) -> list[ExtractionStep]:
     """Play the episodes of a care task up to their horizon.
 
@@ -118,9 +133,12 @@ def play_step(
     :param episodes: not yet reset.
     :param predict: batched observation -> actions.
     :param look: sees the episodes.
+    :param eye: sees the person for the policy; arms wait until it has.
     :return: how each ended.
     """
     outcome = episodes.reset()
+    if eye is not None:
+        eye.begin()
     n, hard = episodes.n, episodes.task.hard
     forces = {name: np.zeros(n) for name in FORCE_COSTS}
     over = {name: np.zeros(n, dtype=bool) for name in hard}
@@ -130,7 +148,7 @@ def play_step(
             look(env_id, episodes)
         if outcome.truncated.all():
             break
-        outcome = episodes.step(predict(episodes.observation().as_dict()))
+        outcome = episodes.step(_actions(episodes, predict, eye))
         since[~outcome.reached] = episodes.elapsed[~outcome.reached]
         for name, greatest in forces.items():
             np.maximum(greatest, outcome.measured[name], out=greatest)
@@ -147,6 +165,15 @@ def play_step(
         )
         for row in range(n)
     ]
+
+
+def _actions(episodes: Episodes, predict: Predict, eye: SeenPeople | None) -> NDArray[Any]:
+    if eye is None:
+        return predict(episodes.observation().as_dict())
+    actions = predict(eye.observed())
+    actions[~eye.ready] = 0.0
+    eye.advance()
+    return actions
 
 
 def described(person: PersonOnBed) -> str:

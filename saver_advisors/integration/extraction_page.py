@@ -14,7 +14,6 @@ from saver_advisors.reporting import video
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.episodes import Episodes
 from saver_envs.people.contact_forces import FORCE_LIMITS, PersonLoads
-from saver_envs.registration import EXTRACTION_IDS
 from saver_envs.simulation import ACTION_DURATION
 
 Frame = NDArray[np.uint8]
@@ -116,13 +115,15 @@ def write_report(
     folder: Path,
     extractions: Sequence[Extraction],
     policies: Mapping[str, str],
-    video_name: str | None = None,
+    seeing: bool,
+    video_name: str,
 ) -> Path:
     """Write a page about extractions.
 
     :param folder: created if missing.
     :param extractions: at least one.
-    :param policies: id -> the policy that played it.
+    :param policies: id -> the policy that played it, in the order of the procedure.
+    :param seeing: whether a camera found the person.
     :param video_name: of a video of the first one, in the same folder.
     :return: path of the page.
     """
@@ -135,8 +136,9 @@ def write_report(
         "extraction.html.j2",
         extractions=extractions,
         completed=sum(one.completed for one in extractions),
-        ids=EXTRACTION_IDS,
-        tasks=[_row(number, extractions, policies) for number in range(len(EXTRACTION_IDS))],
+        ids=list(policies),
+        tasks=[_row(*one, extractions) for one in enumerate(policies.items())],
+        seeing=seeing,
         limits=FORCE_LIMITS,
         video=video_name,
         provenance=provenance(),
@@ -146,15 +148,18 @@ def write_report(
     return path
 
 
-def _row(
-    number: int, extractions: Sequence[Extraction], policies: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the row of the task of a number in the page's tables."""
-    env_id = EXTRACTION_IDS[number]
+def _row(number: int, played: tuple[str, str], extractions: Sequence[Extraction]) -> dict[str, Any]:
+    """Return the row of a task in the page's tables.
+
+    :param number: of the task in the procedure.
+    :param played: its id and its policy.
+    :param extractions: of all people.
+    """
+    env_id, policy = played
     steps = [one.steps[number] for one in extractions if number < len(one.steps)]
     return {
         "env_id": env_id,
-        "policy": policies[env_id],
+        "policy": policy,
         "began": len(steps),
         "succeeded": sum(step.success for step in steps),
         "forces": {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -23,7 +23,7 @@ from saver_envs.robots.description import Fingers
 from saver_envs.scenes import BEDSIDE_SPACING, Arms, Bases, Scene, add_target
 from saver_envs.simulation import ArmState, Simulation
 from saver_envs.tasks.arm_and_object import HAND_PARTS, OBJECT_PARTS, hand_parts, object_parts
-from saver_envs.tasks.arm_straighten_starts import PAIRS, kinds_of, stays, wrist_target
+from saver_envs.tasks.arm_straighten_starts import NEEDED, PAIRS, kinds_of, stays, wrist_target
 from saver_envs.tasks.arm_straighten_starts import start_text as own_start_text
 from saver_envs.tasks.care import CareTask, cost_text, start_text
 from saver_envs.tasks.care_starts import CareStart, posed_people
@@ -78,6 +78,12 @@ class ArmStraighten(CareTask):
     # All but the tallest: where his arm overhangs, the hand sinks and catches at the bed's edge.
     people: ClassVar[tuple[int, ...]] = (0, 1, 3, 4, 5, 6, 7)
     postures: ClassVar[int] = 2 * PAIRS
+    sides: ClassVar[tuple[str, str]] = SIDE_OF_ARM
+    joint_parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        _WRIST.name: ("wrist",),
+        **{f"{name} position": (name,) for name in ARM_JOINTS[:2]},
+        _BEND.name: ARM_JOINTS,
+    }
     handles: ClassVar[tuple[str, ...]] = ("arms",)
 
     def __post_init__(self) -> None:
@@ -140,9 +146,27 @@ class ArmStraighten(CareTask):
         person = self.drawn_person(generator)
         data = posed_people(scene).posed(person["who"], person["pose"])
         model = scene.models[person["who"]]
-        targets = [wrist_target(data, model, side, self.bed) for side in SIDE_OF_ARM]
+        points = {name: data.site(f"joint_{name}").xpos for name in NEEDED}
+        radii = [float(model.geom(f"{side}_forearm_0").size[0]) for side in SIDE_OF_ARM]
+        targets = [
+            wrist_target(points, side, self.bed, radius)
+            for side, radius in zip(SIDE_OF_ARM, radii, strict=True)
+        ]
         hand = generator.uniform(HAND_LOWER, HAND_UPPER, (2, 3))
         return StraightenStart(hand, target=scene.to_bases(np.stack(targets)), **person)
+
+    def goal_from(
+        self, joints: Mapping[str, NDArray[np.float64]], scene: Scene
+    ) -> NDArray[np.float64]:
+        """Return where wrists are to be, and straight elbows; see the base class."""
+        targets = [
+            [
+                wrist_target({name: joints[name][row] for name in NEEDED}, side, self.bed)
+                for side in SIDE_OF_ARM
+            ]
+            for row in range(len(joints[NEEDED[0]]))
+        ]
+        return self._goal(scene.to_bases(np.array(targets)))
 
     def observe(self, simulation: Simulation, memory: Memory, arms: ArmState) -> Seen:
         """Return hands, and shoulders, elbows and wrists of the person."""
@@ -158,9 +182,13 @@ class ArmStraighten(CareTask):
 
     def desired(self, starts: Sequence[StraightenStart]) -> NDArray[np.float64]:
         """Return where the wrists are to be; elbows are to be straight."""
-        targets = np.stack([start.target for start in starts])
+        return self._goal(np.stack([start.target for start in starts]))
+
+    @staticmethod
+    def _goal(targets: FloatArray) -> NDArray[np.float64]:
+        """Return goals (k, goal size) of wrists (k, arms, 3) with straight elbows."""
         straight = np.zeros((*targets.shape[:-1], 1))
-        return np.concatenate([targets, straight], axis=-1).reshape(len(starts), -1)
+        return np.concatenate([targets, straight], axis=-1).reshape(len(targets), -1)
 
     # ---------------------------------------------------------------- reward
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +21,9 @@ KINDS: Final = ("chest", "bent", "abducted", "overhanging")
 PAIRS: Final = len(KINDS) ** 2
 #: Distance of a wrist's target from the person's middle line (m).
 ASIDE: Final = 0.25
+#: Joints from which a wrist's target follows, and the radius of a forearm that is not known (m).
+NEEDED: Final = tuple(f"{side}_{name}" for side in SIDES for name in (*ARM_JOINTS, "hip"))
+FOREARM: Final = 0.04
 #: Bend of the elbow with which the wrist is at its target (rad).
 _SLACK: Final = math.radians(15.0)
 #: Least height above the bed of a wrist on the chest (m), bend of a bent elbow (rad), and distance
@@ -56,32 +59,28 @@ def stays(world: LyingWorld, bed: Bed, side: str, kind: str) -> bool:
 
 
 def wrist_target(
-    data: mujoco.MjData, model: mujoco.MjModel, side: str, bed: Bed
+    joints: Mapping[str, NDArray[np.float64]], side: str, bed: Bed, radius: float = FOREARM
 ) -> NDArray[np.float64]:
     """Return where a wrist is to be (3,), world frame, metres.
 
     It lies on the bed beside the hip, as far down as a nearly straight arm reaches.
 
-    :param data: of a person in a pose.
-    :param model: of the person.
+    :param joints: of :data:`NEEDED` -> (3,) where it is, world frame, metres.
     :param side: ``left`` or ``right``.
     :param bed: on what the person lies.
+    :param radius: of the forearm, metres.
     """
-
-    def site(name: str) -> NDArray[np.float64]:
-        return np.asarray(data.site(f"joint_{name}").xpos)
-
-    joints = [site(f"{side}_{name}") for name in ARM_JOINTS]
-    lengths = [math.dist(*ends) for ends in pairwise(joints)]
+    chain = [joints[f"{side}_{name}"] for name in ARM_JOINTS]
+    lengths = [math.dist(*ends) for ends in pairwise(chain)]
     reach = math.cos(_SLACK / 2) * sum(lengths)
-    hips = [site(f"{one}_hip")[:2] for one in SIDES]
+    hips = [joints[f"{one}_hip"][:2] for one in SIDES]
     leftwards = (hips[0] - hips[1]) / math.dist(*hips)
     footwards = np.array([leftwards[1], -leftwards[0]])
     outwards = leftwards if side == "left" else -leftwards
-    shoulder = joints[0][:2] - (hips[0] + hips[1]) / 2
-    height = bed.centre[2] + float(model.geom(f"{side}_forearm_0").size[0])
-    across, drop = ASIDE - shoulder @ outwards, joints[0][2] - height
-    along = shoulder @ footwards + math.sqrt(reach**2 - across**2 - drop**2)
+    shoulder = chain[0][:2] - (hips[0] + hips[1]) / 2
+    height = bed.centre[2] + radius
+    across, drop = ASIDE - shoulder @ outwards, chain[0][2] - height
+    along = shoulder @ footwards + math.sqrt(max(reach**2 - across**2 - drop**2, 0.0))
     level = (hips[0] + hips[1]) / 2 + ASIDE * outwards + along * footwards
     return np.array([*level, height])
 

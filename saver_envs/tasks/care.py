@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -28,13 +28,14 @@ from saver_envs.people.contact_forces import (
 from saver_envs.people.limp_people import LIMP_PERSON_PARAMETERS, PEOPLE, LimpPeople
 from saver_envs.people.limp_person import add_limp_person
 from saver_envs.people.lying import POSE_SIZE, LyingPosture, LyingWorld
+from saver_envs.people.manikin import SIDES
 from saver_envs.randomization import Parameter, Uniform
 from saver_envs.randomization.parameters import require_allowed
 from saver_envs.reachability import reachability_map
-from saver_envs.scenes import Arms, add_collision_counters
+from saver_envs.scenes import Arms, Scene, add_collision_counters
 from saver_envs.simulation import Resting, Simulation
 from saver_envs.tasks.care_starts import moved, settled
-from saver_envs.tasks.contract import FloatArray, Memory, Rows, Task
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, Task
 from saver_envs.validation import require
 
 #: Name of the bed's geom.
@@ -110,6 +111,11 @@ class CareTask(Task):
     pressers: ClassVar[tuple[str, ...]] = ()
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
+    #: Side of the person that each of the robot's arms handles.
+    sides: ClassVar[tuple[str, str]] = SIDES
+    #: Part of the observation -> the joint whose position it is, or the three of which it is the
+    #: bend of the middle one; see :meth:`parts_from`.
+    joint_parts: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     #: Fields of a :class:`saver_envs.people.lying.LyingPosture` that starts differ in.
     handles: ClassVar[tuple[str, ...]] = ()
 
@@ -275,9 +281,47 @@ class CareTask(Task):
 
     # ---------------------------------------------------------------- pictures and the page
 
+    def parts_from(self, joints: Mapping[str, NDArray[np.float64]], scene: Scene) -> Seen:
+        """Return what of the observation depends on where the person's joints are.
+
+        :param joints: name, such as ``left_wrist`` -> (n, 3) in the world, metres.
+        :param scene: of the episodes.
+        :return: part -> (n, arms, size).
+        """
+        seen: Seen = {}
+        for part, names in self.joint_parts.items():
+            own = [np.stack([joints[f"{side}_{one}"] for side in self.sides], 1) for one in names]
+            seen[part] = scene.to_bases(own[0]) if len(own) == 1 else bend(*own)
+        return seen
+
+    def goal_from(
+        self, joints: Mapping[str, NDArray[np.float64]], scene: Scene
+    ) -> NDArray[np.float64] | None:
+        """Return the desired goals (n, goal size) that follow from where the person's joints are.
+
+        None, as by default, where the goal does not depend on the person.
+
+        :param joints: as for :meth:`parts_from`.
+        :param scene: of the episodes.
+        """
+        return None
+
     def variant_of(self, memory: Memory, row: int) -> int:
         """Return who lies in episode ``row``."""
         return int(memory["who"][row])
+
+
+def bend(first: FloatArray, middle: FloatArray, last: FloatArray) -> NDArray[np.float64]:
+    """Return by how much limbs are bent at a joint, (..., 1), radians: 0 where they are straight.
+
+    :param first: (..., 3) the joint before it.
+    :param middle: (..., 3) where it is bent.
+    :param last: (..., 3) the joint after it.
+    """
+    upper, lower = middle - first, last - middle
+    lengths = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
+    cosine = (upper * lower).sum(axis=-1) / np.maximum(lengths, 1e-9)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))[..., None]
 
 
 def cost_text() -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
@@ -27,7 +27,7 @@ from saver_envs.tasks.care_starts import CareStart
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.hand_force import FORCE, HandForces, add_force_sensors
 from saver_envs.tasks.layout import Part
-from saver_envs.tasks.limbs import POSITIONS, VELOCITIES, Limbs, add_limb_sensors
+from saver_envs.tasks.limbs import LIMB_JOINTS, POSITIONS, VELOCITIES, Limbs, add_limb_sensors
 from saver_envs.tasks.regions import HAND_LOWER, HAND_UPPER
 from saver_envs.validation import require
 from saver_envs.world import TABLE_BIT
@@ -96,6 +96,9 @@ class Intake(CareTask):
     postures: ClassVar[int] = 30
     bed: ClassVar[Bed] = Bed(centre=(1.30, 0.0, 0.08), length=2.5, width=1.5)
     facing: ClassVar[float] = math.pi
+    joint_parts: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        f"{joint} position": (joint,) for joint in LIMB_JOINTS
+    }
     expert: ClassVar[str | None] = "saver_envs.experts.intake:expert"
     table_depth: ClassVar[tuple[float, float]] = (-1.0, 2.7)
     parameters: ClassVar[tuple[Parameter, ...]] = (

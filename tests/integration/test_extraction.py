@@ -73,7 +73,7 @@ def test_a_pose_that_is_none_is_refused(pose: tuple[float, ...]) -> None:
 def test_it_ends_with_the_task_that_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     played: list[tuple[str, list[int]]] = []
 
-    def play(env_id: str, episodes: Any, predict: Any, look: Any) -> list[ExtractionStep]:
+    def play(env_id: str, episodes: Any, *_: Any) -> list[ExtractionStep]:
         episodes.reset()
         played.append((env_id, list(range(episodes.n))))
         successes = [row > 0 for row in range(episodes.n)]
@@ -110,7 +110,6 @@ def test_the_command_reports_with_a_video(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "argument --true-state: an extraction needs it"),
         (["--true-state", "--apart"], "argument --apart: not for an extraction"),
         (["--true-state", "--policy", "jaco-push"], "'jaco-push' cannot play an extraction"),
     ],
