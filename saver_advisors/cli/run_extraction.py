@@ -34,7 +34,8 @@ def run_extraction(args: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from saver_advisors.evaluation.episodes import N_ENVS
-    from saver_advisors.integration.extraction import extract
+    from saver_advisors.integration.extraction import extract, task_rows
+    from saver_advisors.reporting.tables import show_rows
 
     _check(args)
     names = _policies(args.task, args.policy)
@@ -54,15 +55,17 @@ def run_extraction(args: argparse.Namespace) -> int:
             bar.update(len(batch))
     for one in extractions:
         print(f"person {one.seed}: {one.person}: {one.outcome}")
-    print(f"{sum(one.completed for one in extractions)} of {len(extractions)} completed")
+    rows, completed = task_rows(extractions, names), sum(one.completed for one in extractions)
+    show_rows(rows, {name: f"{{{name}}}" for name in rows[0]})
+    how = "seen by a camera" if seeing else "from the true state"
+    print(f"{completed} of {len(extractions)} completed, {how}")
     if args.report is not None:
         from saver_advisors.integration.extraction_page import write_report
 
         print(f"wrote {write_report(args.report, extractions, names, seeing, _VIDEO)}")
-    told = [one.to_mapping() for one in extractions]
-    arguments.write_json(
-        args.json, {"kind": "extraction", "policies": names, "seeing": seeing, "people": told}
-    )
+    told = {"title": f"{args.task}, {how}", "completed": completed, "seeing": seeing, "rows": rows}
+    people = [one.to_mapping() for one in extractions]
+    arguments.write_json(args.json, {"kind": "extraction", **told, "people": people})
     return 0
 
 

@@ -176,6 +176,38 @@ def _actions(episodes: Episodes, predict: Predict, eye: SeenPeople | None) -> ND
     return actions
 
 
+def task_rows(
+    extractions: Sequence[Extraction], policies: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return how the tasks of a procedure went, a row each.
+
+    :param extractions: of all people.
+    :param policies: id -> the policy that played it, in the order of the procedure.
+    """
+    rows = []
+    for number, (env_id, policy) in enumerate(policies.items()):
+        steps = [one.steps[number] for one in extractions if number < len(one.steps)]
+        forces = greatest_forces(steps)
+        part = max(forces, key=lambda part: forces[part] / FORCE_LIMITS[part])
+        rows.append(
+            {
+                "task": env_id,
+                "policy": policy,
+                "people who began it": len(steps),
+                "succeeded": sum(step.success for step in steps),
+                "a limit was exceeded": sum(bool(step.exceeded) for step in steps),
+                "strongest force": f"{part.replace('_', ' ')}: {forces[part]:.0f} N",
+                "limit of lasting contacts": f"{FORCE_LIMITS[part]:.0f} N",
+            }
+        )
+    return rows
+
+
+def greatest_forces(steps: Sequence[ExtractionStep]) -> dict[str, float]:
+    """Return part of the body -> greatest force on it in some steps, N."""
+    return {part: max((one.forces[part] for one in steps), default=0.0) for part in FORCE_LIMITS}
+
+
 def described(person: PersonOnBed) -> str:
     """Return who a person is, in words."""
     who = PEOPLE[person.who]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saver_advisors.integration.extraction import Extraction
+from saver_advisors.integration.extraction import Extraction, greatest_forces, task_rows
 from saver_advisors.reporting import video
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.episodes import Episodes
@@ -131,13 +131,19 @@ def write_report(
     from saver_advisors.reporting.templates import rendered
 
     folder.mkdir(parents=True, exist_ok=True)
+    rows = task_rows(extractions, policies)
     page = rendered(
         "saver_advisors.integration",
         "extraction.html.j2",
         extractions=extractions,
         completed=sum(one.completed for one in extractions),
         ids=list(policies),
-        tasks=[_row(*one, extractions) for one in enumerate(policies.items())],
+        tasks=rows,
+        columns=list(rows[0]),
+        forces=[
+            greatest_forces([one.steps[number] for one in extractions if number < len(one.steps)])
+            for number in range(len(rows))
+        ],
         seeing=seeing,
         limits=FORCE_LIMITS,
         video=video_name,
@@ -146,23 +152,3 @@ def write_report(
     path = folder / "index.html"
     path.write_text(page, encoding="utf-8")
     return path
-
-
-def _row(number: int, played: tuple[str, str], extractions: Sequence[Extraction]) -> dict[str, Any]:
-    """Return the row of a task in the page's tables.
-
-    :param number: of the task in the procedure.
-    :param played: its id and its policy.
-    :param extractions: of all people.
-    """
-    env_id, policy = played
-    steps = [one.steps[number] for one in extractions if number < len(one.steps)]
-    return {
-        "env_id": env_id,
-        "policy": policy,
-        "began": len(steps),
-        "succeeded": sum(step.success for step in steps),
-        "forces": {
-            part: max((step.forces[part] for step in steps), default=0.0) for part in FORCE_LIMITS
-        },
-    }

@@ -98,9 +98,10 @@ def test_the_command_reports_with_a_video(
     words = ["run", "extraction", "--true-state", "--trials", "2", "--policy", "expert"]
     files = ["--report", str(tmp_path / "report"), "--json", str(tmp_path / "x.json")]
     assert main([*words, *files]) == 0
-    assert "0 of 2 completed" in capsys.readouterr().out
+    assert "0 of 2 completed, from the true state" in capsys.readouterr().out
     told = json.loads((tmp_path / "x.json").read_text())
     assert [one["seed"] for one in told["people"]] == [0, 1]
+    assert [row["people who began it"] for row in told["rows"]] == [2, *[0] * (len(TASKS) - 1)]
     assert told["people"][0]["steps"][0]["forces"].keys() == FORCE_LIMITS.keys()
     page = (tmp_path / "report" / "index.html").read_text()
     assert "lower leg" in page and 'src="extraction.mp4"' in page
