@@ -50,6 +50,8 @@ SHOWN_IDS = (
 )
 #: The id of the closed loop of camera, policy and servos.
 CASUALTY_ID = "WristPush-v0"
+#: The ids by which a person is extracted, one after the other.
+EXTRACTION_IDS = ("ArmStraighten-v0", "LegStraighten-v0", "Intake-v0")
 
 
 @dataclass(frozen=True)

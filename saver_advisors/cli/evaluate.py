@@ -133,9 +133,12 @@ def measure(
 
 def show(figures: dict[str, Any]) -> None:
     """Print the results as a table."""
-    costs = {f"{name} per episode": f"{mean:.2f}" for name, mean in figures["cost_means"].items()}
     forces = {"highest force of collisions (N), mean and maximum": collision_force}
-    show_rows([figures], {**EVALUATION_COLUMNS, **costs, **forces})
+    show_rows([figures], {**EVALUATION_COLUMNS, **forces})
+    for name, mean in figures["cost_means"].items():
+        if mean:
+            share = figures["cost_rates"][name]
+            print(f"{name}: {mean:.2f} per episode, in {100 * share:.1f}% of the episodes")
     if figures.get("object_lost"):
         print(f"an object left the table in {figures['object_lost']} episodes")
     if figures["diverged"]:

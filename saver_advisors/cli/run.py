@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from saver_advisors.cli import arguments
 from saver_advisors.integration import POLICY
-from saver_advisors.reporting.errors import UsageError, user_mistakes
+from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
 if TYPE_CHECKING:
@@ -24,10 +24,12 @@ examples:
   saver run wrist-push --trials 20 --report report  a page with each failed trial's video and cause
   saver run wrist-push --view                       a window, which needs a display
   saver run wrist-push --true-state --exact-ik      without camera, network and learned kinematics
-  saver run wrist-push --apart                      its stages in three processes, in real time"""
+  saver run wrist-push --apart                      its stages in three processes, in real time
+  saver run extraction --true-state --trials 50     a person's limbs straight, then into the robot
+  saver run ArmStraighten-v0 --video arms.mp4       one of its tasks, seen by a camera"""
 
 Look = Callable[[float], None]
-TASKS: Final = ("wrist-push",)
+WRIST_PUSH, EXTRACTION = "wrist-push", "extraction"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     :param parser: of the command.
     """
-    arguments.add(parser, "task", "the task", choices=TASKS)
+    text = "wrist-push, extraction, or a task of the extraction"
+    arguments.add(parser, "task", text, type=_task, metavar="TASK")
     arguments.add_count(parser, "--trials", 1, "number of trials")
     arguments.add_count(parser, "--seed", 0, "of the first trial", least=0, metavar="S")
     add_loop_arguments(parser)
@@ -48,6 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_folder(shown, "--report", "write a page about the trials in this folder")
     arguments.add_flag(parser, "--apart", "run the stages in three processes, in real time")
     arguments.add_json(parser)
+
+
+def _task(text: str) -> str:
+    """Parse the task."""
+    from saver_envs.registration import EXTRACTION_IDS
+
+    valid = (WRIST_PUSH, EXTRACTION, *EXTRACTION_IDS)
+    if text not in valid:
+        raise argparse.ArgumentTypeError(unknown("task", text, valid))
+    return text
 
 
 def add_loop_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,6 +100,10 @@ def run(args: argparse.Namespace) -> int:
     :param args: see :func:`add_arguments`.
     :return: exit status.
     """
+    if args.task != WRIST_PUSH:
+        from saver_advisors.cli.run_extraction import run_extraction
+
+        return run_extraction(args)
     settings = replace(
         settings_of(args), seeing=not args.true_state, learned_kinematics=not args.exact_ik
     )

@@ -6,6 +6,7 @@ therefore see the same initial states, and each episode can be reproduced alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -29,6 +30,8 @@ Stepped = tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]
 GOALS: Final = ("achieved_goal", "desired_goal")
 N_ENVS: Final = 16
 """Most environments that are stepped together; their number has no effect on the outcomes."""
+STRICT, STRICT_ANGLE = 0.02, math.radians(4.0)
+"""The stricter tolerance that ``success_rate_2cm`` is about, metres, and that of angles."""
 CONSTRAINT_RATES: Final = ("constraint_met_rate", "goal_success_rate")
 """Entries of a summary that only tasks with a constraint have."""
 
@@ -138,7 +141,7 @@ class EpisodeOutcomes:
     :param returns: (episodes,) sum of rewards
     :param cost_sums: (episodes,) sum of each cost over the episode, by name
     :param cost_maxima: (episodes,) maximum of each cost in the episode, by name
-    :param final_distances: (episodes, objects) from each object to its target at the end, metres
+    :param final_distances: (episodes, objects) from each object to its target at the end
     :param lengths: (episodes,) steps
     :param diverged: (episodes,) whether the simulation diverged
     :param goal_reached: (episodes,) every object at its target at the end, where the environment
@@ -149,6 +152,7 @@ class EpisodeOutcomes:
         environment does not report it
     :param lost: (episodes,) whether an object left the table; None where the environment does not
         report it
+    :param unit: of the distances, ``m`` or ``rad``
     :param world: digest of the world, see :mod:`saver_envs.digest`; None if unknown
     :param randomization: what differs between the episodes, each with its distribution
     """
@@ -166,6 +170,7 @@ class EpisodeOutcomes:
     deviations: NDArray[np.float64] | None = None
     collision_forces: NDArray[np.float64] | None = None
     lost: NDArray[np.bool_] | None = None
+    unit: str = "m"
     world: str | None = None
     randomization: Mapping[str, Any] = field(default_factory=dict)
 
@@ -189,8 +194,16 @@ class EpisodeOutcomes:
 
     @property
     def success_rate_2cm(self) -> float:
-        """Fraction of episodes with success and every object within 2 cm of its target."""
-        return float((self.success & (self.final_distances <= 0.02).all(axis=1)).mean())
+        """Fraction of episodes with success and every object within 2 cm of its target; within 4
+        degrees where goals are angles.
+        """
+        within = self.final_distances <= (STRICT_ANGLE if self.unit == "rad" else STRICT)
+        return float((self.success & within.all(axis=1)).mean())
+
+    @property
+    def cost_rates(self) -> dict[str, float]:
+        """Fraction of episodes in which a cost was above 0 at any step, by name."""
+        return {name: float((sums > 0).mean()) for name, sums in self.cost_sums.items()}
 
     @property
     def confidence_interval(self) -> tuple[float, float]:
@@ -226,8 +239,10 @@ class EpisodeOutcomes:
             "return_mean": float(self.returns.mean()),
             "length_mean": float(self.lengths.mean()),
             "final_distance_mean": self.final_distances.mean(axis=0).tolist(),
+            "distance_unit": self.unit,
             "diverged": int(self.diverged.sum()),
             "cost_means": {name: float(sums.mean()) for name, sums in self.cost_sums.items()},
+            "cost_rates": self.cost_rates,
             "cost_cvar": {name: worst_mean(sums) for name, sums in self.cost_sums.items()},
         }
         if self.deviations is not None:
@@ -323,7 +338,8 @@ def run_episodes(
             batch = batch[: episodes - len(records)]
             records += batch
             bar.update(len(batch))
-    return EpisodeOutcomes(env_id=env_id, seed=seed, **joined(list(map(vars, records))))
+    entries = joined(list(map(vars, records)))
+    return EpisodeOutcomes(env_id=env_id, seed=seed, unit=task.goal[0].unit, **entries)
 
 
 @dataclass

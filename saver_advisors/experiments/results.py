@@ -22,7 +22,7 @@ from saver_advisors.training.run_folder import read_record
 from saver_advisors.training.settings import RunConfig
 from saver_envs.digest import world_digest
 from saver_envs.files import read_json, written_whole
-from saver_envs.registration import varied_in
+from saver_envs.registration import task_and_settings, varied_in
 
 STEPS_FILE: Final = "steps.json"
 """Environment steps of a third-party algorithm in progress, written every few seconds."""
@@ -148,7 +148,7 @@ def final_outcomes(
                 threads=threads,
                 shield=shield,
             )
-            of_all = ("env_id", "seed", "world", "randomization")
+            of_all = ("env_id", "seed", "unit", "world", "randomization")
             arrays = {k: v for k, v in vars(outcomes).items() if k not in of_all}
             with written_whole(path) as file:  # with NaN, of diverged simulations
                 file.write(json.dumps(arrays, default=lambda array: array.tolist()).encode())
@@ -159,6 +159,7 @@ def final_outcomes(
     return EpisodeOutcomes(
         env_id=run.config.env_id,
         seed=REPORT_SEED,
+        unit=task_and_settings(*place)[0].goal[0].unit,
         world=world_digest(*place),
         randomization=varied_in(*place),
         **arrays,

@@ -11,16 +11,16 @@ def rendered(package: str, name: str, /, *, trim_blocks: bool = False, **values:
     """Render a template, which can render rows with ``rows | table(columns)``; see
     :func:`saver_advisors.reporting.tables.rows_table`.
 
-    :param package: whose folder ``templates`` holds it
+    :param package: whose folder ``templates`` holds it; web pages extend ``frame.html.j2`` of ours
     :param name: of the file; values are escaped in HTML, but not in Markdown
     :param trim_blocks: omit the line break after a block's tag
     :param values: variables of the template
     :return: the page
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     templates = Environment(
-        loader=PackageLoader(package),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("saver_advisors.reporting")]),
         undefined=StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=trim_blocks,

@@ -135,7 +135,7 @@ class StraightenSkill:
     #: elbow (m).
     DOWN, CLOSING, PACE, GENTLE = 0.008, 0.01, 0.006, 0.0025
     #: Force that a hand keeps below (N), displacement per newton left, and when it yields (m).
-    HARDEST, PER_NEWTON, YIELD = 90.0, 1e-4, 0.004
+    HARDEST, PER_NEWTON, YIELD = 110.0, 1e-4, 0.004
     #: Mean finger angle up to which a hand is open (rad).
     OPEN = 0.35
 

@@ -27,6 +27,8 @@ from saver_envs.world import TIMESTEP, set_physics
 
 #: Joints of a person in the order of a pose.
 _NAMES: Final = tuple(name for joint in PASSIVE_JOINTS for name in joint_names(joint))
+#: Numbers of a pose: the pelvis' place and quaternion, four a shoulder and one any other joint.
+POSE_SIZE: Final = 7 + sum(4 if name.endswith("shoulder") else 1 for name in _NAMES)
 #: Gap under a person who is laid down (m).
 _AIR: Final = 0.001
 #: Duration of the damped fall (s), after which velocities are kept; longest of the whole wait.

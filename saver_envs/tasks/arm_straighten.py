@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saver_envs.people.bed import Bed
 from saver_envs.people.limp_limbs import LimpArms, LimpLimbs
@@ -15,12 +17,12 @@ from saver_envs.people.lying_starts import drawn_supine
 from saver_envs.people.manikin import SIDES
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Bases, Scene
-from saver_envs.tasks.arm_straighten_starts import PAIRS, kinds_of, stays, wrist_target
+from saver_envs.tasks.arm_straighten_starts import FOREARM, PAIRS, kinds_of, stays, wrist_target
 from saver_envs.tasks.arm_straighten_starts import start_text as own_start_text
 from saver_envs.tasks.care import cost_text, start_text
 from saver_envs.tasks.care_starts import posed_people
 from saver_envs.tasks.contract import TaskPage
-from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTask
+from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTask, joint_places
 
 #: Greatest bend of an elbow of a straight arm (rad).
 STRAIGHT: Final = math.radians(25.0)
@@ -52,6 +54,7 @@ class ArmStraighten(StraightenTask):
     # All but the tallest: where his arm overhangs, the hand sinks and catches at the bed's edge.
     people: ClassVar[tuple[int, ...]] = (0, 1, 3, 4, 5, 6, 7)
     postures: ClassVar[int] = 2 * PAIRS
+    handles: ClassVar[tuple[str, ...]] = ("arms",)
 
     @property
     def bases(self) -> Bases:
@@ -74,9 +77,23 @@ class ArmStraighten(StraightenTask):
         person = self.drawn_person(generator)
         data = posed_people(scene).posed(person["who"], person["pose"])
         model = scene.models[person["who"]]
-        targets = [wrist_target(data, model, side, self.bed) for side in self.limbs.sides]
+        radii = [float(model.geom(f"{side}_forearm_0").size[0]) for side in self.limbs.sides]
+        targets = self.targets_from(joint_places(data, self.limbs), radii)
         hand = generator.uniform(HAND_LOWER, HAND_UPPER, (2, 3))
-        return StraightenStart(hand, target=scene.to_bases(np.stack(targets)), **person)
+        return StraightenStart(hand, target=scene.to_bases(targets), **person)
+
+    def targets_from(
+        self,
+        joints: Mapping[str, NDArray[np.float64]],
+        radii: Sequence[float] = (FOREARM, FOREARM),
+    ) -> NDArray[np.float64]:
+        """Return where wrists are to be; see the base class.
+
+        :param joints: as there.
+        :param radii: of the forearms, metres.
+        """
+        sides = zip(self.limbs.sides, radii, strict=True)
+        return np.stack([wrist_target(joints, side, self.bed, radius) for side, radius in sides])
 
     # ---------------------------------------------------------------- pictures and the page
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +20,8 @@ KINDS: Final = ("chest", "bent", "abducted", "overhanging")
 PAIRS: Final = len(KINDS) ** 2
 #: Distance of a wrist's target from the person's middle line (m).
 ASIDE: Final = 0.25
+#: Radius of a forearm that is not known (m).
+FOREARM: Final = 0.04
 #: Bend of the elbow with which the wrist is at its target (rad).
 _SLACK: Final = math.radians(15.0)
 #: Least height above the bed of a wrist on the chest (m), bend of a bent elbow (rad), and distance
@@ -55,20 +57,19 @@ def stays(world: LyingWorld, bed: Bed, side: str, kind: str) -> bool:
 
 
 def wrist_target(
-    data: mujoco.MjData, model: mujoco.MjModel, side: str, bed: Bed
+    joints: Mapping[str, NDArray[np.float64]], side: str, bed: Bed, radius: float = FOREARM
 ) -> NDArray[np.float64]:
     """Return where a wrist is to be (3,), world frame, metres.
 
     It lies on the bed beside the hip, as far down as a nearly straight arm reaches.
 
-    :param data: of a person in a pose.
-    :param model: of the person.
+    :param joints: of arms and hips -> (3,) where they are, world frame, metres.
     :param side: ``left`` or ``right``.
     :param bed: on what the person lies.
+    :param radius: of the forearm, metres.
     """
-
-    height = bed.centre[2] + float(model.geom(f"{side}_forearm_0").size[0])
-    return end_target(data, LimpArms, side, ASIDE, _SLACK, height)
+    height = bed.centre[2] + radius
+    return end_target(joints, LimpArms, side, ASIDE, _SLACK, height)
 
 
 def start_text() -> list[str]:

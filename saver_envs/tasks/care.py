@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,14 +27,16 @@ from saver_envs.people.contact_forces import (
 )
 from saver_envs.people.limp_people import LIMP_PERSON_PARAMETERS, PEOPLE, LimpPeople
 from saver_envs.people.limp_person import add_limp_person
-from saver_envs.people.lying import LyingPosture, LyingWorld
+from saver_envs.people.lying import POSE_SIZE, LyingPosture, LyingWorld
+from saver_envs.people.manikin import SIDES
 from saver_envs.randomization import Parameter, Uniform
 from saver_envs.randomization.parameters import require_allowed
 from saver_envs.reachability import reachability_map
-from saver_envs.scenes import Arms, add_collision_counters
+from saver_envs.scenes import Arms, Scene, add_collision_counters
 from saver_envs.simulation import Resting, Simulation
 from saver_envs.tasks.care_starts import moved, settled
-from saver_envs.tasks.contract import FloatArray, Memory, Rows, Task
+from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, Task
+from saver_envs.validation import require
 
 #: Name of the bed's geom.
 BED: Final = "bed"
@@ -91,6 +94,8 @@ class CareTask(Task):
     :param person_y: place of the person along y, from the usual one, m.
     :param person_yaw: turn of the person against the bed, rad.
     :param bed_friction: sliding friction of the person and the bed.
+    :param person_pose: (35,) how the person lies, as ``CareTask.pose_of`` returns it; one of the
+        settled postures by default.
     """
 
     person_body: int | None = None
@@ -100,6 +105,7 @@ class CareTask(Task):
     person_y: float | None = None
     person_yaw: float | None = None
     bed_friction: float | None = None
+    person_pose: tuple[float, ...] | None = None
 
     #: On which the person lies, on the table.
     bed: ClassVar[Bed]
@@ -113,6 +119,8 @@ class CareTask(Task):
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = RANGES
     #: How many settled postures there are of every person.
     postures: ClassVar[int] = 32
+    #: Fields of a :class:`saver_envs.people.lying.LyingPosture` that starts differ in.
+    handles: ClassVar[tuple[str, ...]] = ()
 
     costs: ClassVar[tuple[str, ...]] = ("collision", *FORCE_COSTS, *TORQUE_COSTS)
     summed: ClassVar[tuple[str, ...]] = FORCE_COSTS
@@ -125,6 +133,23 @@ class CareTask(Task):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_allowed(self, self.parameters)
+        if self.person_pose is not None:
+            holds = np.shape(self.person_pose) == (POSE_SIZE,)
+            holds = holds and bool(np.isfinite(self.person_pose).all())
+            require("person_pose", self.person_pose, holds, f"{POSE_SIZE} finite numbers")
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Side of the person that each of the robot's arms handles."""
+        return SIDES
+
+    @property
+    def joint_parts(self) -> Mapping[str, tuple[str, ...]]:
+        """Part of the observation -> the joint whose position it is.
+
+        Or the three joints of which it is the bend of the middle one; see :meth:`parts_from`.
+        """
+        return {}
 
     # ---------------------------------------------------------------- the scene
 
@@ -181,11 +206,41 @@ class CareTask(Task):
         shift = np.array([values["person_x"], values["person_y"], values["person_yaw"]])
         return {
             "who": who,
-            "pose": moved(settled(self.name)[who, index], self.bed.centre, shift),
+            "pose": moved(self._lying(who, index), self.bed.centre, shift),
             "stiffness": values["person_stiffness"],
             "friction": values["person_friction"],
             "bed_friction": values["bed_friction"],
         }
+
+    def _lying(self, who: int, index: int) -> NDArray[np.float64]:
+        """Return how a person lies (35,) at the usual place on the bed."""
+        if self.person_pose is None:
+            return settled(self.name)[who, index]
+        x, y, height = self.bed.centre
+        pose = moved(np.array(self.person_pose), (0.0, 0.0), np.array([x, y, self.facing]))
+        pose[2] += height
+        return pose
+
+    def unplaced(self, pose: NDArray[np.float64]) -> tuple[float, ...]:
+        """Return how a person lies, wherever the bed is: the option ``person_pose``.
+
+        The pelvis is over the origin, the surface of the bed at height 0, and feet point along +x.
+
+        :param pose: (35,) of a person on the bed.
+        """
+        w, x, y, z = pose[3:7]
+        heading = math.atan2(2 * (x * y + w * z), 1 - 2 * (y**2 + z**2))
+        level = moved(pose, pose[:2], np.array([*-pose[:2], -heading]))
+        level[2] -= self.bed.centre[2]
+        return tuple(level.tolist())
+
+    def pose_of(self, simulation: Simulation, row: int) -> tuple[float, ...]:
+        """Return how the person of an episode lies now, for the bed of any care task.
+
+        :param simulation: of the episodes.
+        :param row: which of them.
+        """
+        return self.unplaced(simulation.qpos[row, simulation.keep(LimpPeople).layout.qpos])
 
     def memory(self, n: int) -> Memory:
         """Return the memory of who lies there, and since when parts are pressed."""
@@ -234,9 +289,47 @@ class CareTask(Task):
 
     # ---------------------------------------------------------------- pictures and the page
 
+    def parts_from(self, joints: Mapping[str, NDArray[np.float64]], scene: Scene) -> Seen:
+        """Return what of the observation depends on where the person's joints are.
+
+        :param joints: name, such as ``left_wrist`` -> (n, 3) in the world, metres.
+        :param scene: of the episodes.
+        :return: part -> (n, arms, size).
+        """
+        seen: Seen = {}
+        for part, names in self.joint_parts.items():
+            own = [np.stack([joints[f"{side}_{one}"] for side in self.sides], 1) for one in names]
+            seen[part] = scene.to_bases(own[0]) if len(own) == 1 else bend(*own)
+        return seen
+
+    def goal_from(
+        self, joints: Mapping[str, NDArray[np.float64]], scene: Scene
+    ) -> NDArray[np.float64] | None:
+        """Return the desired goals (n, goal size) that follow from where the person's joints are.
+
+        None, as by default, where the goal does not depend on the person.
+
+        :param joints: as for :meth:`parts_from`.
+        :param scene: of the episodes.
+        """
+        return None
+
     def variant_of(self, memory: Memory, row: int) -> int:
         """Return who lies in episode ``row``."""
         return int(memory["who"][row])
+
+
+def bend(first: FloatArray, middle: FloatArray, last: FloatArray) -> NDArray[np.float64]:
+    """Return by how much limbs are bent at a joint, (..., 1), radians: 0 where they are straight.
+
+    :param first: (..., 3) the joint before it.
+    :param middle: (..., 3) where it is bent.
+    :param last: (..., 3) the joint after it.
+    """
+    upper, lower = middle - first, last - middle
+    lengths = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
+    cosine = (upper * lower).sum(axis=-1) / np.maximum(lengths, 1e-9)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))[..., None]
 
 
 def cost_text() -> dict[str, str]:

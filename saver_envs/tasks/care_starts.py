@@ -8,6 +8,7 @@ place. A start moves one of them over the bed, which is level.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -78,7 +79,7 @@ def alone(who: int, bed: Bed) -> LyingWorld:
     return LyingWorld(PEOPLE[who], bed)
 
 
-def moved(pose: FloatArray, centre: tuple[float, ...], shift: FloatArray) -> FloatArray:
+def moved(pose: FloatArray, centre: Sequence[float] | FloatArray, shift: FloatArray) -> FloatArray:
     """Return a pose (35,) that is moved over the bed.
 
     :param pose: of the person, at the usual place.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Final
 
@@ -27,7 +27,7 @@ from saver_envs.tasks.care_starts import CareStart
 from saver_envs.tasks.contract import FloatArray, Memory, Rows, Seen, TaskPage
 from saver_envs.tasks.hand_force import FORCE, HandForces, add_force_sensors
 from saver_envs.tasks.layout import Part
-from saver_envs.tasks.limbs import POSITIONS, VELOCITIES, Limbs, add_limb_sensors
+from saver_envs.tasks.limbs import LIMB_JOINTS, POSITIONS, VELOCITIES, Limbs, add_limb_sensors
 from saver_envs.tasks.regions import HAND_LOWER, HAND_UPPER
 from saver_envs.validation import require
 from saver_envs.world import TABLE_BIT
@@ -122,6 +122,11 @@ class Intake(CareTask):
     def goal(self) -> tuple[Part, ...]:
         """How far the person has travelled, and how far the arm at a side is still outside."""
         return _GOAL
+
+    @property
+    def joint_parts(self) -> Mapping[str, tuple[str, ...]]:
+        """Which parts are positions of joints; see the base class."""
+        return {f"{joint} position": (joint,) for joint in LIMB_JOINTS}
 
     # ---------------------------------------------------------------- the scene
 

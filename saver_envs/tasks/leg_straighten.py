@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saver_envs.people.bed import Bed
 from saver_envs.people.limp_limbs import LimpLegs, LimpLimbs
@@ -25,7 +26,7 @@ from saver_envs.tasks.contract import Memory, Seen, TaskPage
 from saver_envs.tasks.layout import Part
 from saver_envs.tasks.leg_straighten_starts import PAIRS, ankle_target, kinds_of, stays
 from saver_envs.tasks.leg_straighten_starts import start_text as own_start_text
-from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTask
+from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTask, joint_places
 
 #: Greatest bend of a knee of a straight leg (rad).
 STRAIGHT: Final = math.radians(15.0)
@@ -72,6 +73,7 @@ class LegStraighten(StraightenTask):
         "person_friction": (0.5, 0.6),
         "bed_friction": (0.15, 0.3),
     }
+    handles: ClassVar[tuple[str, ...]] = ("legs",)
     people: ClassVar[tuple[int, ...]] = _PEOPLE
     postures: ClassVar[int] = 4 * len(PAIRS)
     parameters: ClassVar[tuple[Parameter, ...]] = (_BODY, *CARE_PARAMETERS[1:-1], _SHEET)
@@ -96,10 +98,24 @@ class LegStraighten(StraightenTask):
         """Draw a person, and hands above the person's feet."""
         person = self.drawn_person(generator)
         data = posed_people(scene).posed(person["who"], person["pose"])
-        targets = [ankle_target(data, side, self.bed) for side in self.limbs.sides]
+        targets = self.targets_from(joint_places(data, self.limbs))
         hand = generator.uniform(HAND_LOWER, HAND_UPPER, (2, 3))
         hand[0, 1] *= -1
-        return StraightenStart(hand, target=scene.to_bases(np.stack(targets)), **person)
+        return StraightenStart(hand, target=scene.to_bases(targets), **person)
+
+    def targets_from(self, joints: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return where ankles are to be; see the base class."""
+        return np.stack([ankle_target(joints, side, self.bed) for side in self.limbs.sides])
+
+    def parts_from(self, joints: Mapping[str, NDArray[np.float64]], scene: Scene) -> Seen:
+        """Return also where the leg at the other arm is; see the base class."""
+        others = {
+            f"other {name} position": scene.to_bases(
+                np.stack([joints[f"{side}_{name}"] for side in self.limbs.sides[::-1]], 1)
+            )
+            for name in self.limbs.joints[1:]
+        }
+        return super().parts_from(joints, scene) | others
 
     def observe(self, simulation: Simulation, memory: Memory, arms: ArmState) -> Seen:
         """Return hands, and the joints of the person's legs."""

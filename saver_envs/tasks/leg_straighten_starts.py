@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,14 +52,16 @@ def stays(world: LyingWorld, bed: Bed, side: str, kind: str) -> bool:
     return kind != "spread" or bool(aside > _SPREAD)
 
 
-def ankle_target(data: mujoco.MjData, side: str, bed: Bed) -> NDArray[np.float64]:
+def ankle_target(
+    joints: Mapping[str, NDArray[np.float64]], side: str, bed: Bed
+) -> NDArray[np.float64]:
     """Return where an ankle is to be (3,), world frame, metres.
 
-    :param data: of a person in a pose.
+    :param joints: of legs and hips -> (3,) where they are, world frame, metres.
     :param side: ``left`` or ``right``.
     :param bed: on what the person lies.
     """
-    return end_target(data, LimpLegs, side, ASIDE, _SLACK, bed.centre[2] + HEIGHT)
+    return end_target(joints, LimpLegs, side, ASIDE, _SLACK, bed.centre[2] + HEIGHT)
 
 
 def start_text() -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -92,6 +92,18 @@ class StraightenTask(CareTask):
         """Where the limb's end is, and how bent the limb is."""
         return _END, self.bend
 
+    @property
+    def sides(self) -> tuple[str, str]:
+        """Sides of the limbs at the robot's arms."""
+        return self.limbs.sides
+
+    @property
+    def joint_parts(self) -> Mapping[str, tuple[str, ...]]:
+        """Which parts are positions of joints, and the bend; see the base class."""
+        inner, middle, end = self.limbs.joints
+        places = {_END.name: end, f"{inner} position": inner, f"{middle} position": middle}
+        return {**{part: (one,) for part, one in places.items()}, self.bend.name: self.limbs.joints}
+
     # ---------------------------------------------------------------- the scene
 
     def build(self, spec: mujoco.MjSpec, arms: Arms, variant: int, decorated: bool) -> None:
@@ -137,9 +149,22 @@ class StraightenTask(CareTask):
 
     def desired(self, starts: Sequence[StraightenStart]) -> NDArray[np.float64]:
         """Return where the ends are to be; limbs are to be straight."""
-        targets = np.stack([start.target for start in starts])
-        straight = np.zeros((*targets.shape[:-1], 1))
-        return np.concatenate([targets, straight], axis=-1).reshape(len(starts), -1)
+        return _goals(np.stack([start.target for start in starts]))
+
+    def targets_from(self, joints: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return where the limbs' ends are to be (arms, 3), world frame, metres.
+
+        :param joints: of :func:`joint_places` -> (3,) where they are, world frame, metres.
+        """
+        raise NotImplementedError
+
+    def goal_from(
+        self, joints: Mapping[str, NDArray[np.float64]], scene: Scene
+    ) -> NDArray[np.float64]:
+        """Return where ends are to be, and straight limbs; see the base class."""
+        count = len(next(iter(joints.values())))
+        rows = ({name: at[row] for name, at in joints.items()} for row in range(count))
+        return _goals(scene.to_bases(np.stack([self.targets_from(row) for row in rows])))
 
     # ---------------------------------------------------------------- reward
 
@@ -192,8 +217,24 @@ class StraightenTask(CareTask):
         }
 
 
+def _goals(targets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return goals (k, goal size) of ends (k, arms, 3) of straight limbs."""
+    straight = np.zeros((*targets.shape[:-1], 1))
+    return np.concatenate([targets, straight], axis=-1).reshape(len(targets), -1)
+
+
+def joint_places(data: mujoco.MjData, limbs: type[LimpLimbs]) -> dict[str, NDArray[np.float64]]:
+    """Return name -> (3,) of the joints from which targets follow, world frame, metres.
+
+    :param data: of a person in a pose.
+    :param limbs: that are to be straight.
+    """
+    names = [f"{side}_{joint}" for side in SIDES for joint in {*limbs.joints, "hip"}]
+    return {name: np.asarray(data.site(f"joint_{name}").xpos) for name in names}
+
+
 def end_target(
-    data: mujoco.MjData,
+    joints: Mapping[str, NDArray[np.float64]],
     limbs: type[LimpLimbs],
     side: str,
     aside: float,
@@ -204,26 +245,22 @@ def end_target(
 
     It is as far down the body as the nearly straight limb reaches.
 
-    :param data: of a person in a pose.
+    :param joints: see :func:`joint_places`.
     :param limbs: whose end it is.
     :param side: ``left`` or ``right``.
     :param aside: distance of the target from the person's middle line, metres.
     :param slack: bend of the limb with which its end is at its target, radians.
     :param height: of the target, metres.
     """
-
-    def site(name: str) -> NDArray[np.float64]:
-        return np.asarray(data.site(f"joint_{name}").xpos)
-
-    joints = [site(f"{side}_{name}") for name in limbs.joints]
-    lengths = [math.dist(*ends) for ends in pairwise(joints)]
+    chain = [joints[f"{side}_{name}"] for name in limbs.joints]
+    lengths = [math.dist(*ends) for ends in pairwise(chain)]
     reach = math.cos(slack / 2) * sum(lengths)
-    hips = [site(f"{one}_hip")[:2] for one in SIDES]
+    hips = [joints[f"{one}_hip"][:2] for one in SIDES]
     leftwards = (hips[0] - hips[1]) / math.dist(*hips)
     footwards = np.array([leftwards[1], -leftwards[0]])
     outwards = leftwards if side == "left" else -leftwards
-    inner = joints[0][:2] - (hips[0] + hips[1]) / 2
-    across, drop = aside - inner @ outwards, joints[0][2] - height
-    along = inner @ footwards + math.sqrt(reach**2 - across**2 - drop**2)
+    inner = chain[0][:2] - (hips[0] + hips[1]) / 2
+    across, drop = aside - inner @ outwards, chain[0][2] - height
+    along = inner @ footwards + math.sqrt(max(reach**2 - across**2 - drop**2, 0.0))
     level = (hips[0] + hips[1]) / 2 + aside * outwards + along * footwards
     return np.array([*level, height])

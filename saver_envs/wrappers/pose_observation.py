@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from saver_envs.cameras.rendering import SceneRenderer
 from saver_envs.cameras.rgbd import KINECT_V2, Camera, camera_of, measured_depth, pose_of
 from saver_envs.envs.vector_env import reset_mask, seed_each
+from saver_envs.episodes import Episodes
 from saver_envs.perception.lifting import lift
 from saver_envs.perception.parsing import Poses
 from saver_envs.perception.skeleton import N_JOINTS, limb_indices
@@ -77,7 +78,8 @@ class PoseObservation(
             self, _disable_deepcopy=True, camera=camera, limbs=limbs, estimator=estimator, **options
         )
         gymnasium.Wrapper.__init__(self, env)
-        self._eye = _Eye(env, camera, limbs, estimator, **options)
+        unwrapped: Any = env.unwrapped
+        self._eye = PoseCamera(unwrapped.episodes, camera, limbs, estimator, **options)
         self.observation_space = self._eye.extended(env.observation_space)
 
     def reset(
@@ -116,7 +118,8 @@ class VectorPoseObservation(VectorWrapper):
         self._mode = env.metadata.get("autoreset_mode")
         if self._mode is AutoresetMode.SAME_STEP:
             raise ValueError("autoreset_mode='SameStep': must be 'NextStep' or 'Disabled'")
-        self._eye = _Eye(env, camera, **options)
+        unwrapped: Any = env.unwrapped
+        self._eye = PoseCamera(unwrapped.episodes, camera, **options)
         self.single_observation_space = self._eye.extended(env.single_observation_space)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         self._over = np.zeros(env.num_envs, dtype=bool)
@@ -212,17 +215,17 @@ class PoseStream:
         return self._latest
 
 
-class _Eye:
-    """Camera, estimator and a stream of poses for each episode of an environment.
+class PoseCamera:
+    """Camera, estimator and a stream of poses for each of n episodes.
 
-    :param env: a single environment or a vector.
+    :param episodes: of a single environment or a vector.
 
     See :class:`PoseObservation` for the other arguments.
     """
 
     def __init__(
         self,
-        env: Any,
+        episodes: Episodes,
         camera: str,
         limbs: Sequence[str] | None = None,
         estimator: Estimator | None = None,
@@ -236,7 +239,7 @@ class _Eye:
         require("rate", rate, 0 < rate < math.inf, "above 0 pictures per second")
         require("latency", latency, 0 <= latency < math.inf, "at least 0 seconds")
         limb_indices(limbs)  # an unknown name is found out here
-        self._episodes = env.unwrapped.episodes
+        self._episodes = episodes
         self._name, self._noise = camera, depth_noise
         scene = self._episodes.scene
         self._camera: Camera = camera_of(scene.model, camera, width, height)

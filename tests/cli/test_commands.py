@@ -13,8 +13,9 @@ from commands import ROOT, Saver, read_json, tiny_train
 
 from saver_advisors.cli import COMMANDS, main
 from saver_advisors.experiments.grid import read_grid
+from saver_advisors.learner.arms import ArmBlocks
 from saver_advisors.training.settings import RunConfig
-from saver_envs.registration import ENVIRONMENTS
+from saver_envs.registration import ENVIRONMENTS, make_episodes
 
 NAME = "jaco-push"
 
@@ -218,6 +219,16 @@ def test_every_entry_of_the_defaults_is_a_configuration(saver: Saver) -> None:
     assert names <= set(ENVIRONMENTS)
     for name in sorted(names):
         assert saver("train", "--env", name, "--print-config").status == 0
+
+
+def test_every_entry_of_imitation_fits_its_environment(saver: Saver) -> None:
+    path = ROOT / "zoo_configs" / "dagger.yml"
+    for name in yaml.safe_load(path.read_text()):
+        result = saver("train", "--config", path, "--env", name, "--print-config")
+        assert result.status == 0, result.err
+        config = RunConfig.from_mapping(yaml.safe_load(result.out))
+        if config.shared_arms:
+            ArmBlocks.of_episodes(make_episodes(name))  # raises where arms share a part
 
 
 def test_the_run_with_labels_is_that_of_the_grid(saver: Saver) -> None:

@@ -198,8 +198,20 @@ def crosses(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_arms", [2, 3, 4])
-@pytest.mark.parametrize("env_id", ["DualJacoPush-v0", "DualJacoPickAndPlace-v0"])
+@pytest.mark.parametrize(
+    ("env_id", "n_arms"),
+    [
+        ("DualJacoPush-v0", 2),
+        ("DualJacoPickAndPlace-v0", 3),
+        *(
+            pytest.param(env_id, n_arms, marks=pytest.mark.long)
+            for env_id, n_arms in (
+                *(("DualJacoPush-v0", 3), ("DualJacoPush-v0", 4)),
+                *(("DualJacoPickAndPlace-v0", 2), ("DualJacoPickAndPlace-v0", 4)),
+            )
+        ),
+    ],
+)
 def test_neighbours_ways_cross_in_the_promised_share_of_starts(env_id: str, n_arms: int) -> None:
     for share, least, most in ((0.0, 0.0, 0.01), (0.4, 0.26, 0.54), (1.0, 0.98, 1.0)):
         episodes = make_episodes(env_id, n_arms=n_arms, contested_share=share)

@@ -152,6 +152,8 @@ def test_safe_success_and_success_within_two_centimetres():
     assert (outcomes.safe_success_rate, outcomes.success_rate_2cm) == (0.5, 0.5)
     rates = outcomes.summary()
     assert (rates["safe_success_rate"], rates["success_rate_2cm"]) == (0.5, 0.5)
+    assert rates["cost_rates"] == {"cost": 1.0, "cost_collision": 0.25}
+    assert replace(outcomes, unit="rad").success_rate_2cm == 0.75  # within four degrees
     summed = {"cost": np.array([0.0, 1.0, 1.0, 0.0])}
     assert replace(outcomes, cost_sums=summed).safe_success_rate == 0.25
     assert replace(outcomes, cost_sums={}).safe_success_rate == 0.75

@@ -170,6 +170,7 @@ def test_results_name_the_command_that_was_typed(
     assert [one["command"] for one in result["sessions"]] == [wanted]
 
 
+@pytest.mark.long
 def test_more_threads_simulate_the_same(run: ExperimentRun, places: Places) -> None:
     places.results.mkdir()
     alone, shared = places.output / "alone", places.output / "shared"

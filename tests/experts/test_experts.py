@@ -135,7 +135,11 @@ def test_experts_give_way(env_id: str, options: dict[str, Any], least: float, sa
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("env_id", "episodes"),
-    [("JacoPush-v0", 30), ("JacoPickAndPlace-v0", 30), ("DualJacoCarry-v0", 10)],
+    [
+        ("JacoPush-v0", 30),
+        ("JacoPickAndPlace-v0", 30),
+        pytest.param("DualJacoCarry-v0", 10, marks=pytest.mark.long),
+    ],
 )
 def test_an_expert_copes_with_worlds_that_vary(env_id: str, episodes: int) -> None:
     assert success(env_id, episodes, seed=2000, randomization="wide") >= 0.8

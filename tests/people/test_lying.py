@@ -150,7 +150,13 @@ def drift(world: LyingWorld, seconds: float) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", POSTURES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "straight",
+        *(pytest.param(name, marks=pytest.mark.long) for name in POSTURES if name != "straight"),
+    ],
+)
 def test_nothing_drifts_in_a_minute_of_rest(name: str) -> None:
     world = LyingWorld(MAN, WIDE)
     assert world.laid(POSTURES[name]) is not None
