@@ -76,10 +76,10 @@ class LegSkill:
     SHARE = 0.2
     #: A hand comes down this far beside the axis of a shank; it is behind it from there to here (m).
     BESIDE, AHEAD = 0.13, 0.02
-    #: Heights of hands that push, at least, and that travel (m).
+    #: Heights of hands that push and that travel (m).
     LOW, TRAVEL = -0.045, 0.28
-    #: Longest displacement of an action: coming down, closing in on a leg, moving it (m).
-    DOWN, CLOSING, PACE = 0.012, 0.01, 0.006
+    #: Longest displacement of an action: coming down, pushing (m).
+    DOWN, PACE = 0.012, 0.008
 
     def actions(self, view: LegView) -> FloatArray:
         """Return the arms' actions (n, arms, 3) in [-1, 1]."""
@@ -93,8 +93,7 @@ class LegSkill:
         beside = -way[..., 1]
         behind = (beside > self.AHEAD) & (beside < self.BESIDE + 0.03)
         ready = behind & (np.abs(way[..., 0]) < 0.06) & (np.abs(way[..., 2]) < 0.03)
-        pace = np.where(beside > 0.09, self.CLOSING, self.PACE)
-        push = np.stack([0.2 * way[..., 0], -pace, GAIN * way[..., 2]], axis=-1)
+        push = way * [0.2, 0.0, GAIN] - [0.0, self.PACE, 0.0]
         entry = way + [0.0, self.BESIDE, 0.0]
         travel = way_over(view.tool, entry, self.TRAVEL, self.DOWN, self.step)
         rise = np.zeros_like(way)

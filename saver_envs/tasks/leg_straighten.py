@@ -11,10 +11,11 @@ import numpy as np
 
 from saver_envs.people.bed import Bed
 from saver_envs.people.limp_limbs import LimpLegs, LimpLimbs
+from saver_envs.people.limp_people import PEOPLE
 from saver_envs.people.lying import LyingPosture, LyingWorld
 from saver_envs.people.lying_starts import drawn_supine
 from saver_envs.people.manikin import SIDES
-from saver_envs.randomization import Parameter, Uniform
+from saver_envs.randomization import Choice, Parameter, Uniform
 from saver_envs.robots.description import Fingers
 from saver_envs.scenes import Scene
 from saver_envs.simulation import ArmState, Simulation
@@ -30,6 +31,9 @@ from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTas
 STRAIGHT: Final = math.radians(15.0)
 #: Where a hand starts, in the frame of its base, the second number outwards (m).
 HAND_LOWER, HAND_UPPER = np.array([0.30, -0.02, 0.28]), np.array([0.42, 0.10, 0.34])
+#: Who lies there: all but the last of the people.
+_PEOPLE: Final = tuple(range(len(PEOPLE) - 1))
+_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(_PEOPLE))
 #: The bed has a slide sheet.
 _SHEET: Final = replace(CARE_PARAMETERS[-1], wide=Uniform(0.12, 0.35), held_out=Uniform(0.35, 0.5))
 #: What an arm sees of the leg at the other arm.
@@ -61,8 +65,9 @@ class LegStraighten(StraightenTask):
     facing: ClassVar[float] = math.pi
     table_depth: ClassVar[tuple[float, float]] = (-0.30, 2.45)
     ranges: ClassVar[Mapping[str, tuple[float, float]]] = {**RANGES, "bed_friction": (0.15, 0.3)}
+    people: ClassVar[tuple[int, ...]] = _PEOPLE
     postures: ClassVar[int] = 4 * len(PAIRS)
-    parameters: ClassVar[tuple[Parameter, ...]] = (*CARE_PARAMETERS[:-1], _SHEET)
+    parameters: ClassVar[tuple[Parameter, ...]] = (_BODY, *CARE_PARAMETERS[1:-1], _SHEET)
 
     @property
     def observation(self) -> tuple[Part, ...]:
@@ -105,6 +110,8 @@ class LegStraighten(StraightenTask):
             start=(
                 *start_text(len(self.people), self.ranges),
                 *own_start_text(),
+                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: her "
+                "thighs meet where her ankles are still 32 cm apart.",
             ),
             reward="0 where both ankles are at their targets and both knees straight, else -1.",
             dense=self.dense_text(),
