@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saver_envs.files import written_whole
+from saver_envs.people.limp_people import PEOPLE
 from saver_envs.registration import row_of
 from saver_envs.tasks.care import CareTask
 from saver_envs.tasks.care_starts import FOLDER, alone, settled_path
@@ -55,13 +56,11 @@ def main() -> None:
     parser.add_argument("env_id")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
-    task = care_task(options.env_id)
-    [body] = [one for one in task.parameters if one.name == "person_body"]
-    people = range(int(body.limits[1]) + 1)
+    people = range(len(PEOPLE))
     with ProcessPoolExecutor(options.processes) as pool:
         poses = list(pool.map(settled_person, repeat(options.env_id), people))
     FOLDER.mkdir(exist_ok=True)
-    with written_whole(settled_path(task.name)) as file:
+    with written_whole(settled_path(care_task(options.env_id).name)) as file:
         np.save(file, np.stack(poses).astype(np.float32), allow_pickle=False)
 
 

@@ -1,4 +1,4 @@
-"""The leg straighten expert: pushes crossed legs apart, and spread ones side by side."""
+"""The leg straighten expert: pushes legs of a limp person side by side."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from saver_envs.experts.limbs import GAIN, mirrored, seen_points, way_over
 from saver_envs.simulation import ACTION_DURATION
 from saver_envs.tasks.contract import Task
 from saver_envs.tasks.leg_straighten import LegStraighten
+from saver_envs.tasks.leg_straighten_starts import ASIDE
 
 Modes = NDArray[np.intp]
 #: What a hand does: push the other leg away, push the leg at its side inwards, leave.
@@ -61,27 +62,24 @@ class LegSkill:
     """What each hand does with the legs; the hands have no need to coordinate.
 
     A hand only ever pushes towards the middle and beyond: the other leg away, from the inside,
-    where that lies too far at this hand's side, and else the leg at its own side inwards. A leg
-    that comes free of the other one straightens by its own weight on the sheet.
+    where that lies too far at this hand's side, and else the leg at its own side inwards.
 
     :param step: longest displacement of an action, metres.
-    :param middle: y of the middle of the bed in the bases' frames, metres.
     """
 
     step: float
-    middle: float
 
     #: A leg is pushed whose ankle is farther than this from its target across the bed, until it is
     #: so near (m).
-    FAR, NEAR = 0.03, 0.01
+    FAR, NEAR = 0.035, 0.015
     #: Where a leg is pushed, a share of the shank from the ankle on.
     SHARE = 0.2
     #: A hand comes down this far beside the axis of a shank; it is behind it from there to here (m).
     BESIDE, AHEAD = 0.13, 0.02
-    #: Heights of hands that push, at least, and that travel (m).
+    #: Heights of hands that push and that travel (m).
     LOW, TRAVEL = -0.045, 0.28
-    #: Longest displacement of an action: coming down, closing in on a leg, moving it (m).
-    DOWN, CLOSING, PACE = 0.012, 0.01, 0.006
+    #: Longest displacement of an action: coming down, pushing (m).
+    DOWN, PACE = 0.012, 0.008
 
     def actions(self, view: LegView) -> FloatArray:
         """Return the arms' actions (n, arms, 3) in [-1, 1]."""
@@ -90,13 +88,12 @@ class LegSkill:
         ankle = np.where(away, view.other_ankle, view.ankle)
         knee = np.where(away, view.other_knee, view.knee)
         point = ankle + self.SHARE * (knee - ankle)
-        point[..., 2] = np.maximum(point[..., 2], self.LOW)
+        point[..., 2] = self.LOW
         way = point - view.tool
         beside = -way[..., 1]
         behind = (beside > self.AHEAD) & (beside < self.BESIDE + 0.03)
         ready = behind & (np.abs(way[..., 0]) < 0.06) & (np.abs(way[..., 2]) < 0.03)
-        pace = np.where(beside > 0.09, self.CLOSING, self.PACE)
-        push = np.stack([0.2 * way[..., 0], -pace, GAIN * way[..., 2]], axis=-1)
+        push = way * [0.2, 0.0, GAIN] - [0.0, self.PACE, 0.0]
         entry = way + [0.0, self.BESIDE, 0.0]
         travel = way_over(view.tool, entry, self.TRAVEL, self.DOWN, self.step)
         rise = np.zeros_like(way)
@@ -108,17 +105,26 @@ class LegSkill:
     def _mode(self, view: LegView) -> Modes:
         """Choose what each hand does next."""
         target = view.target[..., 1]
-        # The target of the other leg is as far from the middle.
-        crossed = view.other_ankle[..., 1] - (2 * self.middle - target)
-        far = np.where(view.tool[..., 2] < 0.05, self.NEAR, self.FAR)
-        return np.select([crossed > far, view.ankle[..., 1] - target > far], [AWAY, INWARDS], LEAVE)
+        crossed = view.other_ankle[..., 1] - (target - 2 * ASIDE)
+        outside = view.ankle[..., 1] - target
+        low = view.tool[..., 2] < 0.05
+        # A hand between the legs.
+        between = low & (view.tool[..., 1] < view.ankle[..., 1])
+        return np.select(
+            [
+                crossed > np.where(between, self.NEAR, self.FAR),
+                outside > np.where(low, self.NEAR, self.FAR),
+            ],
+            [AWAY, INWARDS],
+            LEAVE,
+        )
 
 
 def expert(
     task: LegStraighten, settings: Settings, coordinated: bool, free_arm: int | None
 ) -> Expert:
     """Build the expert of the task; see :func:`saver_envs.experts.make_expert`."""
-    skill = LegSkill(settings.max_speed * ACTION_DURATION, -task.posts)
+    skill = LegSkill(settings.max_speed * ACTION_DURATION)
 
     def act(view: LegView) -> FloatArray:
         actions = skill.actions(view)

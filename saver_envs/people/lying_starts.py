@@ -48,8 +48,8 @@ ARM_STARTS: Final[Mapping[str, Ranges]] = {
         "elbow": (5.0, 20.0),
     },
 }  # fmt: skip
-#: The same of legs. A limp bent leg stays only where it lies on its outer side; on a slide sheet
-#: only crossed, with the ankle on that of the other leg, which is under it.
+#: The same of legs. A limp bent leg stays only where it lies on its outer side, and not on a
+#: slide sheet.
 LEG_STARTS: Final[Mapping[str, Ranges]] = {
     "straight": {
         "flexion": (0.0, 0.0), "abduction": (0.0, 8.0), "rotation": (5.0, 40.0), "knee": (0.0, 6.0),
@@ -62,13 +62,9 @@ LEG_STARTS: Final[Mapping[str, Ranges]] = {
         "flexion": (12.0, 36.0), "abduction": (8.0, 36.0), "rotation": (36.0, 47.0),
         "knee": (112.0, 128.0),
     },
-    "crossed": {
-        "flexion": (28.0, 37.0), "abduction": (-9.0, -2.0), "rotation": (38.0, 46.0),
-        "knee": (60.0, 73.0),
-    },
-    "under": {
-        "flexion": (11.0, 17.0), "abduction": (-5.0, 2.0), "rotation": (7.0, 18.0),
-        "knee": (5.0, 18.0),
+    "adducted": {
+        "flexion": (0.0, 0.0), "abduction": (-16.0, -8.0), "rotation": (5.0, 40.0),
+        "knee": (0.0, 6.0),
     },
 }  # fmt: skip
 #: The same of a person on the left side, lower limbs first. A limp body does not stay on edge on a

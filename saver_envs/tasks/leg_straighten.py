@@ -32,10 +32,9 @@ from saver_envs.tasks.straighten import READINGS, StraightenStart, StraightenTas
 STRAIGHT: Final = math.radians(15.0)
 #: Where a hand starts, in the frame of its base, the second number outwards (m).
 HAND_LOWER, HAND_UPPER = np.array([0.30, -0.02, 0.28]), np.array([0.42, 0.10, 0.34])
-#: Who lies there: all but the last of the people, a short and heavy woman, whose legs do not stay
-#: crossed.
+#: Who lies there: all but the last of the people.
 _PEOPLE: Final = tuple(range(len(PEOPLE) - 1))
-_BODY: Final = replace(CARE_PARAMETERS[0], limits=(0, _PEOPLE[-1]), wide=Choice(_PEOPLE))
+_BODY: Final = replace(CARE_PARAMETERS[0], wide=Choice(_PEOPLE))
 #: The bed has a slide sheet.
 _SHEET: Final = replace(CARE_PARAMETERS[-1], wide=Uniform(0.12, 0.35), held_out=Uniform(0.35, 0.5))
 #: What an arm sees of the leg at the other arm.
@@ -52,8 +51,8 @@ class LegStraighten(StraightenTask):
 
     name: ClassVar[str] = "leg straighten"
     fingers: ClassVar[Fingers] = Fingers.LOCKED
-    horizon: ClassVar[int] = 400
-    rated_horizon: ClassVar[int] = 800
+    horizon: ClassVar[int] = 250
+    rated_horizon: ClassVar[int] = 500
     limbs: ClassVar[type[LimpLimbs]] = LimpLegs
     straight: ClassVar[float] = STRAIGHT
     lower: ClassVar[tuple[float, float, float]] = (0.05, -0.50, -0.085)
@@ -66,13 +65,7 @@ class LegStraighten(StraightenTask):
     )
     facing: ClassVar[float] = math.pi
     table_depth: ClassVar[tuple[float, float]] = (-0.30, 2.45)
-    # Trousers; a stiffer hip would stretch a tucked leg.
-    ranges: ClassVar[Mapping[str, tuple[float, float]]] = {
-        **RANGES,
-        "person_stiffness": (0.8, 1.0),
-        "person_friction": (0.5, 0.6),
-        "bed_friction": (0.15, 0.3),
-    }
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = {**RANGES, "bed_friction": (0.15, 0.3)}
     handles: ClassVar[tuple[str, ...]] = ("legs",)
     people: ClassVar[tuple[int, ...]] = _PEOPLE
     postures: ClassVar[int] = 4 * len(PAIRS)
@@ -133,8 +126,8 @@ class LegStraighten(StraightenTask):
             start=(
                 *start_text(len(self.people), self.ranges),
                 *own_start_text(),
-                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: her legs "
-                "do not stay crossed.",
+                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: her "
+                "thighs meet where her ankles are still 32 cm apart.",
             ),
             reward="0 where both ankles are at their targets and both knees straight, else -1.",
             dense=self.dense_text(),

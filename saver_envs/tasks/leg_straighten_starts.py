@@ -20,16 +20,16 @@ PAIRS: Final = (
     ("spread", "spread"),
     ("spread", "straight"),
     ("straight", "spread"),
-    ("crossed", "under"),
-    ("under", "crossed"),
+    ("spread", "adducted"),
+    ("adducted", "spread"),
 )
 #: Distance of an ankle's target from the person's middle line, and its height above the bed (m).
 ASIDE, HEIGHT = 0.10, 0.06
 #: Bend of the knee with which the ankle is at its target (rad).
 _SLACK: Final = math.radians(5.0)
-#: Least distance of the ankle of a spread leg from the middle of the bed (m); bend of the knee of a
-#: crossed one (rad): more of it presses the hip against the end of its range.
-_SPREAD, _CROSSED = 0.20, (math.radians(22.0), math.radians(50.0))
+#: How far an ankle is from the middle of the bed, at its own side, at least where the leg is spread
+#: and at most where it is adducted (m).
+_SPREAD, _ADDUCTED = 0.20, 0.03
 
 
 def kinds_of(index: int) -> tuple[str, str]:
@@ -45,11 +45,12 @@ def stays(world: LyingWorld, bed: Bed, side: str, kind: str) -> bool:
     :param side: ``left`` or ``right``.
     :param kind: one of those of :data:`PAIRS`.
     """
-    if kind == "crossed":
-        least, most = _CROSSED
-        return bool(least < world.data.joint(f"{side}_knee").qpos[0] < most)
-    aside = abs(world.data.site(f"joint_{side}_ankle").xpos[1] - bed.centre[1])
-    return kind != "spread" or bool(aside > _SPREAD)
+    inner, outer = {"spread": (_SPREAD, math.inf), "adducted": (-math.inf, _ADDUCTED)}.get(
+        kind, (-math.inf, math.inf)
+    )
+    hip, ankle = (world.data.site(f"joint_{side}_{name}").xpos[1] for name in ("hip", "ankle"))
+    aside = (ankle - bed.centre[1]) * math.copysign(1.0, hip - bed.centre[1])
+    return bool(inner < aside < outer)
 
 
 def ankle_target(
@@ -66,16 +67,16 @@ def ankle_target(
 
 def start_text() -> list[str]:
     """Return what these starts have, a sentence each."""
-    least, most = (f"{math.degrees(bend):.0f}" for bend in _CROSSED)
     return [
-        f"Both legs are spread, the ankle at least {100 * _SPREAD:g} cm from the middle; or one is, "
-        "and the other straight; or one is crossed over the other, the ankle on the other shank or "
-        f"beyond it, the knee fallen outwards and bent by {least} to {most} degrees. All pairs are "
-        "alike often.",
+        f"Both legs are spread, their ankles at least {100 * _SPREAD:g} cm from the middle of the "
+        "bed; or one is, and the other is straight, or adducted to the middle or beyond. All pairs "
+        "are alike often.",
         f"An ankle's target is {100 * ASIDE:g} cm from the person's middle line, {100 * HEIGHT:g} cm "
         "above the bed, as far down as the leg reaches with the knee bent by "
         f"{math.degrees(_SLACK):.0f} degrees.",
-        "On a slide sheet a limp leg with a more bent knee straightens by itself unless the other "
-        "leg lies on its foot, and there its own weight presses the hip against the end of its "
-        "range with up to 38 N m, where 20 N m are the limit: such starts are left out.",
+        "Knees are straight at the start, and are to stay so: a limp bent leg straightens by itself "
+        "on a slide sheet, unless it lies under or over the other leg; under it, its own weight "
+        "presses the hip against the end of its range with up to 38 N m, and pushed off it, it "
+        "falls, with up to 28 N m at the hip and 35 N m at the knee, where 20 and 30 N m are the "
+        "limits.",
     ]

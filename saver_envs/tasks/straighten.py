@@ -117,15 +117,14 @@ class StraightenTask(CareTask):
             self._add_stands(spec, float(arms.position[-1, 1]))
 
     def _add_stands(self, spec: mujoco.MjSpec, base: float) -> None:
-        """Draw a post for each arm, with a plate under its base at this distance from the middle."""
+        """Draw a post for each arm, with a plate under its base, which is so far from the middle."""
         inner = base - 0.06
         middle, half = (self.posts + inner) / 2, (self.posts - inner) / 2 + 0.03
         height = -self.table_height / 2
         for side in (-1, 1):
-            draw_box(spec.worldbody, (0.0, side * middle, -0.011), (0.06, half, 0.01), _STEEL)
-            draw_box(
-                spec.worldbody, (0.0, side * self.posts, -height), (0.03, 0.03, height), _STEEL
-            )
+            plate, post = (0.0, side * middle, -0.011), (0.0, side * self.posts, -height)
+            draw_box(spec.worldbody, plate, (0.06, half, 0.01), _STEEL)
+            draw_box(spec.worldbody, post, (0.03, 0.03, height), _STEEL)
 
     def workspace(self, arms: Arms) -> Workspace:
         """Return where set-points may be."""

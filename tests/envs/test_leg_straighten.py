@@ -73,10 +73,9 @@ def test_a_settled_start_is_what_the_task_settles() -> None:
 
 
 def test_a_person_rests() -> None:
-    """On the most slippery sheet, also with crossed legs."""
-    episodes = begun(ENV_ID, 12, person_body=0, bed_friction=0.15)
+    """On the most slippery sheet."""
+    episodes = begun(ENV_ID, 12, bed_friction=0.15)
     before = episodes.observation().achieved_goal
-    assert (before[:, [3, 7]] > math.radians(20)).any()
     for _ in range(25):
         result = episodes.step(np.tile(IDLE, (12, 1)))
     assert not result.measured["cost_collision"].any()
@@ -132,7 +131,7 @@ def test_copies_keep_people() -> None:
     ("options", "message"),
     [
         ({"n_arms": 1}, "n_arms=1: must be exactly 2, one for each leg"),
-        ({"person_body": 9}, "person_body=9: must be 0 to 6"),
+        ({"person_body": 9}, "person_body=9: must be 0 to 7"),
         ({"bed_friction": 2.0}, "bed_friction=2.0: must be 0.02 to 1.5"),
     ],
 )

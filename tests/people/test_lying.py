@@ -284,14 +284,14 @@ def test_arms_come_to_rest_as_they_were_drawn(kind: str) -> None:
 @pytest.mark.parametrize("kind", LEG_STARTS)
 def test_legs_come_to_rest_as_they_were_drawn(kind: str) -> None:
     world, random = LyingWorld(MAN, WIDE), np.random.default_rng(5)
-    other = "under" if kind == "crossed" else "straight"
+    other = "spread" if kind == "adducted" else "straight"
     rests = [world.laid(drawn_supine(random, legs=(kind, other))) for _ in range(2)]
     assert all(rest is not None for rest in rests)
     spread = angle(world, "left_hip_abduction")
     if kind == "bent":
         assert angle(world, "left_knee") > 60
-    elif kind == "crossed":
-        assert angle(world, "left_knee") > 20
+    elif kind == "adducted":
+        assert spread < -5
     else:
         assert abs(angle(world, "left_knee")) < 10
         assert (spread > 9) == (kind == "spread")
