@@ -181,7 +181,7 @@ def test_copies_keep_people() -> None:
 def test_every_agent_sees_its_own_arm() -> None:
     env = SaverParallelEnv(ENV_ID)
     first, second = env.reset(seed=3)[0].values()
-    assert first.shape == second.shape == (35 + 4,)
+    assert first.shape == second.shape == (38 + 4,)
     assert (first != second).any()
 
 

@@ -34,7 +34,7 @@ def points(episodes: Any, bed: Bed) -> np.ndarray:
 
 
 def test_a_person_lies_on_the_next_bed_as_the_last_task_left_them() -> None:
-    person = drawn_person(TASKS, np.random.default_rng(3))
+    person = drawn_person(TASKS[:1], np.random.default_rng(3))  # legs are straight
     seen = []
     for env_id, task in zip(EXTRACTION_IDS, TASKS, strict=True):
         episodes = make_episodes(env_id)
