@@ -16,7 +16,7 @@ from saver_envs.people.contact_forces import FORCE_COSTS, FORCE_LIMITS
 from saver_envs.people.limp_people import PEOPLE
 from saver_envs.registration import make_episodes, task_and_settings
 from saver_envs.simulation import ACTION_DURATION
-from saver_envs.tasks.procedure import PersonOnBed, drawn_person, left_behind, with_person
+from saver_envs.tasks.procedure import drawn_person, left_behind, with_person
 from saver_envs.wrappers.seen_person import SeenPeople
 
 #: Called at the start of a step of the procedure and after each action.
@@ -116,7 +116,8 @@ def extract(
         if not left:
             break
     return [
-        Extraction(seed, described(people[seed]), tuple(ended)) for seed, ended in steps.items()
+        Extraction(seed, PEOPLE[people[seed].who].described, tuple(ended))
+        for seed, ended in steps.items()
     ]
 
 
@@ -206,9 +207,3 @@ def task_rows(
 def greatest_forces(steps: Sequence[ExtractionStep]) -> dict[str, float]:
     """Return part of the body -> greatest force on it in some steps, N."""
     return {part: max((one.forces[part] for one in steps), default=0.0) for part in FORCE_LIMITS}
-
-
-def described(person: PersonOnBed) -> str:
-    """Return who a person is, in words."""
-    who = PEOPLE[person.who]
-    return f"{who.sex}, {who.height:.2f} m, {who.mass:.0f} kg"
