@@ -74,7 +74,7 @@ class LegSkill:
     FAR, NEAR = 0.035, 0.015
     #: Where a leg is pushed, a share of the shank from the ankle on.
     SHARE = 0.2
-    #: A hand comes down this far beside the axis of a shank; it is behind it from there to here (m).
+    #: How far beside the axis of a shank a hand comes down, and is at least behind it (m).
     BESIDE, AHEAD = 0.13, 0.02
     #: Heights of hands that push and that travel (m).
     LOW, TRAVEL = -0.045, 0.28
@@ -93,8 +93,8 @@ class LegSkill:
         beside = -way[..., 1]
         behind = (beside > self.AHEAD) & (beside < self.BESIDE + 0.03)
         ready = behind & (np.abs(way[..., 0]) < 0.06) & (np.abs(way[..., 2]) < 0.03)
-        push = way * [0.2, 0.0, GAIN] - [0.0, self.PACE, 0.0]
-        entry = way + [0.0, self.BESIDE, 0.0]
+        push = way * np.array([0.2, 0.0, GAIN]) - np.array([0.0, self.PACE, 0.0])
+        entry = way + np.array([0.0, self.BESIDE, 0.0])
         travel = way_over(view.tool, entry, self.TRAVEL, self.DOWN, self.step)
         rise = np.zeros_like(way)
         rise[..., 2] = GAIN * (self.TRAVEL - 0.04 - view.tool[..., 2])

@@ -1,4 +1,4 @@
-"""What the experts that straighten limbs have in common: mirrored frames, and ways over a person."""
+"""What experts that straighten limbs have in common: mirrored frames, ways over a person."""
 
 from __future__ import annotations
 

@@ -126,8 +126,8 @@ class LegStraighten(StraightenTask):
             start=(
                 *start_text(len(self.people), self.ranges),
                 *own_start_text(),
-                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: her "
-                "thighs meet where her ankles are still 32 cm apart.",
+                f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: "
+                "her thighs meet where her ankles are still 32 cm apart.",
             ),
             reward="0 where both ankles are at their targets and both knees straight, else -1.",
             dense=self.dense_text(),

@@ -71,12 +71,12 @@ def start_text() -> list[str]:
         f"Both legs are spread, their ankles at least {100 * _SPREAD:g} cm from the middle of the "
         "bed; or one is, and the other is straight, or adducted to the middle or beyond. All pairs "
         "are alike often.",
-        f"An ankle's target is {100 * ASIDE:g} cm from the person's middle line, {100 * HEIGHT:g} cm "
-        "above the bed, as far down as the leg reaches with the knee bent by "
-        f"{math.degrees(_SLACK):.0f} degrees.",
-        "Knees are straight at the start, and are to stay so: a limp bent leg straightens by itself "
-        "on a slide sheet, unless it lies under or over the other leg; under it, its own weight "
-        "presses the hip against the end of its range with up to 38 N m, and pushed off it, it "
-        "falls, with up to 28 N m at the hip and 35 N m at the knee, where 20 and 30 N m are the "
-        "limits.",
+        f"An ankle's target is {100 * ASIDE:g} cm from the person's middle line, as far down as "
+        f"the leg reaches with the knee bent by {math.degrees(_SLACK):.0f} degrees, "
+        f"{100 * HEIGHT:g} cm above the bed.",
+        "Knees are straight at the start, and are to stay so. A limp bent leg straightens by "
+        "itself on a slide sheet, unless it lies under the other leg or over it. Under it, its own "
+        "weight pressed the hip against the end of its range with up to 38 N m in our tries; "
+        "pushed off it, it fell, with up to 28 N m at the hip and 35 N m at the knee. The limits "
+        "are 20 and 30 N m, so that bent legs are left out.",
     ]

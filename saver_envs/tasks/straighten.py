@@ -117,7 +117,10 @@ class StraightenTask(CareTask):
             self._add_stands(spec, float(arms.position[-1, 1]))
 
     def _add_stands(self, spec: mujoco.MjSpec, base: float) -> None:
-        """Draw a post for each arm, with a plate under its base, which is so far from the middle."""
+        """Draw a post for each arm, with a plate under its base.
+
+        :param base: distance of the bases from the middle of the scene, metres.
+        """
         inner = base - 0.06
         middle, half = (self.posts + inner) / 2, (self.posts - inner) / 2 + 0.03
         height = -self.table_height / 2
