@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -270,11 +271,5 @@ def expert(
 ) -> Expert:
     """Build the expert of the task; see :func:`saver_envs.experts.make_expert`."""
     skill = StraightenSkill(settings.max_speed * ACTION_DURATION, task.bed.centre[2])
-
-    def act(view: StraightenView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            actions[:, np.arange(task.n_arms) != free_arm] = 0.0
-        return actions
-
-    return Expert(task, act, read=lambda seen: StraightenView.of(task, seen))
+    read = partial(StraightenView.of, task)
+    return Expert(task, skill.actions, read=read, free_arm=free_arm)

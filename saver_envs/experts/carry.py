@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -132,11 +133,5 @@ def expert(task: Carry, settings: Settings, coordinated: bool, free_arm: int | N
     A free arm takes its grip and carries its end as if the other did the same.
     """
     skill = CarrySkill(settings.max_speed * ACTION_DURATION, coordinated and free_arm is None)
-
-    def act(view: CarryView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            actions[:, np.arange(task.n_arms) != free_arm] = 0.0
-        return actions
-
-    return Expert(task, act, read=lambda seen: CarryView.of(task, seen))
+    read = partial(CarryView.of, task)
+    return Expert(task, skill.actions, read=read, free_arm=free_arm)

@@ -38,6 +38,7 @@ class Expert:
     :param planner: whose plans it follows, if any.
     :param read: from a batched observation to what ``act`` takes; by default a :class:`Viewer`, for
         arms with an object each.
+    :param free_arm: the only arm that moves; all do by default.
     """
 
     def __init__(
@@ -46,12 +47,15 @@ class Expert:
         act: Callable[[Any], FloatArray],
         planner: Planner | None = None,
         read: Callable[[dict[str, FloatArray]], Any] | None = None,
+        free_arm: int | None = None,
     ) -> None:
         self.task = task
         self.planner = planner
         self.n_arms = task.n_arms
         self._act = act
         self._read = read or Viewer(task)
+        arms = range(task.n_arms)
+        self._at_rest = [arm for arm in arms if free_arm not in (None, arm)]
 
     def predict(
         self, observation: dict[str, FloatArray], deterministic: bool = True
@@ -66,6 +70,7 @@ class Expert:
         single = np.ndim(observation["observation"]) == 1
         batch = {name: np.atleast_2d(values) for name, values in observation.items()}
         actions = self._act(self._read(batch))
+        actions[:, self._at_rest] = 0.0
         flat = np.clip(actions.reshape(len(actions), -1), -1.0, 1.0).astype(np.float32)
         return (flat[0] if single else flat), None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Self
 
 import numpy as np
@@ -131,11 +132,5 @@ class IntakeSkill:
 def expert(task: Intake, settings: Settings, coordinated: bool, free_arm: int | None) -> Expert:
     """Build the expert of intake; see :func:`saver_envs.experts.make_expert`."""
     skill = IntakeSkill(settings.max_speed * ACTION_DURATION)
-
-    def act(view: IntakeView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            actions[:, np.arange(task.n_arms) != free_arm] = 0.0
-        return actions
-
-    return Expert(task, act, read=lambda seen: IntakeView.of(task, seen))
+    read = partial(IntakeView.of, task)
+    return Expert(task, skill.actions, read=read, free_arm=free_arm)

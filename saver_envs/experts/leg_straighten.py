@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -125,11 +126,5 @@ def expert(
 ) -> Expert:
     """Build the expert of the task; see :func:`saver_envs.experts.make_expert`."""
     skill = LegSkill(settings.max_speed * ACTION_DURATION)
-
-    def act(view: LegView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            actions[:, np.arange(task.n_arms) != free_arm] = 0.0
-        return actions
-
-    return Expert(task, act, read=lambda seen: LegView.of(task, seen))
+    read = partial(LegView.of, task)
+    return Expert(task, skill.actions, read=read, free_arm=free_arm)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -153,11 +154,5 @@ def expert(task: LogRoll, settings: Settings, coordinated: bool, free_arm: int |
     """
     together = coordinated and free_arm is None
     skill = RollSkill(settings.max_speed * ACTION_DURATION, task.bed.centre[2], together)
-
-    def act(view: RollView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            actions[:, np.arange(task.n_arms) != free_arm] = 0.0
-        return actions
-
-    return Expert(task, act, read=lambda seen: RollView.of(task, seen))
+    read = partial(RollView.of, task)
+    return Expert(task, skill.actions, read=read, free_arm=free_arm)

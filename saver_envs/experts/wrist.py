@@ -97,12 +97,4 @@ def expert(task: WristPush, settings: Settings, coordinated: bool, free_arm: int
     See :func:`saver_envs.experts.make_expert`.
     """
     skill = WristSkill(settings.max_speed * ACTION_DURATION)
-
-    def act(view: ArmView) -> FloatArray:
-        actions = skill.actions(view)
-        if free_arm is not None:
-            others = np.arange(actions.shape[1]) != free_arm
-            actions[:, others] = 0.0
-        return actions
-
-    return Expert(task, act)
+    return Expert(task, skill.actions, free_arm=free_arm)
