@@ -63,7 +63,12 @@ def run_extraction(args: argparse.Namespace) -> int:
         from saver_advisors.integration.extraction_page import write_report
 
         print(f"wrote {write_report(args.report, extractions, names, seeing, _VIDEO)}")
-    told = {"title": f"{args.task}, {how}", "completed": completed, "seeing": seeing, "rows": rows}
+    told = {
+        "title": f"{args.task[0].upper()}{args.task[1:]}, {how}",
+        "completed": completed,
+        "seeing": seeing,
+        "rows": rows,
+    }
     people = [one.to_mapping() for one in extractions]
     arguments.write_json(args.json, {"kind": "extraction", **told, "people": people})
     return 0
