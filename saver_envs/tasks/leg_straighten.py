@@ -127,12 +127,15 @@ class LegStraighten(StraightenTask):
                 *start_text(len(self.people), self.ranges),
                 *own_start_text(),
                 f"One of the people of other tasks ({PEOPLE[-1].described}) does not lie there: "
-                "her thighs meet where her ankles are still 32 cm apart.",
+                "her thighs meet before her ankles are at their targets.",
             ),
             reward="0 where both ankles are at their targets and both knees straight, else -1.",
             dense=self.dense_text(),
             goal=self.goal_text(),
             costs=cost_text(),
-            facts=(("object", "the person's lower leg; its position is that of the ankle"),),
+            facts=(
+                ("object", "the person's lower leg; its position is that of the ankle"),
+                ("fingers", "closed and locked: legs are only pushed"),
+            ),
             readings=READINGS,
         )

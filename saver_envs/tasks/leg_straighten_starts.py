@@ -76,7 +76,6 @@ def start_text() -> list[str]:
         f"{100 * HEIGHT:g} cm above the bed.",
         "Knees are straight at the start, and are to stay so. A limp bent leg straightens by "
         "itself on a slide sheet, unless it lies under the other leg or over it. Under it, its own "
-        "weight pressed the hip against the end of its range with up to 38 N m in our tries; "
-        "pushed off it, it fell, with up to 28 N m at the hip and 35 N m at the knee. The limits "
-        "are 20 and 30 N m, so that bent legs are left out.",
+        "weight presses the hip against the end of its range beyond the limit; pushed off it, it "
+        "falls, and hip and knee meet more than their limits. Bent legs are therefore left out.",
     ]
