@@ -13,6 +13,8 @@ from saver_envs.people.patient import Patient
 from saver_envs.registration import ENVIRONMENTS, make_episodes
 from saver_envs.scenes import FreeBodies, free_bodies
 from saver_envs.simulation import ObjectState
+from saver_envs.tasks.care import CareTask
+from saver_envs.tasks.care_starts import alone
 from saver_envs.tasks.table import TableTask
 
 ALL_IDS = list(ENVIRONMENTS)
@@ -67,6 +69,15 @@ def started(env_id: str, seed: int) -> Episodes:
     episodes.set_generator(0, np.random.default_rng(seed))
     episodes.reset()
     return episodes
+
+
+def settled_anew(task: CareTask, who: int, index: int) -> NDArray[np.float64]:
+    """Settle a posture (35,) of a person as ``tools/settle_starts.py`` does."""
+    world, generator = alone(who, task.bed), np.random.default_rng([who, index])
+    while True:
+        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
+        if pose is not None and task.keeps(world, index):
+            return pose
 
 
 def seen_part(episodes: Episodes, name: str) -> NDArray[np.float64]:

@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from saver_advisors.cli import arguments
-from saver_advisors.integration import POLICY
+from saver_advisors.integration import EXTRACTION, POLICY
 from saver_advisors.reporting.errors import UsageError, unknown, user_mistakes
 from saver_advisors.training.threads import one_thread_of_algebra
 
@@ -29,7 +29,7 @@ examples:
   saver run ArmStraighten-v0 --video arms.mp4       one of its tasks, seen by a camera"""
 
 Look = Callable[[float], None]
-WRIST_PUSH, EXTRACTION = "wrist-push", "extraction"
+WRIST_PUSH: Final = "wrist-push"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Final
 
 from saver_advisors.cli import arguments
 from saver_advisors.cli.policies import resolve
-from saver_advisors.integration import POLICY
+from saver_advisors.integration import EXPERT, EXTRACTION, POLICY
 from saver_advisors.reporting.errors import UsageError
 
 if TYPE_CHECKING:
     from saver_advisors.evaluation.episodes import Predict
     from saver_advisors.integration.extraction import Extraction
 
-EXTRACTION: Final = "extraction"
-EXPERT: Final = "expert"
 #: Arguments of the closed loop, which an extraction does without.
 _OF_THE_LOOP: Final = ("apart", "view", "exact_ik", "measured_latency", "max_speed")
 _VIDEO: Final = "extraction.mp4"

@@ -8,3 +8,7 @@ from typing import Final
 
 POLICY: Final = "wrist-push"
 """The shipped policy that drives the loop by default."""
+EXPERT: Final = "expert"
+"""The scripted policy of an environment, to separate a loop's faults from a policy's."""
+EXTRACTION: Final = "extraction"
+"""The procedure in which care tasks are played in turn; see docs/care.md."""

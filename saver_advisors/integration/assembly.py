@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from saver_advisors.integration import casualty
+from saver_advisors.integration import EXPERT, casualty
 from saver_advisors.integration import control_stages as control
 from saver_advisors.integration import perception_stages as perception
 from saver_advisors.integration.bench import BenchGeometry, RobotBench
@@ -50,8 +50,6 @@ SEEING, ACTING = tuple(_STAGES)[:6], tuple(_STAGES)[6:]
 LATENCIES: Final[Mapping[str, float]] = {name: one[1] for name, one in _STAGES.items()}
 #: Output topics of the stages that can run in other processes.
 OUTPUTS: Final = {name: one[0] for name, one in _STAGES.items() if name != "camera"}
-#: The environment's scripted policy, to separate faults of the loop from those of a learned policy.
-EXPERT: Final = "expert"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""An extraction: one person, the care tasks of the procedure one after the other."""
+"""An extraction: the care tasks of the procedure in turn, with the same person."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ExtractionStep:
     :param env_id: of the task.
     :param success: ``is_success`` at the end.
     :param reached: whether the goal was reached at the end, whatever the costs.
-    :param seconds: until the goal was reached for good; the whole horizon without success.
+    :param seconds: until the goal was reached and stayed so; the horizon where it was not.
     :param forces: part of the body -> greatest force on it, N.
     :param exceeded: names of the hard costs that arose, without ``cost_``.
     """
@@ -65,7 +65,7 @@ class Extraction:
 
     @property
     def outcome(self) -> str:
-        """In words."""
+        """How the extraction ended, in words."""
         last = self.steps[-1]
         if self.completed:
             return "completed"
@@ -86,8 +86,8 @@ def extract(
 ) -> list[Extraction]:
     """Extract people: play the tasks in turn, each until its horizon.
 
-    A person lies on the bed of a task as the one before left them; the robot has driven up anew,
-    as exactly as in the task's own starts.
+    A person lies on the bed of a task as the one before left them. The bed is placed under them
+    as accurately as in the task's own starts.
 
     :param policies: id of a care task -> batched observation to actions, in the order of the
         procedure.

@@ -14,7 +14,7 @@ import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, pickled_and_back, seen_part, touching
+from rollouts import assert_same, begun, pickled_and_back, seen_part, settled_anew, touching
 
 from saver_envs.envs.parallel_env import SaverParallelEnv
 from saver_envs.episodes import Episodes
@@ -91,11 +91,7 @@ def test_settled_arms_lie_as_their_kind_says(who: int) -> None:
 def test_a_settled_start_is_what_the_task_settles() -> None:
     """Of one person, for the others take as long: another world asks for other starts."""
     task, who, index = ArmStraighten(2), 3, 10
-    world, generator = alone(who, task.bed), np.random.default_rng([who, index])
-    while True:
-        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, index):
-            break
+    pose = settled_anew(task, who, index)
     np.testing.assert_allclose(settled(task.name)[who, index], pose, atol=5e-3)
 
 

@@ -13,7 +13,7 @@ import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, pickled_and_back, seen_part, touching
+from rollouts import assert_same, begun, pickled_and_back, seen_part, settled_anew, touching
 
 from saver_envs.episodes import Episodes
 from saver_envs.people.limp_people import LimpPeople
@@ -64,11 +64,7 @@ def test_settled_legs_lie_as_their_kind_says(who: int) -> None:
 
 def test_a_settled_start_is_what_the_task_settles() -> None:
     task, who, index = LegStraighten(2), 3, 1
-    world, generator = alone(who, task.bed), np.random.default_rng([who, index])
-    while True:
-        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, index):
-            break
+    pose = settled_anew(task, who, index)
     np.testing.assert_allclose(settled(task.name)[who, index], pose, atol=5e-3)
 
 

@@ -13,14 +13,14 @@ import rollouts
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import assert_same, begun, pickled_and_back, seen_part, touching
+from rollouts import assert_same, begun, pickled_and_back, seen_part, settled_anew, touching
 
 from saver_envs.envs.parallel_env import SaverParallelEnv
 from saver_envs.episodes import Episodes
 from saver_envs.people.limp_people import LimpPeople
 from saver_envs.registration import make_episodes
 from saver_envs.simulation import multiply_quaternions
-from saver_envs.tasks.care_starts import alone, moved, settled
+from saver_envs.tasks.care_starts import moved, settled
 from saver_envs.tasks.log_roll import GREATEST_WAY, MOST_TURN, LogRoll
 from saver_envs.tasks.trunk import Trunk
 
@@ -94,11 +94,7 @@ def test_a_person_rests() -> None:
 def test_a_settled_start_is_what_the_task_settles(index: int) -> None:
     """Of one person, for the others take as long: another world asks for other starts."""
     task, who = LogRoll(2), 3
-    world, generator = alone(who, task.bed), np.random.default_rng([who, index])
-    while True:
-        pose = world.laid(task.posture(index, generator), task.bed.centre[:2], task.facing)
-        if pose is not None and task.keeps(world, index):
-            break
+    pose = settled_anew(task, who, index)
     np.testing.assert_allclose(settled(task.name)[who, index], pose, atol=5e-3)
 
 

@@ -14,7 +14,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from rollouts import CUBE_IDS, SPARSE_IDS, begun, cubes_of, objects_of, targets_of, touching
+from rollouts import (
+    CUBE_IDS,
+    SPARSE_IDS,
+    begun,
+    cubes_of,
+    objects_of,
+    started,
+    targets_of,
+    touching,
+)
 
 from saver_envs.episodes import Episodes
 from saver_envs.registration import ENVIRONMENTS, make_episodes
@@ -26,18 +35,6 @@ SEEDS = st.integers(0, 2**31)
 #: Greatest horizontal distance of objects and targets from the base (m).
 REACH = {"jaco": 0.62, "mico": 0.48}
 EPS = 1e-9
-
-_built: dict[str, Episodes] = {}
-
-
-def started(env_id: str, seed: int) -> Episodes:
-    """Start one episode from ``seed``; the episodes of an id are built once."""
-    if env_id not in _built:
-        _built[env_id] = make_episodes(env_id)
-    episodes = _built[env_id]
-    episodes.set_generator(0, np.random.default_rng(seed))
-    episodes.reset()
-    return episodes
 
 
 def places(episodes: Episodes) -> tuple[NDArray[np.float64], ...]:

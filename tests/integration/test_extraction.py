@@ -1,4 +1,4 @@
-"""An extraction: the same person from task to task, and what is told about it."""
+"""An extraction hands the person over from task to task and reports the outcome."""
 
 from __future__ import annotations
 
